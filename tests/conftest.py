@@ -8,7 +8,7 @@ import pytest
 from hypothesis import settings
 
 # For `from data import shared_data`.  Not tests/ itself: its folders have the packages' names and would hide them.
-sys.path.insert(0, str(Path(__file__).parent / "helpers"))
+sys.path[:0] = [str(Path(__file__).parent / name) for name in ("helpers", "robustness")]
 
 settings.register_profile("untimed", deadline=None)  # the machine may be busy
 settings.load_profile("untimed")

@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from commands import prepare
 from documents import ROOT, typed
 from laboratory import film, write_laboratory
+from sound_inputs import READERS
 
 from learning.pps.memory import PPSMemory, save_memory
 from pps_vision.app.cli import main
-from pps_vision.experiments.kills import prepare
-from pps_vision.experiments.sound_inputs import READERS
 from pps_vision.recordings.exchange import write_tum_rows
 from pps_vision.robot.skin import icub_skin
 

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from bags import BagWriter
 
 from pps_vision.errors import InputError
-from pps_vision.experiments.bags import BagWriter
 from pps_vision.recordings.formats import ros_bag
 from pps_vision.recordings.formats.ros_bag import _pixels
 from pps_vision.recordings.open import open_recording

@@ -1,24 +1,27 @@
-"""Adversarial tracks, stamps and postures against the control; at length in `bench adversarial_control`."""
+"""Adversarial tracks, stamps and postures against the control."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from adversary import STARTS, attack
 from data import SEED
 
 from control import limits
-from pps_vision.experiments.adversarial_control import STARTS, attack
 from pps_vision.robot.self_collision import SelfCollision
 
 
-def test_no_limit_is_left_and_nothing_but_input_is_refused() -> None:
-    found = attack(1200, SEED, 60)
-    assert found.faults == []
-    assert set(found.modes) == {"idle", "avoid", "reach", "hold", "return"}
-    assert {"pipeline", "avoidance", "posture"} <= set(found.refused)
-    assert found.refused.total() < 0.5 * found.steps
-    assert set(found.starts) == set(STARTS)
-    assert found.sudden_stops < 0.01 * found.steps
+@pytest.mark.parametrize(("steps", "episode"), [(1200, 60), pytest.param(40_000, 400, marks=pytest.mark.long)])
+def test_no_limit_is_left_and_only_bad_input_is_refused(steps: int, episode: int) -> None:
+    result = attack(steps, SEED, episode)
+    assert result.faults == []
+    assert set(result.modes) == {"idle", "avoid", "reach", "hold", "return"}
+    assert {"pipeline", "avoidance", "posture"} <= set(result.refused)
+    assert result.refused.total() < 0.5 * result.steps
+    assert set(result.starts) == set(STARTS)
+    assert result.sudden_stops < 0.01 * result.steps
+    assert result.smallest_distance_mm >= 19.99
+    assert result.freed > 0 or steps < 10_000
 
 
 def test_the_attack_finds_what_the_arm_and_the_last_stage_prevent(monkeypatch: pytest.MonkeyPatch) -> None:

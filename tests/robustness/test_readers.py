@@ -1,23 +1,33 @@
-"""Mutated files against every reader, and whether the harness notices what they may not do; the long run is in
-`bench robustness`."""
+"""Mutated files for every reader: each is read or refused by InputError or OSError, in bounded time and memory."""
 
-import sys
+import resource
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import FrameType
 from typing import Any
 
 import numpy as np
 import pytest
 from data import SEED
+from sound_inputs import READERS, Reader
 
 from pps_vision.errors import InputError
-from pps_vision.experiments import fuzz_readers
-from pps_vision.experiments.fuzz_readers import fuzz, mutate, try_mutants
-from pps_vision.experiments.sound_inputs import READERS, Reader
 
-BROKE_A_READER = [  # by the long run
+MAX_SECONDS = 10.0
+"""For one mutant; the sound input takes milliseconds."""
+MAX_BYTES = 800 * 2**20
+"""Resident memory that one mutant may add; an image of 2²⁵ pixels takes 100 MB."""
+TOKENS = (
+    *(b"nan", b"inf", b"-1", b"0", b"1e300", b"1e-300", b"1e999", b"9" * 40, b"1,5", b"1_000", b"\x00"),
+    *(b"\xef\xbb\xbf", b"\xff\xfe", *b"( ) [ ] { } <a> </".split(), b'"', b"\n", b"\r\n", b"\t", b",", b":", b"#"),
+    *(b"//", b"- ", b"%", b"&amp;", b"../", b"/etc/passwd", "é".encode(), b"\xf0\x9f\x92\xa5", b"[l_hand]\n", b"(" * 8),
+)
+BROKE_A_READER = [
     ("manifest", b"name,left\nfirst,l.mp4\rsecond,r.mp4\n"),
     ("mesh_obj", b"v 0 0\nv 1 0\nv 0 1\nv 1 1\nf 1 2 3\nf 2 3 4\n"),
     ("mesh_obj", b"v 0\nv 1\nv 2\nf 1 2 3\n"),
@@ -25,17 +35,120 @@ BROKE_A_READER = [  # by the long run
 ]
 
 
-def ends(reader: Reader, n: int = 12) -> list[str]:
-    return [ended for _, ended in try_mutants(reader, SEED, range(n)) if ended != "start"]
+def mutate(content: bytes, rng: np.random.Generator) -> bytes:
+    """Return the content with one to four changes: bits, spans, lines, numbers, tokens, or its end."""
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3, 4]))):
+        start, end = sorted(rng.integers(0, len(content) + 1, 2).tolist())
+        end = min(end, start + int(rng.integers(1, 64)))
+        head = content[:start]
+        span = content[start:end]
+        tail = content[end:]
+        token = TOKENS[int(rng.integers(len(TOKENS)))]
+        lines = content.split(b"\n")
+        i, j = rng.integers(len(lines), size=2).tolist()
+        words = lines[i].split(b" ")
+        words[int(rng.integers(len(words)))] = token
+        flipped = bytes([span[0] ^ 1 << int(rng.integers(8))]) + span[1:] if span else span
+        changes = [
+            head + flipped + tail,
+            head + tail,
+            head + span * int(rng.integers(1, 40)) + tail,
+            head + rng.bytes(int(rng.integers(1, 16))) + tail,
+            head + token + span + tail,
+            head + token * int(rng.integers(1, 4000)) + span + tail,
+            head,
+            b"\n".join([*lines[:i], *lines[j : j + 3], *lines[i:]]),
+            b"\n".join([*lines[:i], b" ".join(words), *lines[i + 1 :]]),
+        ]
+        content = changes[int(rng.integers(len(changes)))]
+    return content
 
 
+def mutate_archive(content: bytes, rng: np.random.Generator) -> bytes:
+    """Return an .npz file with changed arrays in it; a third of the time the bytes of the file are changed instead."""
+    if rng.random() < 1 / 3:
+        return mutate(content, rng)
+    with np.load(BytesIO(content)) as file:
+        arrays: dict[str, Any] = {name: file[name] for name in file.files}
+    name = sorted(arrays)[int(rng.integers(len(arrays)))]
+    array = arrays[name]
+    way = int(rng.integers(8))
+    with np.errstate(all="ignore"):
+        if way == 0 and len(arrays) > 1:
+            del arrays[name]
+        elif way == 1:
+            arrays[name] = array.ravel()
+        elif way == 2:
+            arrays[name] = array[..., None] if rng.random() < 0.5 else array[:0] if array.ndim else array[None]
+        elif way == 3:
+            kinds = ("U3", "S2") if array.dtype.kind in "USc" else ("U3", "c16", "f2", "u1", "?", "S2")
+            arrays[name] = array.astype(kinds[int(rng.integers(len(kinds)))])
+        elif array.dtype.kind in "iuf" and array.size:
+            changed = array.astype(float if way < 6 else array.dtype).ravel()
+            value = rng.choice([np.nan, np.inf, -np.inf, -1, 0, 1e300, 1e-300, 2.0**63, 0.5, 1e9])
+            if changed.dtype.kind != "f":
+                value = int(rng.integers(-(2**31), 2**31)) % (np.iinfo(changed.dtype).max + 1)
+            changed[rng.random(changed.size) < rng.choice([0.02, 0.5, 1.0])] = value
+            arrays[name] = changed.reshape(array.shape)
+        else:
+            arrays[name] = np.array("x" * int(rng.integers(0, 300)))
+    out = BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+def read_mutants(reader: Reader, n: int, max_seconds: float = MAX_SECONDS) -> Iterator[str]:
+    """Yield how each of n mutants ended: "read", "refused", or what went wrong; mutant k is the same in every run."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        files = list(reader.write(folder))
+        sound = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+        reader.read(folder)  # imports and compiles, whose time and memory do not count
+        for k in range(n):
+            rng = np.random.default_rng([SEED, k])
+            file = files[int(rng.integers(len(files)))]
+            change = mutate_archive if file.suffix == ".npz" else mutate
+            mutant = {**sound, file: change(sound[file], rng)}
+            file.write_bytes(mutant[file])
+            yield read_mutant(reader, folder, mutant, max_seconds)
+            file.write_bytes(sound[file])
+
+
+def read_mutant(reader: Reader, folder: Path, mutant: Mapping[Path, bytes], max_seconds: float) -> str:
+    peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    signal.signal(signal.SIGALRM, time_out)
+    signal.setitimer(signal.ITIMER_REAL, max_seconds)
+    try:
+        reader.read(folder)
+        end = "read"
+    except (InputError, OSError) as error:
+        end = "refused" if not isinstance(error, TimeoutError) else f"over {max_seconds} s"
+    except Exception as error:
+        end = f"{type(error).__name__}: {error}"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    added = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak_kb)
+    if added > MAX_BYTES:
+        return f"takes {added // 2**20} MB"
+    if {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} != mutant:
+        return "files of the input were changed"
+    return end
+
+
+def time_out(signum: int, frame: FrameType | None) -> None:
+    raise TimeoutError
+
+
+@pytest.mark.parametrize("n", [12, pytest.param(500, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", READERS)
-def test_a_mutated_file_is_read_or_refused(name: str) -> None:
-    assert set(ends(READERS[name])) <= {"read", "refused"}
+def test_a_mutated_file_is_read_or_refused(name: str, n: int) -> None:
+    ends = list(read_mutants(READERS[name], n))
+    assert [f"{k}: {end}" for k, end in enumerate(ends) if end not in ("read", "refused")] == []
+    assert len(ends) == n
 
 
 @pytest.mark.parametrize(("name", "content"), BROKE_A_READER)
-def test_what_once_broke_a_reader_is_read_or_refused(name: str, content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_once_broke_its_reader_is_read_or_refused(name: str, content: bytes, tmp_path: Path) -> None:
     (file,) = READERS[name].write(tmp_path)
     file.write_bytes(content)
     with suppress(InputError):
@@ -59,70 +172,33 @@ def test_a_map_that_once_broke_its_reader_is_refused(change: dict[str, Any], tmp
         READERS["map"].read(tmp_path)
 
 
-def test_mutants_differ_and_come_again_by_their_seed() -> None:
-    content = b"stamp 1.5 2.5\nrow 3 4\n" * 9
-    made = [mutate(content, np.random.default_rng([SEED, k])) for k in range(50)]
-    assert made == [mutate(content, np.random.default_rng([SEED, k])) for k in range(50)]
-    assert len(set(made)) > 40
-
-
-def _fails(folder: Path) -> None:
+def fail(folder: Path) -> None:
     raise KeyError("defect")
 
 
-def _refuses(folder: Path) -> None:
+def refuse(folder: Path) -> None:
     raise InputError(folder, "no")
 
 
-def _hangs(folder: Path) -> None:
+def hang(folder: Path) -> None:
     time.sleep(5)
 
 
-def _damages(folder: Path) -> None:
+def damage(folder: Path) -> None:
     (folder / "file").write_bytes(b"")
 
 
 @pytest.mark.parametrize(
-    ("defect", "ended"),
-    [
-        (_fails, "KeyError: 'defect'"),
-        (_refuses, "refused"),
-        (_hangs, "over 0.2 s"),
-        (_damages, "files of the input were changed"),
-    ],
+    ("defect", "end"),
+    [(fail, "KeyError: 'defect'"), (refuse, "refused"), (hang, "over 0.2 s"), (damage, "input were changed")],
 )
-def test_the_harness_notices(defect: Callable[[Path], None], ended: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fuzz_readers, "MOST_SECONDS", 0.2)
-    sound = b"sound"
-
+def test_defects_of_a_reader_are_noticed(defect: Callable[[Path], None], end: str) -> None:
     def write(folder: Path) -> list[Path]:
-        (folder / "file").write_bytes(sound)
+        (folder / "file").write_bytes(b"sound")
         return [folder / "file"]
 
     def read(folder: Path) -> None:
-        if (folder / "file").read_bytes() != sound:
+        if (folder / "file").read_bytes() != b"sound":
             defect(folder)
 
-    assert ended in " ".join(ends(Reader(write, read), 4))  # some mutants may be as the sound file
-
-
-def test_the_harness_notices_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The process's peak, told by the system, rises by 900 MB while the second mutant is read."""
-    peaks_mb = iter([100, 200, 200, 1100, 1100, 1100])
-    usage = type("resource", (), {"RUSAGE_SELF": 0})
-    usage.getrusage = staticmethod(lambda _: type("usage", (), {"ru_maxrss": 1024 * next(peaks_mb)}))  # type: ignore[attr-defined]
-    monkeypatch.setattr(fuzz_readers, "resource", usage)
-    assert [ended.startswith("takes 900 MB") for ended in ends(READERS["gaze"], 3)] == [False, True, False]
-
-
-def test_a_mutant_that_ends_the_process_costs_itself_only(tmp_path: Path) -> None:
-    (tmp_path / "worker.py").write_text(
-        "import json, os, sys\n"
-        "first, n = map(int, sys.argv[3:])\n"
-        "for k in range(first, first + n):\n"
-        "    print(json.dumps([k, 'start']), flush=True)\n"
-        "    if k == 2: os.kill(os.getpid(), 11)\n"
-        "    print(json.dumps([k, 'refused' if k % 2 else 'read']), flush=True)\n"
-    )
-    found = fuzz("any", 1, 5, (sys.executable, str(tmp_path / "worker.py")))
-    assert (found.read, found.refused, found.faults) == (2, 2, ("any 2: ended the process by -11",))
+    assert end in " ".join(read_mutants(Reader(write, read), 4, 0.2))  # some mutants may be as the sound file

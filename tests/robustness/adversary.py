@@ -4,15 +4,10 @@ A pipeline whose tracker is replaced by random, mostly impossible tracks command
 long as a command is valid.
 """
 
-import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from control.avoidance import AvoidanceParams
 from control.limits import LimitParams
@@ -20,8 +15,6 @@ from control.reaching import ReachingParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.errors import InputError
-from pps_vision.experiments.study import Study, run_parts
-from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -32,105 +25,23 @@ from tracking.tracker import TrackerStep
 STARTS = "home", "random", "at limits", "outside limits", "near itself"
 PATHS = "through the arm", "jumping", "at rest on the arm", "far"
 COVARIANCES = "zero", "small", "large", "huge", "NaN", "infinite", "indefinite"
-_COUNTERS = "refused", "modes", "starts"
 _LIMITS = LimitParams()
 _TOLERANCE = 1e-9  # rad, rad/s
 _DISTANCE_TOLERANCE_M = 1e-5
-_EPISODE = 400  # frames
-_PART = 50 * _EPISODE  # frames that are kept when a run is interrupted; every kind of start and path is in it
 
 
-@dataclass(frozen=True)
-class AdversarialControl(Study):
-    """Impossible tracks, stamps and postures for the control: what is refused, and whether every limit holds.
+class AttackResult:
+    """Findings of an attack, summed over its episodes."""
 
-    A fault is any exception but InputError, a limit of the robot that is left, or an earlier violation that grows.
-    """
-
-    SHORT: ClassVar[Mapping[str, Any]] = {"steps": 200}
-
-    steps: int = 300_000
-    """Frames."""
-    seed: int = 0
-    """Seed of the episodes."""
-
-    def run(self) -> dict[str, Any]:
-        """Return what the attack found; an interrupted run goes on."""
-        parts: dict[str, Callable[[], Any]] = {
-            f"control {begun}": partial(_attack_json, min(_PART, self.steps - begun), self.seed, begun // _EPISODE)
-            for begun in range(0, self.steps, _PART)
-        }
-        found = Outcome()
-        for part in run_parts(self, parts).values():
-            found.add(Outcome.of_json(part))
-        return found.to_json()
-
-    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return one row: frames, faults, what they exclude, the smallest self-distance from a start above the limit.
-
-        The largest rates of frames, and of episodes of 400 frames, with a fault that these counts do not refute with
-        95 % (Poisson; without a fault the rule of three, 3/n).
-        """
-        refused = sum(numbers["refused"].values())
-        smallest = f"{numbers['smallest_distance_mm']:.2f}"
-        faults, episodes = len(numbers["faults"]), -(-numbers["steps"] // _EPISODE)
-        most = [f"{100 * chdtri(2 * faults + 2, 0.05) / 2 / n:.2g} %" for n in (numbers["steps"], episodes)]
-        cells = numbers["steps"] - refused, refused, faults, " / ".join(most), smallest, numbers["freed"]
-        header = ["frames accepted", "refused", "faults", "with a fault at most: frames / episodes (95 %)"]
-        header += ["smallest self-distance (mm)", "episodes freed from nearer"]
-        return {"": Table(header, [[*map(str, cells)]])}
-
-
-def _attack_json(steps: int, seed: int, first: int) -> dict[str, Any]:
-    return attack(steps, seed, _EPISODE, first).to_json()
-
-
-@dataclass
-class Outcome:
-    """What an attack found."""
-
-    steps: int = 0
-    """Frames given to the pipeline."""
-    refused: Counter[str] = field(default_factory=Counter)
-    """Frames refused by an InputError, by its source."""
-    modes: Counter[str] = field(default_factory=Counter)
-    """Accepted frames by what the arm did."""
-    starts: Counter[str] = field(default_factory=Counter)
-    """Episodes by where they started."""
-    faults: list[str] = field(default_factory=list)
-    """Any other exception, and limits that were left; with the seed of the episode."""
-    sudden_stops: int = 0
-    """Commands that stop the arm faster than the acceleration limit, because the robot stood where it was not sent."""
-    slowest_ms: float = 0.0
-    """Longest time of a frame."""
-    smallest_distance_mm: float = np.inf
-    """Smallest self-collision distance on the way of a command given at 20 mm or more."""
-    freed: int = 0
-    """Episodes that started nearer and ended at 20 mm or more."""
-
-    def add(self, other: "Outcome") -> None:
-        """Add another attack's findings."""
-        self.steps += other.steps
-        self.refused += other.refused
-        self.modes += other.modes
-        self.starts += other.starts
-        self.faults += other.faults
-        self.sudden_stops += other.sudden_stops
-        self.freed += other.freed
-        self.slowest_ms = max(self.slowest_ms, other.slowest_ms)
-        self.smallest_distance_mm = min(self.smallest_distance_mm, other.smallest_distance_mm)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return a JSON object, which `of_json` reads."""
-        counts = {name: dict(getattr(self, name)) for name in _COUNTERS}
-        return {**vars(self), **counts, "smallest_distance_mm": float(self.smallest_distance_mm)}
-
-    @classmethod
-    def of_json(cls, found: dict[str, Any]) -> "Outcome":
-        """Return what `to_json` gave; JSON has no infinity."""
-        counts = {name: Counter(found[name]) for name in _COUNTERS}
-        smallest = np.inf if found["smallest_distance_mm"] is None else found["smallest_distance_mm"]
-        return cls(**{**found, **counts, "smallest_distance_mm": smallest})
+    def __init__(self) -> None:
+        self.steps = 0  # frames given to the pipeline
+        self.refused: Counter[str] = Counter()  # frames refused by an InputError, by its source
+        self.modes: Counter[str] = Counter()  # accepted frames by the arm's mode
+        self.starts: Counter[str] = Counter()  # episodes by their start
+        self.faults: list[str] = []  # any other exception, and limits that were left, with the seed of the episode
+        self.sudden_stops = 0  # commands that stop the arm faster than the acceleration limit
+        self.smallest_distance_mm = np.inf  # self-collision distance on the way of a command given at 20 mm or more
+        self.freed = 0  # episodes that started nearer and ended at 20 mm or more
 
 
 @dataclass
@@ -144,20 +55,21 @@ class AdversarialTracker:
         return TrackerStep(self.track, (), None, np.zeros(3))
 
 
-def attack(steps: int, seed: int, episode_steps: int = 400, first: int = 0) -> Outcome:
-    """Run episodes from number `first` on, of at most so many frames, until `steps` frames were given; every kind of
-    start and path in turn."""
-    robot, skins = load_icub(), {s: icub_skin((f"{s}_forearm", f"{s}_palm")) for s in ("left", "right")}  # type: ignore[arg-type]
-    self_collision, found, number = (SelfCollision(robot), SelfCollision(robot)), Outcome(), first
-    while found.steps < steps:
-        rng = np.random.default_rng((seed, number))
+def attack(steps: int, seed: int, episode_steps: int) -> AttackResult:
+    """Run episodes of at most `episode_steps` frames until `steps` frames were given; every kind of start and path in
+    turn."""
+    robot = load_icub()
+    skins = {side: icub_skin((f"{side}_forearm", f"{side}_palm")) for side in ("left", "right")}  # type: ignore[arg-type]
+    self_collision = SelfCollision(robot), SelfCollision(robot)
+    result = AttackResult()
+    number = 0
+    while result.steps < steps:
         side = ("left", "right")[number % 2]
-        n = min(episode_steps, steps - found.steps)
         kind = STARTS[number % len(STARTS)], PATHS[number // len(STARTS) % len(PATHS)]
-        episode = _Episode(robot, skins[side], side, self_collision, rng, kind, f"seed {seed}, episode {number}")
-        found.add(episode.run(n))
+        episode = _Episode(robot, skins[side], side, self_collision, kind, (seed, number), result)
+        episode.run(min(episode_steps, steps - result.steps))
         number += 1
-    return found
+    return result
 
 
 class _Episode:
@@ -169,11 +81,16 @@ class _Episode:
         skin: Skin,
         side: str,
         self_collision: tuple[SelfCollision, SelfCollision],
-        rng: np.random.Generator,
         kind: tuple[str, str],
-        name: str,
+        seeds: tuple[int, int],
+        result: AttackResult,
     ) -> None:
-        self.robot, self.skin, self.rng, self.name = robot, skin, rng, name
+        rng = np.random.default_rng(seeds)
+        self.robot = robot
+        self.skin = skin
+        self.rng = rng
+        self.name = f"seed {seeds[0]}, episode {seeds[1]}"
+        self.result = result
         self.self_collision, of_pipeline = self_collision
         self.start, self.path = kind
         self.disturbed = bool(rng.random() < 0.1)  # the robot stands where it was not sent
@@ -193,10 +110,10 @@ class _Episode:
             self.pipeline._reachability = lambda q, track: anywhere  # type: ignore[assignment]
         self.stamp_s, self.command = 0.0, JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)
         self.taxels = skin.at(robot.at(self.q))
-        self.found = Outcome(starts=Counter([self.start]))
+        result.starts[self.start] += 1
         self._watch()
 
-    def run(self, steps: int) -> Outcome:
+    def run(self, steps: int) -> None:
         """Let the adversary act for so many frames."""
         for _ in range(steps):
             given_s = self._next_stamp()
@@ -208,29 +125,26 @@ class _Episode:
                 self._watch()  # a command that is held on from there knows nothing of it
             self.tracker.track = self._track(given_s)
             joints = np.full_like(self.q, np.nan) if self.rng.random() < 0.005 else self.q
-            begin = time.perf_counter()
             step = self._step(StereoFrame(_BLACK, _BLACK, given_s, given_s, joints, joints))
-            self.found.slowest_ms = max(self.found.slowest_ms, 1000 * (time.perf_counter() - begin))
-            self.found.steps += 1
+            self.result.steps += 1
             if step is not None:
                 self._check(step.command, as_predicted=in_order and not self.disturbed)
-                self.found.modes[step.response.mode] += 1
+                self.result.modes[step.response.mode] += 1
                 self.command, self.taxels = step.command, self.skin.at(step.posture)
         self._watch()
-        self.found.freed += self.start == "near itself" and self.clear_m == _LIMITS.clearance_m
-        return self.found
+        self.result.freed += self.start == "near itself" and self.clear_m == _LIMITS.clearance_m
 
     def _step(self, frame: StereoFrame) -> PipelineStep | None:
         try:
             return self.pipeline.step(frame, self.rng.random(len(self.skin.taxel_ids)) < 0.01)
         except InputError as error:
-            self.found.refused[str(error.args[0])] += 1
+            self.result.refused[str(error.args[0])] += 1
         except Exception as error:
             self._fault(f"{type(error).__name__} {error}")
         return None
 
     def _fault(self, text: str) -> None:
-        self.found.faults.append(f"{self.name} ({self.start}, {self.path}), frame {self.found.steps}: {text}")
+        self.result.faults.append(f"{self.name} ({self.start}, {self.path}), frame {self.result.steps}: {text}")
 
     def _start(self) -> Array:
         """A posture (n_joints,); random ones keep 20 mm of distance unless they start "near itself"."""
@@ -274,7 +188,7 @@ class _Episode:
             sudden = change > fastest / _LIMITS.speed_up_s * elapsed_s + _TOLERANCE
             if np.any(sudden & (np.abs(dq) > np.abs(self.command.dq_rad_s) + _TOLERANCE)):
                 self._fault("acceleration limit left by a joint that speeds up")
-            self.found.sudden_stops += bool(sudden.any())
+            self.result.sudden_stops += bool(sudden.any())
             if sudden.any() and as_predicted:
                 self._fault("sudden stop")
         if not np.any(dq[self.self_collision.moving]):
@@ -288,7 +202,7 @@ class _Episode:
         if distance_m < self.clear_m - _DISTANCE_TOLERANCE_M:
             self._fault(f"self-collision distance {1000 * distance_m:.4f} of {1000 * self.clear_m:.4f} mm")
         if self.clear_m == _LIMITS.clearance_m:
-            self.found.smallest_distance_mm = min(self.found.smallest_distance_mm, 1000 * distance_m)
+            self.result.smallest_distance_mm = min(self.result.smallest_distance_mm, 1000 * distance_m)
 
     def _next_stamp(self) -> float:
         """The next frame's stamp: mostly 0–0.5 s later, now and then equal, before, much later or not a number."""

@@ -1,4 +1,4 @@
-"""A small sound input for every reader, and what reading it means: what `fuzz_readers` mutates."""
+"""A small sound input for every reader, and what reading it means: what tests/robustness/test_readers.py mutates."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ import av
 import cv2
 import numpy as np
 import trimesh
+from bags import BagWriter
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
 from learning.reach.labels import Labels
@@ -18,7 +19,6 @@ from pps_vision.app.convert_taxels import from_maps
 from pps_vision.app.evaluate import evaluate, read_path
 from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
 from pps_vision.errors import InputError
-from pps_vision.experiments.bags import BagWriter
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
