@@ -7,7 +7,7 @@ from qpsolvers import solve_qp
 from pps_vision.types import Array
 
 _PRICE = 100.0  # of leaving a row, per unit; the multipliers of tasks are below 1 (m/s)
-_TOLERANCE = 1e-5  # of a row or bound; with DAQP's 1e-6 one command of a million has no solution (adversarial_control)
+_TOLERANCE = 1e-5  # of a row or bound; with DAQP's 1e-6 one command of a million has no solution
 # Of the rows' slack in the Hessian, which must be positive definite; with 1e-6 DAQP now and then finds no solution.
 _SLACK_WEIGHT = 1e-4
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from pps_vision.app import versions
 from pps_vision.app.report.figure_file import save
 from pps_vision.errors import InputError
+from pps_vision.experiments.claims import claims_table
 from pps_vision.experiments.study import PartsStudy, Study, catalogue
 from pps_vision.experiments.tables import Table, filled, markdown, names, read_numbers
 from pps_vision.recordings.outputs import plain, whole_file
@@ -21,6 +22,7 @@ from pps_vision.worker_pool import worker_pool
 
 _DOCUMENTS = Path("docs")
 _GROUPS = ("pps", "reach")
+_CLAIMS = "claims"
 _MINUTES = "processor_min"
 _DENSE = ",", ":"  # separators of JSON
 
@@ -45,9 +47,9 @@ def bench(
 ) -> None:
     """Run the studies that are asked for; with `redraw` only draw and fill what was measured.
 
-    A `short` run takes each study's smallest parameters (`Study.SHORT`), where `overrides` give no others. Studies of
-    other studies' results come last and read those in `out`.  Of several studies, `workers` of the overrides run at
-    once, those that took longest first; one that fails does not stop the others.
+    A `short` run takes each study's smallest parameters (`Study.SHORT`), where `overrides` give no others. Of several
+    studies, `workers` of the overrides run at once, those that took longest first; one that fails does not stop the
+    others.
     """
     known = catalogue()
     chosen = [name for name in known if any(_is_asked(name, one) for one in asked)]
@@ -72,17 +74,14 @@ def bench(
     for name in chosen:
         fields = known[name].defaults()
         given = {field: value for field, value in overrides.items() if field in fields}
-        given |= {"results": out / "results"} if "results" in fields else {}
         studies[name] = known[name](**(known[name].short() if short else {}) | given)
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
                 _draw(study, name, read_numbers(file), out)
     else:
-        of_results = {name for name in chosen if "results" in known[name].defaults()}
-        longest_first = sorted(set(chosen) - of_results, key=lambda name: (-_minutes(_result(name, out)), name))
+        longest_first = sorted(chosen, key=lambda name: (-_minutes(_result(name, out)), name))
         _measure_all({name: studies[name] for name in longest_first}, commit, out, again, workers)
-        _measure_all({name: studies[name] for name in chosen if name in of_results}, commit, out, again, 1)
     _fill_documents(known, out)
 
 
@@ -124,7 +123,7 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     fields.pop("parts", None)
     parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
     setting = {"parameters": plain(parameters), "machine": versions.machine(commit)}
-    again = again or "results" in fields or commit.endswith(("dirty", "unknown"))  # the results may have changed
+    again = again or commit.endswith(("dirty", "unknown"))
     results = json.loads(file.read_text()) if file.exists() else {}
     for part, task in (study.tasks() if isinstance(study, PartsStudy) else {"": study.run}).items():
         measured = results.get(part, {}) if part else results
@@ -172,6 +171,9 @@ def _fill_documents(known: Mapping[str, type[Study]], out: Path) -> None:
         text = document.read_text()
         tables = {}
         for name in names(text):
+            if name == _CLAIMS:
+                tables[name] = markdown(claims_table(out / "results"))
+                continue
             studies = [study for study in known if name == study or name.startswith(f"{study}_")]
             if not studies:
                 raise InputError(document, f"table {name}; expected the name of a study (and of its table)")

@@ -1,22 +1,19 @@
-"""What README.md claims, beside its goal, and what was measured at all: read from the results of the other studies."""
+"""The claims of README.md beside their goals, read from the results of the studies."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pps_vision.experiments.consistency import GOALS, misses
 from pps_vision.experiments.pipeline import GOAL_MS, MEANT_FOR
-from pps_vision.experiments.study import Study, catalogue
-from pps_vision.experiments.tables import Table, estimate, judged, read_numbers
+from pps_vision.experiments.tables import Table, judged, read_numbers
 
 Cells = Mapping[str, Any]
-_GOAL_MIN = 180  # of all studies by the clock on two cores
 
 
 class Claim(NamedTuple):
-    """What is claimed, its goal, the study that measures it, and its sentence made from that study's numbers, in which
-    what misses the goal is bold."""
+    """A claim, its goal, the study that measures it, and the sentence made from the study's numbers; a number that
+    misses the goal is bold."""
 
     what: str
     goal: str
@@ -119,60 +116,11 @@ CLAIMS = (
 )
 
 
-@dataclass(frozen=True)
-class Claims(Study):
-    """What README.md claims beside its goals, and every study with seed, commit and time, from the results that are
-    there; run it after the other studies."""
-
-    results: Path = Path("docs/results")
-    """Folder of the results."""
-
-    def run(self) -> dict[str, Any]:
-        """Return for each claim its text, goal, study and what was measured; for each study how it was run."""
-        known, found = catalogue(), {}
-        for file in sorted(self.results.glob("*.json")):
-            if file.stem in known and "results" not in known[file.stem].defaults():
-                found[file.stem] = read_numbers(file)
-        claims = [
-            {
-                "what": claim.what,
-                "goal": claim.goal,
-                "study": claim.study,
-                "measured": claim.measured(found[claim.study]),
-            }
-            for claim in CLAIMS
-            if claim.study in found and "skipped" not in found[claim.study]
-        ]
-        studies = [
-            {"study": name, "what": known[name].summary(), **_run_as(numbers)} for name, numbers in found.items()
-        ]
-        return {"claims": claims, "studies": studies}
-
-    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return one row a claim; one row a study."""
-        rows = [[c["what"], c["goal"], c["measured"], f"`{c['study']}`"] for c in numbers["claims"]]
-        studies = []
-        for s in numbers["studies"]:
-            told = ("–" if s[key] is None else str(s[key]) for key in ("seed", "n", "commit"))
-            studies.append([f"`{s['study']}`", s["what"], *told, estimate([s["processor_min"]], 2)])
-        minutes = sum(s["processor_min"] for s in numbers["studies"])
-        processors = ", ".join(sorted({s["processor"] for s in numbers["studies"]}))
-        studies.append(["all of which the time is known", f"Processor: {processors}.", "", "", "", f"{minutes:.0f}"])
-        least = judged(f"≥ {minutes / 2:.0f}", minutes / 2 > _GOAL_MIN)
-        studies.append(["by the clock on two cores", f"Goal: at most {_GOAL_MIN} min.", "", "", "", least])
-        return {
-            "": Table(["what", "goal", "measured", "`bench`"], rows),
-            "studies": Table(["`bench`", "what it measures", "seed", "n", "commit", "processor minutes"], studies),
-        }
-
-
-def _run_as(numbers: Cells) -> dict[str, Any]:
-    """Seed, number of units, commit, time and processor of a result."""
-    told = numbers["parameters"]
-    return {
-        "seed": told.get("seed"),
-        "n": told.get("n", numbers.get("n")),
-        "commit": numbers["machine"]["commit"],
-        "processor_min": numbers["processor_min"],
-        "processor": numbers["machine"]["processor"],
-    }
+def claims_table(results: Path) -> Table:
+    """Return the table of README.md: one row for each claim whose study has a result in the folder."""
+    rows = []
+    for claim in CLAIMS:
+        file = results / f"{claim.study}.json"
+        if file.exists():
+            rows.append([claim.what, claim.goal, claim.measured(read_numbers(file)), f"`{claim.study}`"])
+    return Table(["what", "goal", "measured", "`bench`"], rows)

@@ -1,7 +1,6 @@
 """Tables between markers of a document."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,7 +13,6 @@ from pps_vision.experiments.tables import (
     filled,
     markdown,
     names,
-    not_measured,
     read_numbers,
 )
 
@@ -61,24 +59,3 @@ def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) 
     for document in (*DOCS.glob("*.md"), DOCS.parent / "README.md"):
         text = document.read_text()
         assert filled(text, made, document) == text
-
-
-@pytest.mark.parametrize("study", KNOWN)
-def test_tables_are_made_of_runs_too_short_to_measure_an_estimate(study: str) -> None:
-    """JSON has null for [value, low, high] of nothing; a table still has all its rows."""
-    numbers = read_numbers(DOCS / "results" / f"{study}.json")
-    short = not_measured(_without_estimates({key: numbers[key] for key in numbers if key not in ("parameters", "n")}))
-    kept = {key: numbers[key] for key in ("parameters", "n") if key in numbers}
-    of_short, of_all = (KNOWN[study]().tables(one) for one in (short | kept, numbers))
-    assert {part: len(table.rows) for part, table in of_short.items()} == {
-        part: len(table.rows) for part, table in of_all.items()
-    }
-
-
-def _without_estimates(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: x if key in ("severities", "sizes") else _without_estimates(x) for key, x in value.items()}
-    if isinstance(value, list):
-        is_estimate = len(value) == 3 and all(isinstance(x, float | int) for x in value)
-        return [None] * 3 if is_estimate else [_without_estimates(x) for x in value]
-    return value
