@@ -1,9 +1,9 @@
 """Optical flow of motion regions: pyramidal Lucas–Kanade (Bouguet 2001) on an image pair compensated for ego-motion.
 
 A point is matched if the flow from the present image to the older one and back returns to it (forward–backward error,
-Kalal 2010).  It moves if its flow differs from the median flow of the region's surroundings, so an error of the eye's
-pose, which shifts everything alike, moves nothing.  Points move alike if a translation and an expansion explain their
-flow: what comes along the line of sight only expands.
+Kalal 2010).  It moves if its flow differs from the median flow of the region's surroundings, so that an error of the
+eye's pose, which shifts everything alike, moves nothing.  Points move alike if one translation and expansion explain
+their flow: an object that comes along the line of sight only expands.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,14 @@ from tracking.ego_motion import Box, EgoMotion
 
 Grey = NDArray[np.uint8]  # (H, W)
 JITTER_S = 0.005  # of stamps
-_WINDOW_PX = 9  # of Lucas–Kanade; R's 15 takes in too much of the background of a region of 20 px
+_WINDOW_PX = 9  # of Lucas–Kanade; R's 15 covers too much of the background of a region of 20 px
 _LEVELS = 4  # of its image pyramid (the default of OpenCV)
 _MAX_POINTS = 40  # of a region, and of the surroundings; it limits the time
 _MIN_POINTS = 4  # for a median
 _SURROUND_PX = 4  # nearer to a region a window contains much of it
-_EQUAL_PX, _EQUAL_SHARE = 0.5, 0.15  # flows equal up to so many pixels, and up to that share of the flow
-_MAX_PAIRS = 200  # of points, from each of which an expansion is tried
+_EQUAL_PX = 0.5  # tolerance of equal flows
+_EQUAL_SHARE = 0.15  # additional tolerance, as a share of the flow
+_MAX_PAIRS = 200  # of points, each of which gives one hypothesis of an expansion
 _COMMON_STD_PX = 0.1  # of the error that all points of a region share
 
 
@@ -34,8 +35,13 @@ _COMMON_STD_PX = 0.1  # of the error that all points of a region share
 class Flow2D:
     """Image velocity of a region relative to its static surroundings.
 
-    `velocity_px_s` (2,) with `cov` (2, 2) px²/s²: the spread of its points' flow, and their common error.  Without
-    ego-motion compensation: what is at `now_px` (2,) was at `then_px` in the image taken from `then`, `interval_s` ago.
+    Attributes:
+        velocity_px_s: (2,).
+        cov: (2, 2) px²/s²: spread of the points' flow, and their common error.
+        now_px: (2,) mean position of the points, without ego-motion compensation.
+        then_px: (2,) their position in the older image.
+        then: View of the older image.
+        interval_s: Age of the older image.
     """
 
     velocity_px_s: Array
@@ -47,7 +53,7 @@ class Flow2D:
 
 
 class Match(NamedTuple):
-    """Share of a region's points that move alike, share without a match, and the flow of the former."""
+    """Share of a region's points that move alike, share without a match, and the flow of the moving points."""
 
     moving: float
     unmatched: float
@@ -70,42 +76,48 @@ def match(
     tolerance_px: float,
     regions: Sequence[tuple[Box, Mask]],
 ) -> list[Match]:
-    """Measure the flow of regions (x, y, width, height px; mask) of the present image since an older one.
+    """Return the flow of regions (x, y, width, height px; mask) of the present image since an older one.
 
-    The older image is warped to the present view as if everything were `room_m` away.  Points move whose flow differs
-    from the surroundings' by `tolerance_px`, and by 3 standard deviations of theirs.
+    The older image is warped to the present view as if everything were `room_m` away.  A point moves if its flow
+    differs from that of the surroundings by more than `tolerance_px` and three of their standard deviations.
     """
     box = _surroundings([box for box, _ in regions], now.pixels.shape)
     old = _cut(then.pixels, box) if ego.is_still(then.view, now.view) else None
     if old is None:
         old = ego.warp(then.pixels, then.view, now.view, 1 / room_m, box)
     new = _cut(now.pixels, box)
-    dt, outside, parts = now.stamp_s - then.stamp_s, np.ones(new.shape, bool), []
+    outside = np.ones(new.shape, bool)
+    grids = []
     for (x, y, w, h), mask in regions:
-        top, left, m = y - box[1], x - box[0], _SURROUND_PX
-        outside[max(top - m, 0) : top + h + m, max(left - m, 0) : left + w + m] = False
-        parts.append(_grid(mask) + np.array([left, top]))
-    parts.append(_grid(outside))
-    points, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
-    flow, matched = _lucas_kanade(new, old, points.astype(np.float32))
+        top = y - box[1]
+        left = x - box[0]
+        outside[
+            max(top - _SURROUND_PX, 0) : top + h + _SURROUND_PX, max(left - _SURROUND_PX, 0) : left + w + _SURROUND_PX
+        ] = False
+        grids.append(_grid(mask) + np.array([left, top]))
+    grids.append(_grid(outside))
+    ends = np.cumsum([len(grid) for grid in grids])
+    flow, matched = _lucas_kanade(new, old, np.concatenate(grids).astype(np.float32))
     static, spread = _median(flow[ends[-2] :][matched[ends[-2] :]])
     threshold = max(tolerance_px, 3 * spread)
     parallax = ego.parallax_px_m(then.view, now.view) / room_m  # of surroundings at another distance than `room_m`
-    result = []
-    for first, last in zip([0, *ends[:-2]], ends[:-1], strict=True):
-        relative, found = flow[first:last] - static, matched[first:last]
-        alike = _most_alike(
-            points[first:last], relative, found & (np.hypot(relative[:, 0], relative[:, 1]) > threshold)
-        )
+    common_var = _COMMON_STD_PX**2 + (0.4 * parallax) ** 2
+    dt = now.stamp_s - then.stamp_s
+    matches = []
+    for points, end in zip(grids[:-1], ends[:-1], strict=True):
+        part = np.s_[end - len(points) : end]
+        relative = flow[part] - static
+        is_moving = matched[part] & (np.hypot(relative[:, 0], relative[:, 1]) > threshold)
+        alike = _most_alike(points, relative, is_moving)
         measured = None
         if np.count_nonzero(alike) >= _MIN_POINTS:
             mean = np.median(relative[alike], axis=0)
-            cov = np.cov(relative[alike].T) + (_COMMON_STD_PX**2 + (0.4 * parallax) ** 2) * np.eye(2)
-            at = points[first:last][alike].mean(axis=0) + box[:2]
-            then_px = then.view.project(now.view.center + room_m * now.view.rays(at - mean))
-            measured = Flow2D(mean / dt, cov / dt**2, at, then_px, then.view, dt)
-        result.append(Match(float(alike.mean()), 1 - float(found.mean()), measured))
-    return result
+            cov = np.cov(relative[alike].T) + common_var * np.eye(2)
+            now_px = points[alike].mean(axis=0) + box[:2]
+            then_px = then.view.project(now.view.center + room_m * now.view.rays(now_px - mean))
+            measured = Flow2D(mean / dt, cov / dt**2, now_px, then_px, then.view, dt)
+        matches.append(Match(float(alike.mean()), 1 - float(matched[part].mean()), measured))
+    return matches
 
 
 def velocity(
@@ -115,45 +127,56 @@ def velocity(
     prior_std: tuple[float, float],
     position_px: float = 0.0,
 ) -> tuple[Array, Array] | None:
-    """Velocity (3,) m/s of an object at `position` (3,) m from its flow, and its covariance (3, 3); None without flow.
+    """Return the velocity (3,) m/s of an object at `position` (3,) m from its flow, and its covariance (3, 3).
 
-    In each eye, J v Δt = π(q) − x: π(q) is where the older image would show the point q that is seen there now, were
-    it at rest, x where it did, J = ∂π/∂q.  The mean over both eyes gives the velocity across the view; toward the eyes
-    it stays 0 ± the prior, for in so short a time positions are more certain than a difference of flows.  Of different
-    intervals the shorter counts: what has just begun to move was slower on average in the longer.
+    In each eye, J v Δt = π(q) − x, with q the object's present position, π(q) its pixel in the older image if it
+    rests, x the measured pixel, and J = ∂π/∂q.  The mean over both eyes gives the velocity across the view.  Toward
+    the eyes it stays 0 ± the prior, since over so short a time positions are more certain than a difference of flows.
+    If the intervals differ, the shorter counts: an object that has just started to move was slower in the longer.
 
     Args:
-        prior_std: Standard deviation of velocity (m/s) and acceleration (m/s²) before anything was measured.  Flow is
-            the mean velocity of its interval, from which the present one differs by half the acceleration's part.
-        position_px: By how much (standard deviation) each position that will be measured is taken to err anew.  The
-            covariance is at least that of a difference of two such positions, so that flow outweighs none that
-            follow; the mean stays.
+        flows: Of the left and the right eye.
+        view: Present view.
+        position: (3,) m, root frame.
+        prior_std: Prior standard deviation of velocity (m/s) and acceleration (m/s²).  Flow is the mean velocity of
+            its interval, from which the present velocity differs by half the acceleration's part.
+        position_px: Standard deviation of the white error of each later position.  The covariance is at least that of
+            a difference of two such positions, so that flow does not outweigh them; the mean stays.
+
+    Returns:
+        None without flow.
     """
-    known = [(flow, eye) for flow, eye in zip(flows, (view.left, view.right), strict=True) if flow is not None]
-    if not known:
+    measured = [(flow, eye) for flow, eye in zip(flows, (view.left, view.right), strict=True) if flow is not None]
+    if not measured:
         return None
-    shortest = min(flow.interval_s for flow, _ in known)
-    known = [pair for pair in known if pair[0].interval_s < shortest + JITTER_S]
-    J, rate, cov = np.zeros((2, 3)), np.zeros(2), np.zeros((2, 2))
-    for flow, eye in known:
+    shortest_s = min(flow.interval_s for flow, _ in measured)
+    measured = [(flow, eye) for flow, eye in measured if flow.interval_s < shortest_s + JITTER_S]
+    n = len(measured)
+    J = np.zeros((2, 3))
+    rate = np.zeros(2)
+    cov = np.zeros((2, 2))
+    for flow, eye in measured:
         q = eye.center + float(np.linalg.norm(position - eye.center)) * eye.rays(flow.now_px)
-        J += flow.then.project_jacobian(q) / len(known)
-        rate += (flow.then.project(q) - flow.then_px) / flow.interval_s / len(known)
-        cov += flow.cov / len(known) ** 2
+        J += flow.then.project_jacobian(q) / n
+        rate += (flow.then.project(q) - flow.then_px) / flow.interval_s / n
+        cov += flow.cov / n**2
     prior = np.eye(3) / prior_std[0] ** 2
     weights = J.T @ np.linalg.inv(cov)
     mean = np.linalg.inv(weights @ J + prior) @ weights @ rate
-    cov = cov + 2 * (position_px / shortest) ** 2 / len(known) * np.eye(2)
-    whole = np.linalg.inv(J.T @ np.linalg.inv(cov) @ J + prior)
-    return mean, 0.5 * (whole + whole.T) + (0.5 * prior_std[1] * shortest) ** 2 * np.eye(3)
+    cov = cov + 2 * (position_px / shortest_s) ** 2 / n * np.eye(2)
+    velocity_cov = np.linalg.inv(J.T @ np.linalg.inv(cov) @ J + prior)
+    acceleration_var = (0.5 * prior_std[1] * shortest_s) ** 2
+    return mean, 0.5 * (velocity_cov + velocity_cov.T) + acceleration_var * np.eye(3)
 
 
 def _surroundings(boxes: list[Box], shape: tuple[int, ...]) -> Box:
-    """x0, y0, x1, y1 around all boxes (x, y, width, height) and their surroundings."""
-    x0, y0 = min(box[0] for box in boxes), min(box[1] for box in boxes)
-    x1, y1 = max(box[0] + box[2] for box in boxes), max(box[1] + box[3] for box in boxes)
-    m = max(20, max(x1 - x0, y1 - y0) // 2)
-    return max(x0 - m, 0), max(y0 - m, 0), min(x1 + m, shape[1]), min(y1 + m, shape[0])
+    """Return x0, y0, x1, y1 around all boxes (x, y, width, height) and their surroundings."""
+    x0 = min(x for x, _, _, _ in boxes)
+    y0 = min(y for _, y, _, _ in boxes)
+    x1 = max(x + width for x, _, width, _ in boxes)
+    y1 = max(y + height for _, y, _, height in boxes)
+    margin = max(20, max(x1 - x0, y1 - y0) // 2)
+    return max(x0 - margin, 0), max(y0 - margin, 0), min(x1 + margin, shape[1]), min(y1 + margin, shape[0])
 
 
 def _cut(image: Grey, box: Box) -> Grey:
@@ -162,25 +185,26 @@ def _cut(image: Grey, box: Box) -> Grey:
 
 def _grid(mask: Mask) -> Array:
     """(n, 2) pixels x, y of a mask on a square grid, about `_MAX_POINTS` at most."""
-    ys, xs = np.nonzero(mask)
-    step = max(int(np.ceil(np.sqrt(len(ys) / _MAX_POINTS))), 1)
-    kept = (ys % step == 0) & (xs % step == 0)
-    grid = np.stack([xs[kept], ys[kept]], axis=-1) if kept.any() else np.stack([xs, ys], axis=-1)[:_MAX_POINTS]
-    return grid.astype(float)
+    rows, columns = np.nonzero(mask)
+    pixels = np.stack([columns, rows], axis=-1)
+    step = max(int(np.ceil(np.sqrt(len(pixels) / _MAX_POINTS))), 1)
+    on_grid = (pixels % step == 0).all(axis=1)
+    return (pixels[on_grid] if on_grid.any() else pixels[:_MAX_POINTS]).astype(float)
 
 
 def _lucas_kanade(new: Grey, old: Grey, points: NDArray[np.float32]) -> tuple[Array, Mask]:
-    """(n, 2) px that each point of `new` has come since `old`, and whether it is matched."""
-    start, window = points.reshape(-1, 1, 2), (_WINDOW_PX, _WINDOW_PX)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(new, old, start, np.empty(0), winSize=window, maxLevel=_LEVELS - 1)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(old, new, there, np.empty(0), winSize=window, maxLevel=_LEVELS - 1)
+    """(n, 2) px flow of each point from `old` to `new`, and whether the point is matched."""
+    window = (_WINDOW_PX, _WINDOW_PX)
+    start = points.reshape(-1, 1, 2)
+    end, status, _ = cv2.calcOpticalFlowPyrLK(new, old, start, np.empty(0), winSize=window, maxLevel=_LEVELS - 1)
+    back, back_status, _ = cv2.calcOpticalFlowPyrLK(old, new, end, np.empty(0), winSize=window, maxLevel=_LEVELS - 1)
     error = np.linalg.norm((back - start)[:, 0], axis=1)
-    matched = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error <= _EQUAL_PX)
-    return (start - there)[:, 0].astype(float), matched
+    matched = (status[:, 0] > 0) & (back_status[:, 0] > 0) & (error <= _EQUAL_PX)
+    return (start - end)[:, 0].astype(float), matched
 
 
 def _median(flow: Array) -> tuple[Array, float]:
-    """Median flow (2,) and its standard deviation by the median absolute deviation; 0 where too few are known."""
+    """Median flow (2,) and standard deviation (from the median absolute deviation); 0 for too few points."""
     if len(flow) < _MIN_POINTS:
         return np.zeros(2), 0.0
     median = np.median(flow, axis=0)
@@ -188,19 +212,25 @@ def _median(flow: Array) -> tuple[Array, float]:
 
 
 def _most_alike(points: Array, flow: Array, moving: Mask) -> Mask:
-    """The moving ones of points (n, 2) px whose flow (n, 2) px one translation and expansion explains: those of the
-    point, or of the pair of points, with which most agree."""
+    """Largest subset of the moving points (n, 2) px whose flow (n, 2) px one translation and expansion explain.
+
+    Hypotheses are the translation of each point, and translation and expansion of each pair of points.
+    """
     if not moving.any():
         return moving
-    at, by = points[moving], flow[moving]
-    i, j = np.triu_indices(len(at), 1)
-    i, j = i[:: len(i) // _MAX_PAIRS + 1], j[:: len(j) // _MAX_PAIRS + 1]
-    apart = at[i] - at[j]
-    rate = np.sum((by[i] - by[j]) * apart, axis=1) / np.sum(apart**2, axis=1)
-    center, shift = np.concatenate([at, (at[i] + at[j]) / 2]), np.concatenate([by, (by[i] + by[j]) / 2])
-    expansion = np.concatenate([np.zeros(len(at)), rate])[:, None, None]
-    explained = shift[:, None] + expansion * (points - center[:, None])
-    allowed = _EQUAL_PX + _EQUAL_SHARE * np.linalg.norm(explained, axis=-1)
-    near = (np.linalg.norm(explained - flow, axis=-1) <= allowed) & moving
-    best: Mask = near[near.sum(axis=1).argmax()]
+    p = points[moving]
+    f = flow[moving]
+    i, j = np.triu_indices(len(p), 1)
+    stride = len(i) // _MAX_PAIRS + 1
+    i = i[::stride]
+    j = j[::stride]
+    distance = p[i] - p[j]
+    expansion = np.sum((f[i] - f[j]) * distance, axis=1) / np.sum(distance**2, axis=1)
+    centers = np.concatenate([p, (p[i] + p[j]) / 2])
+    shifts = np.concatenate([f, (f[i] + f[j]) / 2])
+    expansions = np.concatenate([np.zeros(len(p)), expansion])[:, None, None]
+    explained = shifts[:, None] + expansions * (points - centers[:, None])
+    tolerance = _EQUAL_PX + _EQUAL_SHARE * np.linalg.norm(explained, axis=-1)
+    agrees = (np.linalg.norm(explained - flow, axis=-1) <= tolerance) & moving
+    best: Mask = agrees[agrees.sum(axis=1).argmax()]
     return best
