@@ -2,10 +2,9 @@
 
     RGB ─► likelihood image ─► mask ─► blobs ─► outlines
 
-The images of a batch are searched as a whole on one device; the blobs of their masks are outlined as frame by frame.
-The tracker then takes the outline that is where the track predicts it and as large, and searches by itself where there
-is none (`CameraTracker.find`).  Every image is searched by itself, so the results do not depend on the size of the
-batch.
+The images of a batch are searched together on one device; the blobs of their masks are outlined as frame by frame.  The
+tracker takes the outline that fits the predicted position and size, and searches itself if there is none
+(`CameraTracker.find`).  The results do not depend on the size of the batch.
 """
 
 from collections.abc import Sequence
@@ -30,26 +29,27 @@ class BatchTracker:
     """A tracker whose images are searched in batches.
 
     Args:
-        tracker: which the frames advance; its own frame-by-frame search finds and confirms an object first.
-        device: on which all images are searched.
+        tracker: Advanced by the frames; its frame-by-frame search acquires and confirms an object first.
+        device: Device on which images are searched.
     """
 
     def __init__(self, tracker: Tracker, device: torch.device) -> None:
-        self._tracker, self._device = tracker, device
-        self._optics = Optics(tracker.searched_rig.left), Optics(tracker.searched_rig.right)
+        self._tracker = tracker
+        self._device = device
+        self._optics = (Optics(tracker.searched_rig.left), Optics(tracker.searched_rig.right))
 
     def steps(self, frames: Sequence[StereoFrame]) -> list[TrackerStep]:
         """The tracker's step at each of the frames, in the order of their stamps."""
         steps: list[TrackerStep] = []
-        while rest := frames[len(steps) :]:
+        while remaining := frames[len(steps) :]:
             if (appearance := self._tracker.appearance) is None:
-                steps.append(self._tracker.step(rest[0]))
+                steps.append(self._tracker.step(remaining[0]))
                 continue
-            searched = [self._tracker.searched(frame) for frame in rest]
+            searched = [self._tracker.searched(frame) for frame in remaining]
             left = find(appearance[0], [frame.left for frame in searched], self._optics[0], self._device)
             right = find(appearance[1], [frame.right for frame in searched], self._optics[1], self._device)
-            for frame, found in zip(rest, zip(left, right, strict=True), strict=True):
-                steps.append(self._tracker.step(frame, found))
+            for frame, outlines in zip(remaining, zip(left, right, strict=True), strict=True):
+                steps.append(self._tracker.step(frame, outlines))
                 if self._tracker.appearance is not appearance:
                     break
         return steps
@@ -57,24 +57,25 @@ class BatchTracker:
 
 @torch.inference_mode()
 def find(appearance: Appearance, images: Sequence[Image], optics: Optics, device: torch.device) -> list[Outlines]:
-    """Outlines of what may be the object in each of the RGB images (h, w, 3) of one camera; None for all, if they are
-    not that camera's.
+    """Return outlines of candidates in each of the RGB images (h, w, 3) of one camera.
 
     Args:
-        appearance: the marker's hue, or the object's colours.
-        optics: of the camera that took the images.
-        device: on which the masks are computed.
+        appearance: The marker's hue, or the object's colours.
+        images: None is returned for all if the size of any differs from the camera's.
+        optics: Of the camera.
+        device: Device on which the masks are computed.
     """
-    width, height = optics.camera.width, optics.camera.height
+    width = optics.camera.width
+    height = optics.camera.height
     if any(image.shape != (height, width, 3) for image in images):
         return [None] * len(images)
-    marked = masks(appearance, torch.from_numpy(np.stack(images)).to(device)).cpu().numpy()
-    box = 0, 0, width, height
-    return [blob_outlines(image, mask, box, optics) for image, mask in zip(images, marked, strict=True)]
+    object_masks = masks(appearance, torch.from_numpy(np.stack(images)).to(device)).cpu().numpy()
+    box = (0, 0, width, height)
+    return [blob_outlines(image, mask, box, optics) for image, mask in zip(images, object_masks, strict=True)]
 
 
 def masks(appearance: Appearance, pixels: Tensor) -> Tensor:
-    """(n, h, w) 1 where RGB images (n, h, w, 3) uint8 show the object or its colours, else 0."""
+    """(n, h, w) 1 where RGB images (n, h, w, 3) uint8 have the object's colours, else 0."""
     if isinstance(appearance, MarkerParams):
         return _look_up(pixels, _marker_table(appearance), 8)
     table = torch.from_numpy(appearance.table()[color_bins(all_colors(6))[0]])
@@ -84,12 +85,12 @@ def masks(appearance: Appearance, pixels: Tensor) -> Tensor:
 
 @lru_cache(maxsize=2)
 def _marker_table(params: MarkerParams) -> Tensor:
-    """(2^24,) whether each colour R8G8B8 has the marker's hue."""
+    """(2^24,) 255 for each colour R8G8B8 of the marker's hue, else 0."""
     return torch.from_numpy(threshold(params, all_colors(8).reshape(4096, 4096, 3)).ravel())
 
 
 def _look_up(pixels: Tensor, table: Tensor, bits: int) -> Tensor:
-    """(n, h, w) entry for each pixel's colour in a table of all colours of that many bits a channel."""
+    """(n, h, w) entry of each pixel's colour in a table of all colours with `bits` per channel."""
     r, g, b = (pixels >> (8 - bits)).int().unbind(dim=-1)
     index = (r << (2 * bits)) + (g << bits) + b
     return table.to(pixels.device).index_select(0, index.flatten()).view(index.shape)

@@ -1,4 +1,4 @@
-"""Marker of known hue: threshold in HSV, blobs, sub-pixel outlines; no particles."""
+"""Marker of known hue: threshold in HSV, blobs, sub-pixel outlines."""
 
 import math
 from collections.abc import Callable
@@ -18,9 +18,10 @@ from tracking.outline import Optics, Outline, fit_outline
 
 _MARGIN_PX = 8  # of background around a blob, from which the outline takes its background colour
 _MIN_AREA_PX = 8  # of a blob
-_MAX_COMPARED = 40  # are compared with the background at most
-_MAX_BLOBS = 4  # are outlined at most, the largest and roundest: it limits the time in an image full of the hue
-_COMMON, _SAMPLED = 0.02, 4  # share of the image from which a hue is the scene's; pixels between those that tell it
+_MAX_COMPARED = 40  # blobs that are compared with the background
+_MAX_BLOBS = 4  # blobs that are outlined, the largest and roundest: it limits the time in an image full of the hue
+_COMMON_SHARE = 0.02  # of the image, from which a hue belongs to the scene
+_SAMPLE_PX = 4  # distance of the pixels that are sampled for it
 _OUTLIER = 4.0  # standard deviations above the hue's median saturation
 
 
@@ -33,16 +34,17 @@ class MarkerParams:
     hue_tolerance_deg: float = 35.0
     """Largest difference from that hue, degrees."""
     min_saturation: float = 0.5
-    """Least saturation, 0–1."""
+    """Smallest saturation, 0–1."""
     min_value: float = 0.12
-    """Least value, 0–1: below it the hue is noise."""
+    """Smallest value, 0–1: below it the hue is noise."""
 
     @cached_property
     def ranges(self) -> list[tuple[Array, Array]]:
         """Lowest and highest hue (0–180), saturation and value (0–255) in OpenCV's units; two ranges if the hue
         crosses 0°."""
-        low, high = (self.hue_deg - self.hue_tolerance_deg) / 2, (self.hue_deg + self.hue_tolerance_deg) / 2
-        floor = 255 * self.min_saturation, 255 * self.min_value
+        low = (self.hue_deg - self.hue_tolerance_deg) / 2
+        high = (self.hue_deg + self.hue_tolerance_deg) / 2
+        floor = (255 * self.min_saturation, 255 * self.min_value)
         shifts = [shift for shift in (-180.0, 0.0, 180.0) if low + shift <= 180 and high + shift >= 0]
         return [(np.array([low + shift, *floor]), np.array([high + shift, 255.0, 255.0])) for shift in shifts]
 
@@ -56,7 +58,7 @@ class MarkerParams:
         if not (0 <= self.min_saturation <= 1 and 0 <= self.min_value <= 1):
             raise InputError(
                 "marker",
-                f"least saturation {self.min_saturation}, least value {self.min_value}; expected shares from 0 to 1",
+                f"saturation {self.min_saturation}, value {self.min_value}; expected shares from 0 to 1",
             )
 
 
@@ -75,17 +77,22 @@ def find_markers(
     (x, y, width, height px), `differs` a region, and returns which of its pixels may be the marker.
     """
     height, width = image.shape[:2]
-    x0, y0, x1, y1 = 0, 0, width, height
+    box = (0, 0, width, height)
     if near is not None:
         x, y, half = near
-        x0, y0 = max(int(x - half), 0), max(int(y - half), 0)
-        x1, y1 = min(int(x + half) + 2, width), min(int(y + half) + 2, height)
-        if x1 - x0 < 3 or y1 - y0 < 3:
-            return []
-    hard = threshold(params, image[y0:y1, x0:x1])
+        box = (
+            max(int(x - half), 0),
+            max(int(y - half), 0),
+            min(int(x + half) + 2, width),
+            min(int(y + half) + 2, height),
+        )
+    x0, y0, x1, y1 = box
+    if x1 - x0 < 3 or y1 - y0 < 3:
+        return []
+    mask = threshold(params, image[y0:y1, x0:x1])
     if differs is not None:
-        hard = np.where(differs((x0, y0, x1, y1)), hard, np.uint8(0))
-    return blob_outlines(image, hard, (x0, y0, x1, y1), optics, is_candidate, expected_area_px)
+        mask = np.where(differs(box), mask, np.uint8(0))
+    return blob_outlines(image, mask, box, optics, is_candidate, expected_area_px)
 
 
 def find_vivid_markers(
@@ -94,18 +101,21 @@ def find_vivid_markers(
     optics: Optics,
     is_candidate: Callable[[int, int, int, int], bool] = lambda *_: True,
 ) -> list[Outline]:
-    """Return the outlines of blobs that are far more saturated than most of what has the marker's hue, where that is so
-    common that a marker may be joined with it (grass behind a green one)."""
-    sample = image[::_SAMPLED, ::_SAMPLED]
+    """Return the outlines of blobs that are far more saturated than the scene, where the scene has the marker's hue.
+
+    The marker may be joined with the scene there (a green marker before grass).
+    """
+    sample = image[::_SAMPLE_PX, ::_SAMPLE_PX]
     levels = cv2.cvtColor(sample, cv2.COLOR_RGB2HSV)[..., 1][threshold(params, sample) > 0].astype(float)
-    if len(levels) < _COMMON * sample.shape[0] * sample.shape[1]:
+    if len(levels) < _COMMON_SHARE * sample.shape[0] * sample.shape[1]:
         return []
-    middle = float(np.median(levels))
-    least = (middle + _OUTLIER * 1.4826 * float(np.median(np.abs(levels - middle)))) / 255
-    if least >= 1:
+    median = float(np.median(levels))
+    std = 1.4826 * float(np.median(np.abs(levels - median)))
+    min_saturation = (median + _OUTLIER * std) / 255
+    if min_saturation >= 1:
         return []
-    raised = replace(params, min_saturation=max(least, params.min_saturation))
-    return find_markers(raised, image, optics, is_candidate=is_candidate)
+    vivid = replace(params, min_saturation=max(min_saturation, params.min_saturation))
+    return find_markers(vivid, image, optics, is_candidate=is_candidate)
 
 
 def blob_outlines(
@@ -120,10 +130,10 @@ def blob_outlines(
     first."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     blobs = [blob for blob in map(_blob, contours) if blob.area_px >= _MIN_AREA_PX]
-    largest = sorted(blobs, key=lambda one: -one.weight)[:_MAX_COMPARED]
+    largest = sorted(blobs, key=lambda blob: -blob.weight)[:_MAX_COMPARED]
     chosen = (blob for blob in largest if is_candidate(box[0] + blob.box[0], box[1] + blob.box[1], *blob.box[2:]))
-    found = (fit_outline(image, *_cut_out(blob, box), optics, expected_area_px) for blob in islice(chosen, _MAX_BLOBS))
-    return [shape for shape in found if shape]
+    fits = (fit_outline(image, *_cut_out(blob, box), optics, expected_area_px) for blob in islice(chosen, _MAX_BLOBS))
+    return [outline for outline in fits if outline]
 
 
 def threshold(params: MarkerParams, image: Image) -> NDArray[np.uint8]:
@@ -150,11 +160,14 @@ def _blob(contour: NDArray[Any]) -> _Blob:
 
 
 def _cut_out(blob: _Blob, within: Box) -> tuple[Mask, Box]:
-    """Return the blob's mask, holes filled, and the box of the image that it covers: `_MARGIN_PX` wider than the blob,
-    but inside `within`, from whose corner the blob's coordinates count."""
-    (x, y, w, h), (x0, y0, _, _) = blob.box, within
-    left, top = max(x0 + x - _MARGIN_PX, within[0]), max(y0 + y - _MARGIN_PX, within[1])
-    right, bottom = min(x0 + x + w + _MARGIN_PX, within[2]), min(y0 + y + h + _MARGIN_PX, within[3])
+    """Return the blob's mask, holes filled, and its box in the image: `_MARGIN_PX` wider than the blob, but inside
+    `within`, from whose corner the blob's coordinates count."""
+    x, y, w, h = blob.box
+    x0, y0, x1, y1 = within
+    left = max(x0 + x - _MARGIN_PX, x0)
+    top = max(y0 + y - _MARGIN_PX, y0)
+    right = min(x0 + x + w + _MARGIN_PX, x1)
+    bottom = min(y0 + y + h + _MARGIN_PX, y1)
     mask = np.zeros((bottom - top, right - left), np.uint8)
     cv2.drawContours(mask, [blob.contour], 0, (1,), cv2.FILLED, offset=(x0 - left, y0 - top))
     return mask.view(bool), (left, top, right, bottom)

@@ -1,4 +1,4 @@
-"""Acquisition of a marker: blobs of its hue that have moved, or that are nearer than what surrounds them."""
+"""Acquisition of a marker: blobs of its hue that have moved, or that are nearer than their surroundings."""
 
 import math
 from functools import partial
@@ -13,68 +13,77 @@ from tracking.marker import MarkerParams, find_markers, find_vivid_markers
 from tracking.outline import Optics, Outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
 
-_LONG = 2.0  # ratio of a marker's sides
-_APART = 1.3  # of a marker's size, from which on its surroundings are compared
-_RING_POINTS = 300  # of its surroundings
-_FARTHER = 0.8  # nearness of its surroundings beside its own
-_DISTANCES = 16  # at which its surroundings are looked for
-_BETTER = 0.7  # ratio of differences from which on another distance fits better
+_MAX_ELONGATION = 2.0  # ratio of a marker's sides
+_RING_SIZE = 1.3  # inner size of the surroundings, relative to the marker's
+_RING_POINTS = 300  # pixels of the surroundings that are compared
+_MAX_INVERSE_DISTANCE = 0.8  # of the surroundings, relative to the marker's
+_DISTANCES = 16  # hypotheses of the surroundings' distance
+_MAX_RATIO = 0.7  # of the image differences at the surroundings' distance and at the marker's
 
 
 def moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
-    """The blobs of the marker's hue, but for those that look like the background, are long, or are cut by the image's
-    border: the whole of these may be of any size.  If there is none, what differs from the background within them: a
-    marker before something of its hue."""
+    """Return the blobs of the marker's hue that differ from the background, are compact and inside the image.
+
+    If there is none, return compact parts of the refused blobs that differ from the background: a marker in front of
+    something of its hue.
+    """
     height, width = camera.image.shape[:2]
     refused: list[Box] = []
 
     def is_compact(x: int, y: int, w: int, h: int) -> bool:
-        return x > 0 and y > 0 and x + w < width and y + h < height and max(w, h) <= _LONG * min(w, h)
+        return x > 0 and y > 0 and x + w < width and y + h < height and max(w, h) <= _MAX_ELONGATION * min(w, h)
 
-    def may_be(x: int, y: int, w: int, h: int) -> bool:
+    def is_candidate(x: int, y: int, w: int, h: int) -> bool:
         moved = is_compact(x, y, w, h) and background.has_changed(camera.image, camera.view, x, y, w, h)
         if not moved:
             refused.append((x, y, x + w, y + h))
         return moved
 
     if camera.outlines is None:
-        found = find_markers(params, camera.image, optics, is_candidate=may_be)
+        outlines = find_markers(params, camera.image, optics, is_candidate=is_candidate)
     else:
-        found = [one for one in camera.outlines if may_be(*(round(value) for value in one.box_px))]
-    vivid = find_vivid_markers(params, camera.image, optics, is_candidate=may_be)
-    found = [one for one in found if not any(_holds(one, other) for other in vivid)] + vivid
-    if not found and refused and background.is_known(camera.view):
-        differs = partial(background.differs, camera.image, camera.view)
-        found = find_markers(params, camera.image, optics, is_candidate=is_compact, differs=differs)
-    return found
+        outlines = [outline for outline in camera.outlines if is_candidate(*map(round, outline.box_px))]
+    vivid = find_vivid_markers(params, camera.image, optics, is_candidate=is_candidate)
+    plain = [outline for outline in outlines if not any(_contains(outline, marker) for marker in vivid)]
+    if plain or vivid or not refused or not background.is_known(camera.view):
+        return plain + vivid
+    differs = partial(background.differs, camera.image, camera.view)
+    return find_markers(params, camera.image, optics, is_candidate=is_compact, differs=differs)
 
 
 def is_nearer_than_surroundings(
     association: Association, cameras: CameraFrames, view: StereoView, left: Outline, right: Outline
 ) -> bool:
-    """Whether an object is nearer than what surrounds it: the surroundings in the left image match the right image much
-    better at some larger distance than at the object's."""
+    """Whether an object is nearer than its surroundings: these match the right image much better at some larger
+    distance than at the object's."""
     observation = association.observe(view, left, right, cameras[0].stamp_s)
     if observation is None:
         return False
-    (x, y, w, h), camera = left.box_px, view.left.camera
+    x, y, w, h = left.box_px
     box = (
-        *(max(int(x - w), 0), max(int(y - h), 0)),
-        *(min(int(x + 2 * w) + 1, camera.width), min(int(y + 2 * h) + 1, camera.height)),
+        max(int(x - w), 0),
+        max(int(y - h), 0),
+        min(int(x + 2 * w) + 1, view.left.camera.width),
+        min(int(y + 2 * h) + 1, view.left.camera.height),
     )
-    rows, columns = np.nonzero(~masks.ellipse(box, left.center_px, _APART * w, _APART * h))
+    rows, columns = np.nonzero(~masks.ellipse(box, left.center_px, _RING_SIZE * w, _RING_SIZE * h))
     step = len(rows) // _RING_POINTS + 1
-    rows, columns = rows[::step] + box[1], columns[::step] + box[0]
+    rows = rows[::step] + box[1]
+    columns = columns[::step] + box[0]
+    colors = cameras[0].image[rows, columns].astype(np.float32)
     rays = view.left.rays(np.stack([columns, rows], axis=-1).astype(float))
-    far_m, colors = math.dist(observation.p_root, view.left.place), cameras[0].image[rows, columns].astype(np.float32)
-    differences = [
-        color_difference(colors, view.left.center + far_m / nearness * rays, cameras[1].image, view.right)
-        for nearness in (1.0, *np.linspace(_FARTHER, 0.05, _DISTANCES))
-    ]
-    return min(differences[1:]) < _BETTER * differences[0]
+    distance_m = math.dist(observation.p_root, view.left.place)
+
+    def difference(inverse_distance: float) -> float:
+        points = view.left.center + distance_m / inverse_distance * rays
+        return color_difference(colors, points, cameras[1].image, view.right)
+
+    farther = min(map(difference, np.linspace(_MAX_INVERSE_DISTANCE, 0.05, _DISTANCES)))
+    return farther < _MAX_RATIO * difference(1.0)
 
 
-def _holds(one: Outline, other: Outline) -> bool:
-    """Whether another outline's centre lies in the box of an outline."""
-    (x, y, w, h), (u, v) = one.box_px, other.center_px
+def _contains(outline: Outline, marker: Outline) -> bool:
+    """Whether the marker's centre lies in the outline's box."""
+    x, y, w, h = outline.box_px
+    u, v = marker.center_px
     return bool(x <= u < x + w and y <= v < y + h)

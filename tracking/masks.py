@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 
-SOLID = 0.9  # solidity below which what moves may be an object and what holds it
+SOLID = 0.9  # solidity below which a moving region may be an object and its holder
 _SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
 
 
@@ -31,20 +31,20 @@ def closed(mask: Mask, element: NDArray[np.uint8]) -> Mask:
 
 
 def opened(mask: Mask, radius: int) -> Mask:
-    """The mask without parts into which no disc of that radius fits; in time linear in its pixels.
+    """The mask without parts into which no disc of that radius fits; the image's border counts as part of the mask.
 
-    What lies beyond the image is no reason to cut: the border counts as part of the mask.
+    Takes time linear in the pixels.
     """
     return _within(~_within(~mask, radius), radius)
 
 
 @njit(cache=True, error_model="numpy")
 def _within(mask: Mask, radius: int) -> Mask:
-    """Pixels (h, w) that are at most `radius` px from one of the mask: of each row, what the circles about the nearest
-    pixels above and below in all columns cover."""
+    """Pixels (h, w) at most `radius` px from the mask: in each row, the union of the chords of the circles around the
+    nearest mask pixel of every column."""
     height, width = mask.shape
     far = radius + 1
-    away = np.empty((height, width), np.int32)  # to the nearest in the column, at most `far`
+    away = np.empty((height, width), np.int32)  # distance to the nearest mask pixel of the column, at most `far`
     for column in range(width):
         away[0, column] = 0 if mask[0, column] else far
     for row in range(1, height):
@@ -53,11 +53,11 @@ def _within(mask: Mask, radius: int) -> Mask:
     for row in range(height - 2, -1, -1):
         for column in range(width):
             away[row, column] = min(away[row, column], away[row + 1, column] + 1)
-    half = np.empty(radius + 1, np.int32)  # of a circle's chord at this distance from its centre
+    half = np.empty(radius + 1, np.int32)  # half chord of the circle at this distance from its centre
     for k in range(radius + 1):
         half[k] = int(math.sqrt(radius * radius - k * k))
     within = np.empty((height, width), np.bool_)
-    begun = np.empty(width + 1, np.int32)  # how many more chords begin than end there
+    begun = np.empty(width + 1, np.int32)  # number of chords that begin minus number that end there
     for row in range(height):
         begun[:] = 0
         for column in range(width):
@@ -73,7 +73,7 @@ def _within(mask: Mask, radius: int) -> Mask:
 
 
 def component(mask: Mask, where: Mask) -> Mask | None:
-    """The connected component with most pixels in `where`; None where none has any."""
+    """The connected component with most pixels in `where`; None if no component has any."""
     count, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
     votes = np.bincount(np.asarray(labels)[where], minlength=count)
     votes[0] = 0
@@ -97,19 +97,19 @@ def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
 
 
 def closed_component(mask: Mask, where: Mask, backdrop: Mask | None = None) -> Mask | None:
-    """The `component` of the mask after gaps of up to 2 px were closed, and its holes `filled`."""
-    one = component(closed(mask, square(1)), where)
-    return None if one is None else filled(one, backdrop)
+    """The `component` of the mask after gaps of up to 2 px were closed, with its holes `filled`."""
+    connected = component(closed(mask, square(1)), where)
+    return None if connected is None else filled(connected, backdrop)
 
 
 def centroid(mask: Mask, box: tuple[int, int, int, int]) -> Array:
-    """(2,) px: that of a mask (h, w) of the region `box` (x0, y0, x1, y1), in the image's coordinates."""
-    ys, xs = np.nonzero(mask)
-    return np.array([box[0] + xs.mean(), box[1] + ys.mean()])
+    """(2,) px centroid of a mask (h, w) of the region `box` (x0, y0, x1, y1), in the image's coordinates."""
+    rows, columns = np.nonzero(mask)
+    return np.array([box[0] + columns.mean(), box[1] + rows.mean()])
 
 
 def is_cut(mask: Mask, box: tuple[int, int, int, int], image: Image) -> bool:
-    """Whether a mask (h, w) of the region `box` (x0, y0, x1, y1) goes on beyond it, within the image."""
+    """Whether a mask (h, w) of the region `box` (x0, y0, x1, y1) may continue outside it, within the image."""
     height, width = image.shape[:2]
     x0, y0, x1, y1 = box
     sides = (mask[:, 0], x0 > 0), (mask[0], y0 > 0), (mask[:, -1], x1 < width), (mask[-1], y1 < height)
@@ -124,7 +124,7 @@ def solidity(mask: Mask) -> float:
 
 
 def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height: float) -> Mask:
-    """Pixels of the region `box` (x0, y0, x1, y1) inside the ellipse of a width and height around `center`."""
+    """Pixels of the region `box` (x0, y0, x1, y1) inside the ellipse of this width and height around `center`."""
     return _ellipse(box, (float(center[0]), float(center[1])), float(width), float(height))
 
 

@@ -1,9 +1,9 @@
-"""Motion trigger: regions of an image that move by themselves, while the head may move too.
+"""Motion trigger: regions of an image that move independently of the head.
 
 R takes the residual of pyramidal Lucas–Kanade flow on a grid.  Here the eye's motion is known from the joints, so an
-older image is warped to the present pose and compared (the motion-compensated residual), first in grey at half the
-resolution; only where that leaves something are all pixels and colours compared.  Optical flow then confirms the
-regions and measures their image velocity (`optical_flow`).
+older image is warped to the present pose and subtracted (motion-compensated residual), first in grey at half the
+resolution, then around the remaining residual in all pixels and colours.  Optical flow confirms the regions and
+measures their image velocity (`optical_flow`).
 """
 
 from collections import deque
@@ -32,34 +32,34 @@ _WIDER_THAN_A_STRIP = np.ones((2, 2), np.uint8)
 
 @dataclass(frozen=True)
 class TriggerParams:
-    """What the motion trigger compares, and what it takes for motion."""
+    """Parameters of the motion trigger."""
 
     interval_s: float = 0.2
-    """Age of the image that every other image is compared with."""
+    """Age of the reference of every other image."""
     slow_interval_s: float = 0.6
-    """Age of the image that the others are compared with: for slow or approaching objects."""
+    """Age of the reference of the images between, for slow or approaching objects."""
     near_m: float = 0.22
-    """Distance of the nearest static thing: the robot's own arms."""
+    """Distance of the nearest static object: the robot's own arms."""
     max_parallax_px: float = 5.0
-    """A younger image is compared while the eye translates so fast that things at `near_m` shift by more."""
+    """Largest shift of an object at `near_m` between reference and image; a younger reference is used beyond it."""
     tolerance_px: float = 1.0
     """Error of the eye's pose in the image."""
     noise_factor: float = 5.0
-    """Residual, in standard deviations of the image noise, from which a pixel has changed."""
+    """Threshold of the residual, in standard deviations of the image noise."""
     min_contrast: float = 6.0
-    """The same at least, in grey levels."""
+    """Smallest threshold of the residual, grey levels."""
     min_area_px: int = 16
     """Smallest region."""
     join_px: int = 2
-    """Parts of one region may be so far apart."""
+    """Largest gap between parts of one region."""
     central: float = 0.92
-    """Share of the image's sides that is compared; what is beyond has often just come into view."""
+    """Share of the image's sides that is compared; the border has often just come into view."""
     max_regions: int = 4
-    """Only so many regions are reported, the strongest."""
+    """Largest number of reported regions, strongest first."""
     flow: bool = True
     """Whether optical flow confirms and measures the regions."""
     min_moving: float = 0.25
-    """Share of a region's matched points that must move alike; if fewer than that of all have a match, it moves too."""
+    """Share of a region's matched points that must move alike; a region with fewer matches than that moves too."""
 
     def __post_init__(self) -> None:
         if not (
@@ -78,8 +78,8 @@ class TriggerParams:
 
 @dataclass(frozen=True, slots=True)
 class Region2D:
-    """A motion region: box (x, y, width, height px), its changed pixels (height, width), their summed residual, and its
-    optical flow; None where it moves too fast for that, or flow is off."""
+    """A motion region: box (x, y, width, height px), changed pixels (height, width), summed residual, and optical flow
+    (None if it moves too fast for that, or flow is off)."""
 
     box_px: tuple[int, int, int, int]
     mask: Mask
@@ -88,8 +88,8 @@ class Region2D:
 
 
 @dataclass(frozen=True)
-class _Past:
-    """An image and its view; what is derived from it is computed when first needed."""
+class _Frame:
+    """An image and its view, with derived images that are computed when first needed."""
 
     image: Image
     view: View
@@ -104,28 +104,29 @@ class _Past:
 
     @cached_property
     def smooth(self) -> Pixels:
-        """In colour, smoothed before any warp, which leaves the border of what it cannot see sharp."""
+        """In colour, smoothed before any warp, so that the border of the warped image stays sharp."""
         return np.asarray(cv2.blur(self.image, (3, 3)), dtype=np.uint8)
 
     @cached_property
     def grey(self) -> GreyImage:
-        """For optical flow."""
+        """Grey image for optical flow."""
         pixels = np.asarray(cv2.cvtColor(self.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
         return GreyImage(pixels, self.view, self.stamp_s)
 
     @cached_property
     def body(self) -> Mask | None:
-        """Where the robot sees itself."""
+        """Pixels of the robot's own body."""
         return self.own() if self.own else None
 
 
 class MotionTrigger:
-    """Finds motion regions in one eye's images; remembers the last fraction of a second."""
+    """Finds motion regions in one eye's images; keeps the images of the last fraction of a second."""
 
     def __init__(self, params: TriggerParams, camera: Camera) -> None:
         self.params = params
-        self._ego, self._coarse_ego = EgoMotion(camera), EgoMotion(camera.reduced(_COARSE))
-        self._past: deque[_Past] = deque()
+        self._ego = EgoMotion(camera)
+        self._coarse_ego = EgoMotion(camera.reduced(_COARSE))
+        self._past: deque[_Frame] = deque()
         self._is_slow = False
 
     def step(
@@ -135,8 +136,8 @@ class MotionTrigger:
 
         Args:
             image: RGB.
-            own: Returns the pixels (H, W) of the robot's own body, which is no stimulus; called only when needed.
-            confirm: Whether regions that flow does not confirm are dropped.
+            own: Returns the pixels (H, W) of the robot's own body, which is ignored; called only when needed.
+            confirm: Drop regions that flow does not confirm.
         """
         now = self._next(image, view, stamp_s, own)
         then = self._reference(now)
@@ -147,110 +148,118 @@ class MotionTrigger:
         return regions
 
     def remember(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None) -> None:
-        """Keep an image to compare later ones with, without looking for motion in it."""
+        """Keep an image as a reference for later ones, without searching it."""
         self._past.append(self._next(image, view, stamp_s, own))
 
     def image_before(self, view: View, stamp_s: float) -> Image | None:
-        """Return the oldest image since `interval_s` before, of an eye that has not moved; None if there is none."""
-        still = (one.image for one in self._within_interval(stamp_s) if self._ego.is_still(one.view, view))
+        """Return the oldest image of the last `interval_s`, of an eye that has not moved; None if there is none."""
+        still = (frame.image for frame in self._within_interval(stamp_s) if self._ego.is_still(frame.view, view))
         return next(still, None)
 
     def seen_before(self, view: View, stamp_s: float, box: Box) -> Image | None:
-        """Return a box of the oldest image since `interval_s` before as seen from `view`; None if there is none."""
-        one = next(self._within_interval(stamp_s), None)
-        return None if one is None else self._ego.warp(one.image, one.view, view, 1 / ROOM_M, box)
+        """Return a box of the oldest image of the last `interval_s`, warped to `view`; None if there is none."""
+        frame = next(self._within_interval(stamp_s), None)
+        return None if frame is None else self._ego.warp(frame.image, frame.view, view, 1 / ROOM_M, box)
 
-    def _within_interval(self, stamp_s: float) -> Iterator[_Past]:
-        """The images since `interval_s` before, oldest first."""
-        return (one for one in self._past if 0 < stamp_s - one.stamp_s <= self.params.interval_s + 1e-6)
+    def _within_interval(self, stamp_s: float) -> Iterator[_Frame]:
+        """Images of the last `interval_s`, oldest first."""
+        return (frame for frame in self._past if 0 < stamp_s - frame.stamp_s <= self.params.interval_s + 1e-6)
 
     def moves(self, mask: Mask, box: Box) -> bool:
-        """Whether flow, unless it is off, shows that of a mask (h, w) of a box of the last image more than twice as
-        many points move by themselves as rest: since `_FLOW_INTERVAL_S`, or since the image that the last one was
-        compared with."""
+        """Whether twice as many points of a mask (h, w) of a box of the last image move as rest, by their flow since
+        `_FLOW_INTERVAL_S` or since the reference.  True if flow is off."""
         if not self.params.flow:
             return True
-        now, p = self._past[-1], self.params
+        last = self._past[-1]
         x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
-        region = (box[0] + x, box[1] + y, w, h), mask[y : y + h, x : x + w]
-        for then in (self._newest(now), self._reference(now)):
-            if then is not None and then is not now:
-                (found,) = match(self._ego, then.grey, now.grey, ROOM_M, p.tolerance_px, [region])
-                if found.moving > 2 * (1 - found.unmatched - found.moving):
+        region = ((box[0] + x, box[1] + y, w, h), mask[y : y + h, x : x + w])
+        for reference in (self._newest(last), self._reference(last)):
+            if reference is not None and reference is not last:
+                (flow,) = match(self._ego, reference.grey, last.grey, ROOM_M, self.params.tolerance_px, [region])
+                if flow.moving > 2 * (1 - flow.unmatched - flow.moving):
                     return True
         return False
 
-    def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Past:
-        """The image to keep, after old ones were dropped; the next comparison has the other interval."""
+    def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Frame:
+        """Drop old images and return the new one; the next comparison has the other interval."""
         while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:
             self._past.popleft()
         self._is_slow = not self._is_slow
-        return _Past(image.copy(), view, stamp_s, own)
+        return _Frame(image.copy(), view, stamp_s, own)
 
-    def _newest(self, now: _Past) -> _Past | None:
-        """The newest image that is `_FLOW_INTERVAL_S` old."""
-        least_s = _FLOW_INTERVAL_S - JITTER_S
-        return next((one for one in reversed(self._past) if now.stamp_s - one.stamp_s > least_s), None)
+    def _newest(self, now: _Frame) -> _Frame | None:
+        """Newest image that is `_FLOW_INTERVAL_S` old."""
+        min_age_s = _FLOW_INTERVAL_S - JITTER_S
+        return next((frame for frame in reversed(self._past) if now.stamp_s - frame.stamp_s > min_age_s), None)
 
-    def _reference(self, now: _Past) -> _Past | None:
-        """The image to compare with: as old as its interval says and the head's motion allows."""
+    def _reference(self, now: _Frame) -> _Frame | None:
+        """Oldest image within the interval for which the head's motion causes little parallax."""
         p = self.params
-        age_s = p.slow_interval_s if self._is_slow else p.interval_s
-        for one in self._past:  # oldest first
-            if now.stamp_s - one.stamp_s > age_s + 1e-6:
+        max_age_s = p.slow_interval_s if self._is_slow else p.interval_s
+        for frame in self._past:  # oldest first
+            if now.stamp_s - frame.stamp_s > max_age_s + 1e-6:
                 continue
-            if self._ego.parallax_px_m(one.view, now.view) / p.near_m <= p.max_parallax_px:
-                return one
+            if self._ego.parallax_px_m(frame.view, now.view) / p.near_m <= p.max_parallax_px:
+                return frame
         return None
 
-    def _regions(self, then: _Past, now: _Past) -> list[Region2D]:
-        """Regions of the residual, first of the coarse images; around what that leaves, of all pixels and colours."""
-        p, (height, width) = self.params, now.image.shape[:2]
-        mx, my = (round((1 - p.central) / 2 * (side // _COARSE)) for side in (width, height))
-        coarse = Residual(p, self._coarse_ego, then, now, _COARSE)
-        left = coarse(then.coarse, now.coarse, (mx, my, width // _COARSE - mx, height // _COARSE - my))
-        if left is None:
+    def _regions(self, then: _Frame, now: _Frame) -> list[Region2D]:
+        """Regions of the residual: coarse, then around the coarse residual in all pixels and colours."""
+        height = now.image.shape[0] // _COARSE
+        width = now.image.shape[1] // _COARSE
+        margin = (1 - self.params.central) / 2
+        mx = round(margin * width)
+        my = round(margin * height)
+        coarse = Residual(self.params, self._coarse_ego, then, now, _COARSE)
+        coarse_residual = coarse(then.coarse, now.coarse, (mx, my, width - mx, height - my))
+        if coarse_residual is None:
             return []
-        fine, regions = Residual(p, self._ego, then, now, 1), []
-        field = _COARSE * mx, _COARSE * my, _COARSE * (width // _COARSE - mx), _COARSE * (height // _COARSE - my)
-        for box in _surroundings(*left, field, coarse.min_area_px):
-            found = fine(then.smooth, now.smooth, box)
-            regions += self._split(*found) if found else []
-        return sorted(regions, key=lambda r: -r.evidence)
+        fine = Residual(self.params, self._ego, then, now, 1)
+        field = (_COARSE * mx, _COARSE * my, _COARSE * (width - mx), _COARSE * (height - my))
+        regions: list[Region2D] = []
+        for box in _surroundings(*coarse_residual, field, coarse.min_area_px):
+            residual = fine(then.smooth, now.smooth, box)
+            regions += self._split(*residual) if residual else []
+        return sorted(regions, key=lambda region: -region.evidence)
 
-    def _confirmed(self, then: _Past, now: _Past, regions: list[Region2D], confirm: bool) -> list[Region2D]:
-        """The regions that move according to flow, with their flow; all of them, if it need not `confirm`.
+    def _confirmed(self, then: _Frame, now: _Frame, regions: list[Region2D], confirm: bool) -> list[Region2D]:
+        """Regions that move by their flow, with their flow; all regions unless `confirm`.
 
-        Flow is measured since the newest image that is `_FLOW_INTERVAL_S` old; of what is too slow to move since then,
-        since the image of the residual.  Only in the former does a missing match mean motion: in the latter, what has
-        been uncovered in between has none either.
+        Flow is measured since the newest image that is `_FLOW_INTERVAL_S` old, and for slower regions since the
+        reference.  Only in the former does a missing match mean motion: in the latter, uncovered background has no
+        match either.
         """
         p = self.params
         newest = self._newest(now) or then
         matches = self._matches(newest, now, regions)
         confirmed = {
-            k: replace(regions[k], flow=one.flow)
-            for k, one in enumerate(matches)
-            if self._moves(one) or one.unmatched > 1 - p.min_moving
+            k: replace(regions[k], flow=result.flow)
+            for k, result in enumerate(matches)
+            if self._moves(result) or result.unmatched > 1 - p.min_moving
         }
         slow = [k for k in range(len(regions)) if k not in confirmed]
         if slow and newest is not then:
-            found = zip(slow, self._matches(then, now, [regions[k] for k in slow]), strict=True)
-            confirmed |= {k: replace(regions[k], flow=one.flow) for k, one in found if one.moving >= p.min_moving}
+            slow_matches = self._matches(then, now, [regions[k] for k in slow])
+            for k, result in zip(slow, slow_matches, strict=True):
+                if result.moving >= p.min_moving:
+                    confirmed[k] = replace(regions[k], flow=result.flow)
         return [confirmed.get(k, region) for k, region in enumerate(regions) if k in confirmed or not confirm]
 
-    def _moves(self, one: Match) -> bool:
-        """Whether enough of a region's matched points move alike.  Points without a match count neither way: a plain
-        object shows flow at its edge only, and has no match where it covers and uncovers its background."""
-        return one.flow is not None and one.moving >= self.params.min_moving * (1 - one.unmatched)
+    def _moves(self, region: Match) -> bool:
+        """Whether enough of a region's matched points move alike.
 
-    def _matches(self, then: _Past, now: _Past, regions: list[Region2D]) -> list[Match]:
+        Points without a match do not count: a plain object shows flow at its edge only, and has no match where it
+        covers and uncovers its background.
+        """
+        return region.flow is not None and region.moving >= self.params.min_moving * (1 - region.unmatched)
+
+    def _matches(self, then: _Frame, now: _Frame, regions: list[Region2D]) -> list[Match]:
         boxes = [(region.box_px, region.mask) for region in regions]
         return match(self._ego, then.grey, now.grey, ROOM_M, self.params.tolerance_px, boxes)
 
     def _split(self, box: Box, residual: Pixels) -> list[Region2D]:
-        """The connected regions of a residual in `box`, without strips one pixel wide: what an error of the pose beyond
-        the tolerance leaves along an edge at rest."""
+        """Connected regions of a residual in `box`, without strips one pixel wide: an error of the pose beyond the
+        tolerance leaves them along an edge at rest."""
         eroded = cv2.erode((residual > 0).view(np.uint8), _WIDER_THAN_A_STRIP)
         wide = cv2.dilate(eroded, _WIDER_THAN_A_STRIP, anchor=(0, 0))  # an even kernel's opening needs both corners
         residual = np.where(wide, residual, np.uint8(0))
@@ -269,30 +278,34 @@ class MotionTrigger:
 class Residual:
     """Motion-compensated residual of two images of one eye, in pixels `scale` times as large as the camera's.
 
-    An image is compared with what the older one had within the tolerated error of the pose, for every distance that
-    static things may have.
+    Each pixel is compared with the range of the older image within the tolerated error of the pose, for every distance
+    that static objects may have.
     """
 
-    def __init__(self, params: TriggerParams, ego: EgoMotion, then: _Past, now: _Past, scale: int) -> None:
-        self._params, self._ego, self._then, self._now, self._scale = params, ego, then, now, scale
+    def __init__(self, params: TriggerParams, ego: EgoMotion, then: _Frame, now: _Frame, scale: int) -> None:
+        self._params = params
+        self._ego = ego
+        self._then = then
+        self._now = now
+        self._scale = scale
         self._tolerance_px = params.tolerance_px / scale
         self.min_area_px = -(-params.min_area_px // scale**2)
         self._is_still = ego.is_still(then.view, now.view)
         self._levels: tuple[float, float] | None = None
 
     def __call__(self, old: Pixels, new: Pixels, box: Box) -> tuple[Box, Pixels] | None:
-        """Return the part of `box` with a residual at every distance, and the least of these residuals (grey levels);
-        None as soon as fewer than the smallest region's pixels are left."""
-        least: Pixels | None = None
+        """Return the part of `box` with a residual at every distance, and the smallest of these residuals (grey
+        levels); None as soon as fewer than the smallest region's pixels remain."""
+        smallest: Pixels | None = None
         for inverse_distance in self._inverse_distances():
             residual = self._at(old, new, inverse_distance, box)
-            least = residual if least is None else np.minimum(least, residual)
-            if np.count_nonzero(least) < self.min_area_px:
+            smallest = residual if smallest is None else np.minimum(smallest, residual)
+            if np.count_nonzero(smallest) < self.min_area_px:
                 return None
-            box, least = _shrunk(box, least)
-        if least is None or np.count_nonzero(self._without_body(least, box)) < self.min_area_px:
+            box, smallest = _shrunk(box, smallest)
+        if smallest is None or np.count_nonzero(self._without_body(smallest, box)) < self.min_area_px:
             return None
-        return _shrunk(box, least)
+        return _shrunk(box, smallest)
 
     def _inverse_distances(self) -> list[float]:
         """1/m: the room's first, then from the nearest to infinity in steps that the tolerance covers."""
@@ -302,78 +315,85 @@ class Residual:
         return [1 / ROOM_M, *(np.linspace(1 / p.near_m, 0, steps + 1) if steps else [])]
 
     def _at(self, old: Pixels, new: Pixels, inverse_distance: float, box: Box) -> Pixels:
-        """(h, w) grey levels by which each pixel of the box is brighter or darker than the older image can be at that
-        distance, 0 where that may be noise; of colour images (H, W, 3) the largest of the three channels."""
-        now = _cut(new, box)
-        then, low, high = self._range(old, inverse_distance, box)
-        exposure, threshold = self._levels = self._levels or self._measure_levels(then, now)
+        """(h, w) grey levels by which each pixel of the box lies outside the older image's range at that distance, 0
+        below the noise threshold; of colour images (H, W, 3) the largest of the three channels."""
+        pixels = _cut(new, box)
+        warped, low, high = self._range(old, inverse_distance, box)
+        if self._levels is None:
+            self._levels = self._measure_levels(warped, pixels)
+        exposure, threshold = self._levels
         if exposure:
-            now = np.clip(now - np.float32(exposure), 0, 255).astype(np.uint8)
-        beyond = cv2.max(cv2.subtract(now, high), cv2.subtract(low, now))
-        residual = np.asarray(cv2.threshold(beyond, threshold, 0, cv2.THRESH_TOZERO)[1], dtype=np.uint8)
+            pixels = np.clip(pixels - np.float32(exposure), 0, 255).astype(np.uint8)
+        difference = cv2.max(cv2.subtract(pixels, high), cv2.subtract(low, pixels))
+        residual = np.asarray(cv2.threshold(difference, threshold, 0, cv2.THRESH_TOZERO)[1], dtype=np.uint8)
         return residual if residual.ndim == 2 else most(residual)
 
     def _range(self, old: Pixels, inverse_distance: float, box: Box) -> tuple[Pixels, Pixels, Pixels]:
-        """The older image at each pixel of the box, and its darkest and brightest level within the tolerance; all
-        levels where it does not reach."""
+        """The warped older image in the box, and its darkest and brightest level within the tolerance; all levels
+        where it has no pixels."""
         m = int(np.ceil(self._tolerance_px))
         x0, y0, x1, y1 = box
-        left, top = min(m, x0), min(m, y0)
-        wide = x0 - left, y0 - top, min(x1 + m, old.shape[1]), min(y1 + m, old.shape[0])
-        seen = self._warped(old, inverse_distance, wide)
+        left = min(m, x0)
+        top = min(m, y0)
+        wide_box = (x0 - left, y0 - top, min(x1 + m, old.shape[1]), min(y1 + m, old.shape[0]))
+        warped = self._warped(old, inverse_distance, wide_box)
         kernel = masks.square(m)
-        low, high = (np.asarray(one, np.uint8) for one in (cv2.erode(seen, kernel), cv2.dilate(seen, kernel)))
-        unseen = None if self._is_still else low == 0
+        low = np.asarray(cv2.erode(warped, kernel), np.uint8)
+        high = np.asarray(cv2.dilate(warped, kernel), np.uint8)
+        unknown = None if self._is_still else low == 0
         if self._tolerance_px < m:  # a fraction of the way to the darkest or brightest neighbour
             share = self._tolerance_px / m
-            low, high = (np.asarray(cv2.addWeighted(seen, 1 - share, one, share, 0), np.uint8) for one in (low, high))
-        if unseen is not None:
-            low[unseen], high[unseen] = 0, 255
+            low = np.asarray(cv2.addWeighted(warped, 1 - share, low, share, 0), np.uint8)
+            high = np.asarray(cv2.addWeighted(warped, 1 - share, high, share, 0), np.uint8)
+        if unknown is not None:
+            low[unknown] = 0
+            high[unknown] = 255
         inside = np.s_[top : top + y1 - y0, left : left + x1 - x0]
-        return seen[inside], low[inside], high[inside]
+        return warped[inside], low[inside], high[inside]
 
     def _warped(self, old: Pixels, inverse_distance: float, box: Box) -> Pixels:
-        """The box of the older image as seen from the present view; 0 where it does not reach."""
+        """The box of the older image, warped to the present view; 0 where it has no pixels."""
         if self._is_still:
             return _cut(old, box)
         return self._ego.warp(old, self._then.view, self._now.view, inverse_distance, box)
 
     def _measure_levels(self, then: Pixels, now: Pixels) -> tuple[float, float]:
-        """How much brighter the image has become as a whole, and the change that is no noise."""
+        """Change of the exposure, and noise threshold of the residual, grey levels."""
         difference = now[::6, ::6].astype(np.int16) - then[::6, ::6]
         exposure = _median(difference)
         noise = 1.4826 * _median(np.abs(difference - exposure))  # standard deviation, from the absolute deviation
         return exposure, max(self._params.noise_factor * noise, self._params.min_contrast)
 
     def _without_body(self, residual: Pixels, box: Box) -> Pixels:
-        """The residual, 0 where the robot itself is or was: evaluated last, because it costs most."""
+        """The residual without the robot's own body, present and past; evaluated last, because it costs most."""
         step = np.s_[:: self._scale, :: self._scale]
         if self._now.body is not None:
             residual[_cut(self._now.body[step], box)] = 0
         if self._then.body is not None and self._then.body.any():
-            was = self._warped(self._then.body[step].view(np.uint8), 1 / ROOM_M, box)
-            residual[was.view(bool)] = 0
+            old_body = self._warped(self._then.body[step].view(np.uint8), 1 / ROOM_M, box)
+            residual[old_body.view(bool)] = 0
         return residual
 
 
-def _surroundings(box: Box, residual: Pixels, field: Box, least_px: int) -> list[Box]:
-    """The parts of `field`, px, around the blobs of a coarse residual (h, w) of `box`, largest first; none overlap.
-
-    A blob of fewer than `least_px` coarse pixels has none.
-    """
+def _surroundings(box: Box, residual: Pixels, field: Box, min_px: int) -> list[Box]:
+    """Disjoint parts of `field`, px, around the blobs of `min_px` or more of a coarse residual (h, w) of `box`,
+    largest first."""
     count, _, stats, _ = cv2.connectedComponentsWithStats((residual > 0).view(np.uint8))
-    k, m = _COARSE, _COLOR_MARGIN_PX
     boxes: list[Box] = []
     for x, y, w, h, area in stats[1:count].tolist():
-        if area < least_px:
+        if area < min_px:
             continue
-        left, top = max(k * (box[0] + x) - m, field[0]), max(k * (box[1] + y) - m, field[1])
-        one = left, top, min(k * (box[0] + x + w) + m, field[2]), min(k * (box[1] + y + h) + m, field[3])
-        while near := [other for other in boxes if _overlap(one, other)]:
-            boxes = [other for other in boxes if other not in near]
-            x0, y0, x1, y1 = zip(one, *near, strict=True)
-            one = min(x0), min(y0), max(x1), max(y1)
-        boxes.append(one)
+        part = (
+            max(_COARSE * (box[0] + x) - _COLOR_MARGIN_PX, field[0]),
+            max(_COARSE * (box[1] + y) - _COLOR_MARGIN_PX, field[1]),
+            min(_COARSE * (box[0] + x + w) + _COLOR_MARGIN_PX, field[2]),
+            min(_COARSE * (box[1] + y + h) + _COLOR_MARGIN_PX, field[3]),
+        )
+        while overlapping := [earlier for earlier in boxes if _overlap(part, earlier)]:
+            boxes = [earlier for earlier in boxes if earlier not in overlapping]
+            x0, y0, x1, y1 = zip(part, *overlapping, strict=True)
+            part = (min(x0), min(y0), max(x1), max(y1))
+        boxes.append(part)
     return sorted(boxes, key=lambda b: (b[0] - b[2]) * (b[3] - b[1]))
 
 
@@ -391,6 +411,6 @@ def _cut(image: NDArray[Any], box: Box) -> NDArray[Any]:
 
 
 def _shrunk(box: Box, residual: Pixels) -> tuple[Box, Pixels]:
-    """Only the rectangle around the residual."""
+    """Crop to the rectangle around the residual."""
     x, y, w, h = cv2.boundingRect(residual)
     return (box[0] + x, box[1] + y, box[0] + x + w, box[1] + y + h), residual[y : y + h, x : x + w]

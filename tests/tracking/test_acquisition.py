@@ -28,7 +28,7 @@ from tracking.background import Background
 from tracking.change import ChangeOfMovingEye, ChangeOfRestingEye
 from tracking.ego_motion import EgoMotion
 from tracking.marker import MarkerParams, find_markers
-from tracking.marker_acquisition import _holds, is_nearer_than_surroundings, moved_markers
+from tracking.marker_acquisition import _contains, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline
 from tracking.stereo import Association, CameraFrame, StereoParams, camera_frames
@@ -500,7 +500,7 @@ def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig: StereoRig, robot:
 def test_an_outline_holds_what_has_its_centre_in_its_box() -> None:
     one = Outline(np.array([15.0, 25.0]), np.eye(2), 0.1, 1e-6, (10.0, 20.0, 10.0, 8.0), 60.0, False)
     for u, v, holds in ((9, 25, 0), (10, 25, 1), (19, 25, 1), (20, 25, 0), (15, 19, 0), (15, 20, 1), (15, 28, 0)):
-        assert _holds(one, replace(one, center_px=np.array([u, v], float))) == bool(holds)
+        assert _contains(one, replace(one, center_px=np.array([u, v], float))) == bool(holds)
 
 
 def test_the_sine_of_an_angle_is_that_of_any_two_lengths() -> None:
