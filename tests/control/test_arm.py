@@ -48,15 +48,6 @@ def test_a_point_moves_as_asked_and_only_its_arm_with_it(
     assert np.quantile(deviations, 0.9) < 0.10
 
 
-def test_joints_that_rest_leave_the_motion_to_the_others(robot: Robot) -> None:
-    q, velocity, h = home(robot), np.array([0.0, 0.03, 0.0]), 1e-5
-    arm = robot.indices(robot.names.arm("left"))
-    dq = rates(robot, q, MovingPoint("left_palm", (0, 0, 0), velocity), params=ArmParams(resting=3))
-    np.testing.assert_array_equal(dq[arm[-3:]], 0.0)
-    moved = (robot.at(q + h * dq).point("left_palm") - robot.at(q).point("left_palm")) / h
-    np.testing.assert_allclose(moved, velocity, atol=1e-3)
-
-
 def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot: Robot) -> None:
     """The elbow's velocity leaves the wrist free."""
     q = home(robot)
@@ -190,26 +181,7 @@ def test_a_point_that_is_free_across_moves_along_at_full_speed(robot: Robot, fre
     assert 0.2 * dq[pitch] == pytest.approx(share * 0.02, rel=2e-3)
 
 
-def test_the_palm_slows_down_from_two_centimetres_before_its_sphere(robot: Robot) -> None:
-    """At 10 cm/s: it nears the sphere at five times the distance left per second."""
-    q, out = home(robot), np.array([0.0, 0.0, 1.0])
-    palm = robot.at(q).point("left_palm")
-    for left_m, speed in ((0.03, 0.1), (0.012, 0.06)):
-        keep_in = KeepIn("left_palm", palm - (0.1 - left_m) * out, 0.1)
-        dq = rates(robot, q, MovingPoint("left_palm", (0, 0, 0), 0.1 * out), keep_in)
-        assert (robot.at(q).jacobian("left_palm")[:3] @ dq) @ out == pytest.approx(speed, abs=2e-3)
-
-
 @pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])
 def test_a_velocity_that_is_not_finite_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="expected three finite numbers"):
         rates(robot, home(robot), MovingPoint("left_palm", (0, 0, 0), velocity))
-
-
-def test_bodies_within_ten_centimetres_are_kept_clear_of_and_those_farther_apart_not_looked_at(robot: Robot) -> None:
-    """Each row leaves half a second for what its pair is farther apart than 2.5 cm."""
-    bodies, posture = SelfCollision(robot), robot.at(home(robot))
-    every, _ = bodies.parting(posture.q_rad, 0.5, robot.indices(robot.names.arm("left")))
-    most = arm_constraints(PARAMS, posture, "left", REST, None, 0.5, bodies).most
-    np.testing.assert_allclose(0.025 + 0.5 * most, every[every < 0.1], atol=1e-6)
-    assert 0 < np.count_nonzero(every < 0.1) < np.count_nonzero(every < 0.145)

@@ -5,7 +5,6 @@ from typing import get_args
 import numpy as np
 import pytest
 from data import SEED
-from scipy.optimize import brentq
 
 from control.double_touch import (
     FINGERTIP_RADIUS_M,
@@ -15,7 +14,6 @@ from control.double_touch import (
     Infeasible,
     minimum_jerk,
 )
-from pps_vision.robot.icub import HOME_ARM_RAD, home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import SkinPart, icub_skin
 
@@ -124,59 +122,3 @@ def test_a_minimum_jerk_movement_by_hand():
     np.testing.assert_allclose(minimum_jerk([0.0, 0.25, 0.5, 1.0]), [0.0, 0.103515625, 0.5, 1.0])
     speed = (minimum_jerk(np.array([0.0, 0.5, 1.0]) + 1e-6) - minimum_jerk(np.array([0.0, 0.5, 1.0]) - 1e-6)) / 2e-6
     np.testing.assert_allclose(speed, [0.0, 1.875, 0.0], atol=1e-5)
-
-
-def test_the_fingertip_comes_down_as_a_movement_that_is_to_end_under_the_skin(robot):
-    """From 22 cm to 3 cm under the skin at 15 cm/s at most, until its ball of 1 cm touches."""
-    planner = DoubleTouching(robot, PART)
-    heights, before_s = planner._heights(np.array([0.15, 0.12]))
-    np.testing.assert_allclose(np.diff(before_s), 0.05)
-    assert before_s[0] == 0
-    np.testing.assert_allclose(heights[:, 0], FINGERTIP_RADIUS_M, atol=1e-9)
-    assert np.all(np.diff(heights, axis=1) >= 0)
-    for height, peak in zip(heights, (0.15, 0.12), strict=True):
-        assert np.diff(height).max() / 0.05 == pytest.approx(peak, rel=0.01)
-        lasts_s = 1.875 * 0.24 / peak  # 24 cm from 22 cm over the skin to 2 cm under it, where the ball's centre is
-        middle_s = np.interp(0.22 - 0.12, height, before_s)
-        assert np.interp(0.22 - 0.24 * 0.1035, height, before_s) - middle_s == pytest.approx(lasts_s / 4, abs=0.01)
-    assert heights[0, -1] == 0.22, "the faster one waits"
-    assert 0.219 < heights[1, -1] < 0.22
-
-
-def test_the_line_leads_aside_with_the_square_of_the_height(robot):
-    """On the taxel's normal at the touch, at the whole distance beside it at the start; a second point 10 cm above."""
-    planner, asides = DoubleTouching(robot, PART), np.array([[0.03, 0.04]])
-    T = robot.at(np.zeros(robot.n_joints)).T_root("left_forearm")
-    normal = T[:3, :3] @ PART.normals[0]
-    taxel = T[:3, :3] @ PART.positions_m[0] + T[:3, 3]
-    for height, aside in ((FINGERTIP_RADIUS_M, 0.0), (0.22, 0.05), (0.115, 0.05 / 4)):
-        (line,) = planner._line(0, np.array([height]), asides)
-        np.testing.assert_allclose(line[3:] - line[:3], 0.1 * normal, atol=1e-9)
-        offset = line[:3] - taxel
-        assert offset @ normal == pytest.approx(height)
-        assert np.linalg.norm(offset - height * normal) == pytest.approx(aside, abs=1e-9)
-
-
-def test_a_movement_is_judged_by_its_rates_and_distances(robot):
-    """Of arms at home, 3° in a step of 50 ms are too fast; of crossing arms, 5 mm between them are too near."""
-    planner, arms = DoubleTouching(robot, PART), np.tile([*HOME_ARM_RAD[:5], *HOME_ARM_RAD], (6, 1))
-    before_s = 0.05 * np.arange(5, -1, -1)
-    for degrees, found in ((2.9, DoubleTouch), (3.1, str)):
-        arms[-1, 6] = HOME_ARM_RAD[1] + np.deg2rad(degrees)
-        assert isinstance(planner._checked(before_s, arms), found)
-    np.testing.assert_allclose(planner._checked(before_s, 0 * arms + arms[0]).stamps_s, 0.05 * np.arange(6))
-
-    def crossing(share):
-        one = arms[0].copy()
-        one[[2, 7]] += share * np.deg2rad(60)
-        one[[3, 8]] += share * np.deg2rad(30)
-        return one
-
-    def distance_m(share):
-        q = home(robot)
-        q[planner._columns] = crossing(share)
-        return planner._self_collision.distance_m(q)
-
-    for wanted_m, found in ((0.006, DoubleTouch), (0.004, str)):
-        share = brentq(lambda share, m=wanted_m: distance_m(share) - m, 0.0, 1.0)
-        assert isinstance(planner._checked(before_s, np.tile(crossing(share), (6, 1))), found)

@@ -9,7 +9,6 @@ from eyes import fixation_point
 
 from control.fixation import FixationParams, features, fixation_error, gaze_at, step
 from control.head import gaze_columns, gaze_of
-from pps_vision.geometry.triangulation import triangulate
 from pps_vision.robot.icub import home, icub_rig, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
@@ -67,20 +66,6 @@ def test_the_interaction_matrix_is_the_published_one(robot: Robot) -> None:
     np.testing.assert_allclose([yaw[0], yaw[2], pitch[1], vergence[1], vergence[2]], 0.0, atol=1e-9)
 
 
-def test_the_interaction_matrices_are_the_features_differences(robot: Robot, rng: np.random.Generator) -> None:
-    """By all joints and by the point, also far aside, above and below."""
-    for _ in range(10):
-        q = rng.uniform(robot.lower_rad, robot.upper_rad)
-        p = robot.at(q).point("left_eye", rng.uniform([-0.4, -0.4, 0.1], [0.4, 0.4, 0.5]))
-        _, dx_dq, dx_dp = features(robot.at(q), p)
-        for column, step_rad in zip(dx_dq.T, 1e-6 * np.eye(robot.n_joints), strict=True):
-            ends = (features(robot.at(q + sign * step_rad), p)[0] for sign in (1, -1))
-            np.testing.assert_allclose(column, np.subtract(*ends) / 2e-6, atol=1e-6)
-        for column, step_m in zip(dx_dp.T, 1e-6 * np.eye(3), strict=True):
-            ends = (features(robot.at(q), p + sign * step_m)[0] for sign in (1, -1))
-            np.testing.assert_allclose(column, np.subtract(*ends) / 2e-6, atol=1e-6)
-
-
 def test_the_error_decreases_by_eight_times_itself_per_second(robot: Robot) -> None:
     """In steps of 50 ms to 60 % of itself, where no limit holds."""
     q = gaze_at(robot, home(robot), (-0.4, 0.05, 0.3))
@@ -102,8 +87,8 @@ def test_the_tilt_returns_to_zero_at_twice_itself_per_second_while_the_point_sta
 
 
 def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot: Robot, rng: np.random.Generator) -> None:
-    rig, settled = icub_rig(robot), []
-    while len(settled) < 60:
+    rig, checked = icub_rig(robot), 0
+    while checked < 60:
         p, q = fixation_point(robot.at(random_gaze(robot, rng))), random_gaze(robot, rng)
         assert p is not None
         view = rig.view(q)
@@ -115,8 +100,7 @@ def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot: Robot, r
             q = move(robot, q, step(PARAMS, robot.at(q), p, hold_s=DT).dq_rad_s)
         within = np.array(errors) < 0.5 * DEG
         assert np.all(within[30:]), "not within 0.5° from 1.5 s on"
-        settled.append(DT * (len(errors) - np.argmin(within[::-1])) if not within.all() else 0.0)
-    print(f"\nfixation: within 0.5° after {np.median(settled):.2f} s in the median, {max(settled):.2f} s at most")
+        checked += 1
 
 
 def paths(rng: np.random.Generator) -> list[Callable[[float], Array]]:
@@ -144,19 +128,7 @@ def test_a_moving_point_is_held_although_it_is_seen_one_frame_late(robot: Robot,
             for part in (0.5, 1.0):
                 worst = max(worst, fixation_error(robot.at(q + part * (q_next - q)), path(t + part * DT)))
             q = q_next
-    print(f"\n15 cm/s at 0.4 m: held within {worst / DEG:.2f}°")
     assert worst < 2 * DEG
-
-
-def test_triangulated_pixels_are_fixated(robot: Robot) -> None:
-    """Two raw, distorted pixel centres a frame, as a blob finder gives them."""
-    rig, p, q = icub_rig(robot), np.array([-0.35, -0.12, 0.2]), gaze_at(robot, home(robot), (-0.4, 0.0, 0.25))
-    for _ in range(30):
-        view = rig.view(q)
-        seen = triangulate(view, view.left.project(p), view.right.project(p), np.eye(2), np.eye(2))
-        assert seen is not None
-        q = move(robot, q, step(PARAMS, robot.at(q), seen.p_root, hold_s=DT).dq_rad_s)
-    assert fixation_error(robot.at(q), p) < 0.5 * DEG
 
 
 @pytest.mark.parametrize("frame", ["left_palm", "left_forearm"])
@@ -169,15 +141,6 @@ def test_the_arm_at_home_is_fixated_with_the_eyes_tilt(robot: Robot, frame: str)
     assert pitch == pytest.approx(-40 * DEG, abs=0.1 * DEG)
     assert tilt < -5 * DEG
     assert features(robot.at(q), p)[0][2] == pytest.approx(0.05**2 * 0.5 * -tilt / 0.8, rel=0.05), "its return"
-
-
-def test_where_the_neck_ends_the_tilt_all_but_stays(robot: Robot) -> None:
-    """It returns to zero at the share w²/(s² + w²) of its rate, with the slope s of the elevation and its weight."""
-    q = set_gaze(robot, home(robot), pitch=-40 * DEG, tilt=-8 * DEG)
-    p = fixation_point(robot.at(q))
-    slope = (features(robot.at(q), p)[1] @ gaze_columns(robot))[2, 2]
-    dq = step(PARAMS, robot.at(q), p, hold_s=DT).dq_rad_s[robot.indices(("neck_pitch", "eyes_tilt"))]
-    np.testing.assert_allclose(dq, [0.0, 0.05**2 / (slope**2 + 0.05**2) * 16 * DEG], rtol=1e-3, atol=1e-9)
 
 
 def test_the_tilt_goes_back_as_the_neck_takes_over(robot: Robot) -> None:
@@ -204,11 +167,6 @@ def test_a_point_straight_above_an_eye_has_finite_derivatives(robot: Robot) -> N
     x, dx_dq, dx_dp = features(posture, posture.point("left_eye", (0.0, -0.3, 0.0)))
     assert np.isfinite(x).all()
     assert max(np.abs(dx_dq).max(), np.abs(dx_dp).max()) < 1e7
-
-
-def test_gaze_at_ends_on_the_point(robot: Robot) -> None:
-    p = np.array([-0.4, 0.1, 0.3])
-    assert fixation_error(robot.at(gaze_at(robot, home(robot), p)), p) < 1e-7
 
 
 def test_a_joint_may_reach_its_limit_in_one_step(robot: Robot) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.head import HeadLimits, gaze_columns, gaze_of, gaze_range
+from control.head import gaze_columns, gaze_of, gaze_range
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import home, set_gaze
 from pps_vision.robot.model import Robot
@@ -48,7 +48,3 @@ def test_js_range_ends_at_the_robots(robot: Robot) -> None:
     q = set_gaze(robot, np.zeros(robot.n_joints), version=49 * DEG, vergence=0.0)
     lower, upper = gaze_range(GazeLimits(), robot.at(q))
     np.testing.assert_allclose([lower[3] / DEG, upper[3] / DEG], [2, 2])
-
-
-def test_vergence_may_change_twice_as_fast_as_an_eye_turns() -> None:
-    np.testing.assert_allclose(HeadLimits().max_rate / DEG, [60, 60, 180, 360])

@@ -64,22 +64,6 @@ def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
     assert np.linalg.norm(goal) <= smallest + np.deg2rad(4)
 
 
-def test_the_limits_themselves_are_tried():
-    """A torso with one posture that reaches: at its upper limits, where a map says so of nothing else."""
-    robot_limit = ROBOT.upper_rad[TORSO]
-    spacing = (ROBOT.upper_rad[TORSO] - ROBOT.lower_rad[TORSO])[0] / 8
-
-    def only_at_the_limit(gaze):
-        reaches = np.zeros(len(gaze), dtype=bool)
-        reaches[-1] = True  # postures are tried from the lower to the upper limits
-        return reaches
-
-    params = LeanParams(torso_rad_s=10.0, spacing_rad=spacing)
-    status, command = lean.step(params, MODEL, LIMITS, only_at_the_limit, ROBOT.at(START), ASIDE, 0.5, 3.0)
-    assert status == "leaning"
-    assert command.dq_rad_s[TORSO][0] * 0.5 == pytest.approx(robot_limit[0] - START[TORSO][0], abs=1e-6)
-
-
 def test_the_last_step_does_not_pass_the_goal():
     """However fast the torso, held to its end the command ends where the object is reachable, within the limits."""
     status, command = step(START, ASIDE, hold_s=0.5, params=AT_ONCE)
@@ -131,22 +115,3 @@ def test_the_torso_stands_up_straight_and_then_rests():
     np.testing.assert_allclose(directions, np.tile(np.array([12.0, -8.0]) / np.hypot(12, 8), (10, 1)), atol=1e-6)
     assert np.linalg.norm(q[TORSO] - home) < np.deg2rad(0.1)
     assert not lean.upright(PARAMS, ROBOT.at(q), home, DT, 3.0).dq_rad_s.any()
-
-
-@pytest.mark.parametrize(("off_deg", "turns"), [(0.08, False), (0.12, True)])
-def test_a_tenth_of_a_degree_from_upright_is_upright(off_deg, turns):
-    q = START.copy()
-    q[TORSO[0]] += np.deg2rad(off_deg)
-    assert lean.upright(PARAMS, ROBOT.at(q), START[TORSO], DT, 3.0).dq_rad_s.any() == turns
-
-
-def test_torso_postures_four_degrees_apart_are_looked_at():
-    """From the lower limits on: 30 yaws between ±59°, 27 pitches between −22° and 84°, and the present posture."""
-    asked = []
-
-    def nowhere(gaze):
-        asked.append(len(gaze))
-        return np.zeros(len(gaze), dtype=bool)
-
-    lean.step(PARAMS, MODEL, LIMITS, nowhere, ROBOT.at(START), ASIDE, DT, 3.0)
-    assert asked == [1 + 30 * 27]

@@ -94,16 +94,6 @@ def test_impossible_limits_are_refused(change: dict[str, float]) -> None:
         replace(PARAMS, **change)
 
 
-def test_slow_joints_and_bodies_that_may_touch_are_possible(robot: Robot, bodies: SelfCollision) -> None:
-    """An arm beside the chest comes nearer than 2 cm where no distance is asked for, at 0.05 rad/s."""
-    params = LimitParams(joint_rad_s=0.05, eyes_rad_s=0.04, speed_up_s=0.2, clearance_m=0.0)
-    q = near_the_chest(robot, bodies, 0.0205)
-    inwards = towards_the_chest(robot, q)
-    held = limit(params, bodies, robot.at(q), JointVelocity(0.0, inwards, HOLD_S)).dq_rad_s
-    np.testing.assert_allclose(held, 0.05 / np.abs(inwards).max() * inwards, atol=1e-12)
-    assert bodies.distance_m(q + HOLD_S * held) < 0.0204
-
-
 @pytest.mark.parametrize("outside_rad", [0.0, 0.3])
 @pytest.mark.parametrize("hold_s", [0.02, 0.5])
 def test_from_any_start_joints_and_rates_keep_their_limits_while_a_command_is_held(
@@ -200,24 +190,6 @@ def test_a_joint_that_was_pushed_to_its_limit_does_not_brake_beyond(robot: Robot
     assert held.dq_rad_s[yaw] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("name", "fastest"), [("eyes_tilt", 180), ("right_eye_pan", 180), ("neck_roll", 60), ("torso_yaw", 60)]
-)
-def test_eyes_are_faster_than_the_other_joints(robot: Robot, bodies: SelfCollision, name: str, fastest: float) -> None:
-    held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, hold_s=0.1, **{name: -9.0}))
-    assert held.dq_rad_s[robot.indices((name,))] == pytest.approx(-np.deg2rad(fastest))
-
-
-def test_joints_stop_a_rounding_error_before_their_limits(robot: Robot, bodies: SelfCollision) -> None:
-    (yaw,) = robot.indices(("neck_yaw",))
-    for limit_rad, towards in ((robot.upper_rad[yaw], 1.0), (robot.lower_rad[yaw], -1.0)):
-        q = home(robot)
-        q[yaw] = limit_rad - 0.01 * towards
-        held = limit(PARAMS, bodies, robot.at(q), command(robot, neck_yaw=towards))
-        left = towards * (limit_rad - q[yaw] - HOLD_S * held.dq_rad_s[yaw])
-        assert left == pytest.approx(1e-9, rel=0.01)
-
-
 def test_braking_ends_where_the_last_command_would_have(robot: Robot, bodies: SelfCollision) -> None:
     """Turned back in full flight just before its limit, the joint stops in front of it."""
     (yaw,) = robot.indices(("neck_yaw",))
@@ -289,23 +261,6 @@ def near_the_chest(robot: Robot, bodies: SelfCollision, distance_m: float) -> Ar
     return q
 
 
-@pytest.mark.parametrize("start_m", [0.019, 0.010])
-def test_from_a_start_that_is_too_near_the_distance_never_shrinks(
-    robot: Robot, rng: np.random.Generator, bodies: SelfCollision, start_m: float
-) -> None:
-    start = near_the_chest(robot, bodies, start_m)
-    inwards = towards_the_chest(robot, start)
-    arm = robot.indices(robot.names.arm("left"))
-    grown = 0
-    for k in range(40):
-        dq = (-1) ** k * inwards
-        dq[arm] += 0.1 * rng.standard_normal(7)
-        held = limit(PARAMS, bodies, robot.at(start), JointVelocity(0.0, dq, HOLD_S))
-        assert smallest_distance(bodies, start, held) >= bodies.distance_m(start) - 2e-6
-        grown += bodies.distance_m(start + HOLD_S * held.dq_rad_s) > bodies.distance_m(start) + 1e-3
-    assert grown >= 10
-
-
 def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot: Robot, bodies: SelfCollision) -> None:
     """Nothing can be proven free; the way of the last command was."""
 
@@ -352,15 +307,6 @@ def test_bodies_that_overlap_do_not_come_nearer(robot: Robot, bodies: SelfCollis
     assert held.dq_rad_s[~bodies.moving].any()
 
 
-@pytest.mark.parametrize("joint", ["torso_yaw", "torso_pitch"])
-def test_the_torso_carries_an_arm_that_is_too_near_the_chest(robot: Robot, bodies: SelfCollision, joint: str) -> None:
-    """Hanging arms are 19.1 mm from the chest, whatever the torso does."""
-    q = np.zeros(robot.n_joints)
-    assert bodies.distance_m(q) == pytest.approx(0.0191, abs=1e-4)
-    held = limit(PARAMS, bodies, robot.at(q), command(robot, **{joint: 0.1}))
-    assert held.dq_rad_s[robot.indices((joint,))] == pytest.approx(0.1)
-
-
 def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot: Robot, bodies: SelfCollision) -> None:
     """The way of the last command is no longer free, so the distance goes before the acceleration limit."""
     q = near_the_chest(robot, bodies, 0.0205)
@@ -368,10 +314,3 @@ def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot: Robot, bo
     held = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.001, last.dq_rad_s, HOLD_S), last)
     assert smallest_distance(bodies, q, held) >= 0.02 - 2e-6
     assert np.abs(held.dq_rad_s).max() < 0.1 * np.abs(last.dq_rad_s).max()
-
-
-def test_a_torso_too_may_not_bring_an_arm_nearer(robot: Robot, bodies: SelfCollision) -> None:
-    q = np.zeros(robot.n_joints)
-    q[robot.indices(("left_elbow", "right_elbow"))] = 0.1
-    held = limit(PARAMS, bodies, robot.at(q), command(robot, torso_pitch=-0.5))
-    assert smallest_distance(bodies, q, held) >= min(0.02, bodies.distance_m(q)) - 2e-6

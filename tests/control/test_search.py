@@ -5,7 +5,7 @@ import pytest
 
 from control.fixation import gaze_at
 from control.head import gaze_of
-from control.search import SearchParams, SearchState, _grid, step
+from control.search import SearchParams, SearchState, step
 from pps_vision.app.pipeline import PipelineParams
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import home, icub_rig, set_gaze
@@ -54,13 +54,11 @@ def test_whatever_can_be_fixated_is_in_view_of_both_eyes_in_time(
     gaze = rng.uniform([-55, pitch_deg[0], 5], [55, pitch_deg[1], vergence_deg], (500, 3)) * DEG
     points, seen = fixation_points(robot, gaze), np.zeros(500, bool)
     q = set_gaze(robot, home(robot), yaw=start[0] * DEG, pitch=start[1] * DEG, vergence=start[2] * DEG)
-    rig, seen_within = icub_rig(robot), []
+    rig = icub_rig(robot)
     for q_now in looked(robot, q, int(within_s / DT), params=SearchParams())[::2]:
         view = rig.view(q_now)
         pixels = [eye.project(points) for eye in (view.left, view.right)]
         seen |= np.logical_and.reduce([((px >= 0) & (px <= (319, 239))).all(axis=1) for px in pixels])
-        seen_within.append(int(seen.sum()))
-    print(f"\ncovering search: all of 500 points seen after {2 * DT * (seen_within.index(500) + 1):.1f} s")
     assert seen.all()
 
 
@@ -97,12 +95,6 @@ def test_held_for_half_a_second_no_joint_leaves_its_limits(robot: Robot) -> None
         assert command.hold_s == 0.5
     assert np.all((np.array(ends) >= robot.lower_rad - 1e-9) & (np.array(ends) <= robot.upper_rad + 1e-9))
     assert np.max(ends, axis=0)[robot.indices(("neck_yaw",))] == pytest.approx(55 * DEG)
-
-
-def test_equal_seeds_give_equal_searches(robot: Robot) -> None:
-    q = home(robot)
-    np.testing.assert_array_equal(look_around(robot, q, 50, seed=3), look_around(robot, q, 50, seed=3))
-    assert not np.allclose(look_around(robot, q, 50, seed=3), look_around(robot, q, 50, seed=4))
 
 
 @pytest.mark.parametrize("spacing", [(0.0, 0.1), (0.1, -0.1), (float("nan"), 0.1)])
@@ -156,11 +148,3 @@ def test_neck_and_eyes_turn_by_thirty_degrees_a_second_at_most(robot: Robot) -> 
     goal = gaze_of(posture) + np.array([20.0, 20.0, 10.0, 20.0]) * DEG
     dq = step(RANDOM, SearchState(goal, goal), posture, DT, np.random.default_rng(0))[1].dq_rad_s
     np.testing.assert_allclose(dq[robot.indices(robot.names.gaze_joints)] / DEG, [30, 30, 30, 30, -30])
-
-
-def test_a_head_that_does_not_yaw_looks_up_and_down(robot: Robot) -> None:
-    """One column of four gazes."""
-    lower, upper = np.deg2rad([10.0, -40, -35, 5]), np.deg2rad([10.0, 30, 15, 90])
-    goals = np.rad2deg(_grid(SearchParams(), np.deg2rad(20), lower, upper))
-    np.testing.assert_allclose(goals[:, 0], 10.0)
-    np.testing.assert_allclose(goals[:, 1] + goals[:, 2], [-60, -30, 0, 30], atol=1e-9)

@@ -42,15 +42,6 @@ def test_bearings_undo_the_projection(camera: Camera, rng: np.random.Generator) 
 
 
 @CAMERAS
-def test_the_gradients_are_the_slopes_of_project(camera: Camera, rng: np.random.Generator) -> None:
-    for point in points_in_view(camera, rng, 20):
-        h = 1e-6
-        slopes = [(camera.project(point + h * e) - camera.project(point - h * e)) / (2 * h) for e in np.eye(3)]
-        found = camera.project_linearised(*point)[2:]
-        np.testing.assert_allclose(found, np.column_stack(slopes), rtol=1e-5, atol=1e-4)
-
-
-@CAMERAS
 def test_pixel_and_slope_at_once_are_those_of_either(camera: Camera, rng: np.random.Generator) -> None:
     for point in points_in_view(camera, rng, 20):
         *pixel, of_u, of_v = camera.project_linearised(*point.tolist())
@@ -104,12 +95,6 @@ def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(
     assert np.all(np.diff(u[seen]) > 0)
 
 
-def test_bearing_map_looks_where_bearings_do() -> None:
-    rays = LEFT_EYE.bearing_map
-    assert rays.shape == (240, 320, 3)
-    np.testing.assert_allclose(rays[17, 230], LEFT_EYE.bearings([230.0, 17.0]), atol=1e-12)
-
-
 def test_solid_angles_add_up_to_the_pyramid_the_image_spans() -> None:
     """A pinhole's image covers 4·asin(sin α·sin β) sr, the half angles to its edges."""
     camera = Camera(301, 201, 220.0, 220.0, 150.0, 100.0)
@@ -140,11 +125,6 @@ def test_a_camera_without_extent_or_focal_length_is_refused(change: dict[str, fl
     arguments = {"width": 320, "height": 240, "fx": 220.0, "fy": 220.0, "cx": 160.0, "cy": 120.0} | change
     with pytest.raises(ValueError, match="expected positive numbers"):
         Camera(**arguments)  # type: ignore[arg-type]
-
-
-def test_the_camera_matrix_maps_what_the_pinhole_projects() -> None:
-    x, y = 0.2, -0.1
-    np.testing.assert_allclose(PINHOLE.K @ [x, y, 1.0], [*PINHOLE.project([2 * x, 2 * y, 2.0]), 1.0], atol=1e-12)
 
 
 def test_a_reduced_image_is_the_mean_of_whole_blocks() -> None:
@@ -207,14 +187,10 @@ def test_a_camera_looks_at_more_than_a_hundredth_of_a_radian() -> None:
         {"cx": 1e9},
         {"distortion": (1e9, 0.0, 0.0, 0.0, 0.0)},
         {"distortion": (0.0, 0.0, 0.0, 0.0, 1e308)},
+        {"distortion": (1e200, 0.0, 0.0, 0.0, 0.0)},
         {"distortion": (-0.1892, 0.1864, 0.0435, 0.0185, -0.0796)},  # inverted to 5 px
         {"distortion": (-1.0, 0.0, 0.0, 0.0, 0.0)},  # folds back at tan² = 1/3; the corner is at tan² = 0.82
     ],
 )
 def test_a_camera_that_cannot_be_is_not(change: dict) -> None:
     assert not replace(PINHOLE, **change).is_usable()
-
-
-@pytest.mark.parametrize("distortion", [(1e200, 0.0, 0.0, 0.0, 0.0), (1e308, 1e308, 1e308, 1e308, 1e308)])
-def test_a_lens_beyond_any_number_is_not_usable(distortion: tuple[float, float, float, float, float]) -> None:
-    assert not replace(PINHOLE, distortion=distortion).is_usable()

@@ -8,8 +8,7 @@ from eyes import fixation_point
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
-from pps_vision.geometry.triangulation import midpoint
-from pps_vision.robot.gaze import GazeLimits, GazeModel, _meeting_points, fixation_points, gaze_for_points
+from pps_vision.robot.gaze import GazeLimits, GazeModel, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub, set_gaze
 from pps_vision.robot.model import FrameNames, Robot
 
@@ -39,32 +38,10 @@ def test_batch_and_posture_agree_and_both_eyes_look_there():
             assert z > 0
 
 
-def test_axes_meet_where_triangulation_says():
-    """Random axes, skew, and some that are nearest behind one origin or both."""
-    rng = np.random.default_rng(0)
-    (c_left, a_left), (c_right, a_right) = rng.normal(size=(2, 2, 200, 3))
-    for a in (a_left, a_right):
-        a /= np.linalg.norm(a, axis=1, keepdims=True)
-    found = _meeting_points(c_left, a_left, c_right, a_right)
-    expected = [midpoint(*axes) for axes in zip(c_left, a_left, c_right, a_right, strict=True)]
-    assert {point is None for point in expected} == {True, False}
-    np.testing.assert_allclose(found, [np.full(3, np.nan) if one is None else one for one in expected], atol=1e-9)
-
-
 @pytest.mark.parametrize("vergence_deg", [0.0, -10.0])
 def test_eyes_that_do_not_converge_fixate_nothing(vergence_deg):
     vergence = np.deg2rad(vergence_deg)
     assert np.isnan(fixation_points(ROBOT, [[0, 0, vergence]])).all()
-
-
-@pytest.mark.parametrize(("vergence", "meets"), [(1e-5, True), (1e-7, False)])
-def test_axes_that_are_nearly_parallel(vergence, meets):
-    """At 1e-5 rad they meet 6.8 km ahead; below, rounding would decide where."""
-    point = fixation_points(ROBOT, [[0, 0, vergence]])[0]
-    if meets:
-        np.testing.assert_allclose(-point[0], 0.068 / vergence, rtol=1e-3)
-    else:
-        assert np.isnan(point).all()
 
 
 @pytest.mark.parametrize("limits", [GazeLimits(), GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))])
@@ -82,18 +59,6 @@ def test_the_corners_of_the_limits_are_within_them_and_just_beyond_is_not():
     for axis in 1e-6 * np.eye(3):
         outwards = np.where(corners == limits.lower, corners - axis, corners + axis)
         assert np.isnan(gaze_for_points(ROBOT, fixation_points(ROBOT, outwards))).all()
-
-
-@pytest.mark.parametrize(
-    ("axis", "lowest_deg", "highest_deg"), [(0, -55, 55), (1, -40, 40), (2, 5, 90)], ids=["yaw", "pitch", "vergence"]
-)
-def test_the_default_limits_are_js(axis, lowest_deg, highest_deg):
-    """A tenth of a degree within them there is a gaze, a tenth beyond them there is none."""
-    for end_deg, inwards in ((lowest_deg, 0.1), (highest_deg, -0.1)):
-        for aside, is_within in ((inwards, True), (-inwards, False)):
-            gaze = np.deg2rad([[10.0, -10.0, 20.0]])
-            gaze[0, axis] = np.deg2rad(end_deg + aside)
-            assert np.isfinite(gaze_for_points(ROBOT, fixation_points(ROBOT, gaze))).all() == is_within
 
 
 def test_closed_form_and_least_squares_agree_everywhere_around_the_robot():

@@ -105,13 +105,6 @@ def test_bodies_are_the_urdfs_visuals_in_their_own_links(tmp_path: Path) -> None
     assert body.color == pytest.approx((0.0, 1.0, 0.0), abs=0.01)
 
 
-def test_the_icubs_bodies_are_spheres_cylinders_and_boxes_on_known_frames(icub: Robot) -> None:
-    assert {body.shape for body in icub.bodies} == {"sphere", "cylinder", "box"}
-    assert all(body.frame in icub.frame_ids and min(body.size_m) > 0 for body in icub.bodies)
-    n_sizes = {"sphere": 1, "cylinder": 2, "box": 3}
-    assert all(len(body.size_m) == n_sizes[body.shape] for body in icub.bodies)
-
-
 def test_bodies_have_the_sizes_that_the_urdf_gives_them(icub: Robot) -> None:
     """Radius and whole length of a cylinder, radius of a sphere, sides of a box."""
     sizes = {body.name: body.size_m for body in icub.bodies}
@@ -130,12 +123,6 @@ def test_a_posture_keeps_its_own_numbers(icub: Robot) -> None:
     for frozen in (posture.q_rad, icub.lower_rad, icub.upper_rad):
         with pytest.raises(ValueError, match="read-only"):
             frozen[0] = 0.0
-
-
-def test_a_point_array_is_moved_as_a_whole(icub: Robot) -> None:
-    posture = icub.at(np.full(icub.n_joints, 0.1))
-    points = np.random.default_rng(0).normal(size=(4, 2, 3))
-    np.testing.assert_allclose(posture.point("head", points)[3, 1], posture.point("head", points[3, 1]))
 
 
 def test_clamp_stays_within_the_limits(icub: Robot) -> None:

@@ -84,19 +84,6 @@ def test_the_map_of_the_arm_holds_for_where_its_hand_has_been(tmp_path: Path) ->
     assert learned.query(anywhere[too_far]).reachable.mean() < 0.05
 
 
-def test_gaze_of_fixed_cameras_is_the_direction_from_their_middle() -> None:
-    """Of a point 0.5 m ahead, 0.1 m to the left and 0.2 m up, in the axes of the cameras, by trigonometry."""
-    robot = SETUP.robot
-    T, other = robot.eye_poses(SETUP.home_rad)
-    middle = 0.5 * (T[:3, 3] + other[:3, 3])
-    point = middle + T[:3, :3] @ [-0.1, -0.2, 0.5]
-    (gaze,) = GazeModel(robot).gaze(point[None])
-    distance = np.sqrt(0.1**2 + 0.2**2 + 0.5**2)
-    expected = np.arctan2(0.1, np.hypot(0.2, 0.5)), np.arctan2(0.2, 0.5), 2 * np.arctan2(0.035, distance)
-    np.testing.assert_allclose(gaze, expected, atol=1e-9)
-    np.testing.assert_allclose(GazeModel(robot).points(gaze[None])[0], point, atol=1e-9)
-
-
 ICUB = """
 urdf = "{urdf}"
 skin = "skin.csv"

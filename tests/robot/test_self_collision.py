@@ -1,15 +1,12 @@
 """Self-collision distances against surface points and closed-form distance functions of the bodies."""
 
-from collections.abc import Mapping
-from itertools import combinations
-
 import numpy as np
 import pytest
 
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.model import Body
-from pps_vision.robot.self_collision import SelfCollision, _lowest, _smallest_squared
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.types import Array
 
 ROBOT = load_icub()
@@ -105,10 +102,6 @@ def test_distances_are_those_of_the_bodies_surfaces():
     assert np.all(distances[~apart] < 0)
 
 
-def test_crossed_forearms_overlap():
-    assert SelfCollision(ROBOT).distance_m(crossed_arms()) < 0 < SelfCollision(ROBOT).distance_m(home(ROBOT))
-
-
 @pytest.mark.parametrize("roll_deg", [0.0, 45.0])
 def test_adjacent_bodies_are_not_compared(roll_deg: float):
     """An arm that hangs down is near the chest by construction, not by collision."""
@@ -184,25 +177,6 @@ def _distances(bodies: SelfCollision, q: Array) -> Array:
     return np.array([result.min_distance for result in bodies._distances.distanceResults])
 
 
-def test_what_parts_and_what_is_free_both_bound_the_clear_share():
-    """A hanging arm near the chest turns its elbow: the pair that is near is clear for a quarter of the way, the others
-    for half of that."""
-    shortened = []
-
-    class Half(SelfCollision):
-        def _leaving_share(self, q_rad: Array, change_rad: Array, least: Mapping[int, float]) -> float:
-            return 0.25
-
-        def _free_share(self, q_rad: Array, change_rad: Array, least: float, d0: float) -> float:
-            shortened.append(change_rad)
-            return 0.5
-
-    change = np.zeros(ROBOT.n_joints)
-    change[ROBOT.indices(("left_elbow",))] = 0.05
-    assert Half(ROBOT).clear_share(np.zeros(ROBOT.n_joints), change, 0.02) == 0.125
-    np.testing.assert_array_equal(shortened, [0.25 * change])
-
-
 def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
     """Hanging arms, 19.1 mm from the chest: what is carried along does not count, what turns does."""
     bodies, q = SelfCollision(ROBOT), np.zeros(ROBOT.n_joints)
@@ -213,37 +187,6 @@ def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
         change = np.zeros(ROBOT.n_joints)
         change[ROBOT.indices((joint,))] = -0.05 if joint == "left_elbow" else 0.05
         assert (bodies.clear_share(q, change, 0.02) > 0.9) == clear, joint
-
-
-def test_the_lowest_point_of_a_parabola():
-    rng, y = np.random.default_rng(8), np.linspace(0, 1, 10001)
-    for _ in range(50):
-        s0, s1, bend = rng.normal(), rng.normal(), rng.choice([0.0, 1.0, 10.0])
-        expected = np.min(s0 + (s1 - s0) * y - 0.5 * bend * y * (1 - y))
-        assert _lowest(np.array([s0]), np.array([s1]), np.array([bend]))[0] == pytest.approx(expected, abs=1e-6)
-
-
-def test_two_points_that_pass_straight_are_as_near_as_bounded():
-    for nearest, v, begin, end in ((0.02, 0.3, -0.04, 0.1), (0.001, 1.0, -0.5, 0.2), (0.05, 0.01, -1.0, 1.0)):
-        d0, d1 = (np.hypot(nearest, v * t) for t in (begin, end))
-        assert _smallest_squared(d0, d1, end - begin, v, 0.0) == pytest.approx(nearest**2)
-    # curved, by hand: w² = 0.1² + 0.02 (0.3 + 0.1·2 + 0.25·0.02·2²) = 0.0204, nearest in the middle of 2
-    assert _smallest_squared(0.3, 0.3, 2.0, 0.1, 0.02) == pytest.approx(0.09 - 0.0204)
-    d0, d1 = np.hypot(0.02, 0.03), np.hypot(0.02, 0.06)  # leaving: the nearest is the start
-    assert _smallest_squared(d0, d1, 0.1, 0.3, 0.0) == pytest.approx(d0**2)
-
-
-def test_two_points_on_curved_paths_are_no_nearer_than_bounded():
-    """Relative paths with the largest speed and acceleration that the bound is told, from seven starts to as many
-    ends; the bound uses the speed at the nearest point."""
-    rng, t = np.random.default_rng(6), np.linspace(0, 1, 401)
-    for _ in range(500):
-        r, v, a = (rng.standard_normal((3, 1)) * scale for scale in (0.05, 0.2, rng.choice([0.1, 1.0])))
-        distance = np.linalg.norm(r + v * t + 0.5 * a * t**2, axis=0)
-        speed = np.linalg.norm(v + a * t, axis=0).max()
-        for i, j in combinations(range(0, 401, 80), 2):
-            bound = _smallest_squared(distance[i], distance[j], t[j] - t[i], speed, float(np.linalg.norm(a)))
-            assert bound <= distance[i : j + 1].min() ** 2 + 1e-6
 
 
 def test_what_moves_no_body_is_clear_and_what_overlaps_is_not():
@@ -257,17 +200,3 @@ def test_what_moves_no_body_is_clear_and_what_overlaps_is_not():
         *ROBOT.names.gaze_joints,
         "neck_roll",
     }
-
-
-def test_levers_bound_the_distance_of_every_surface_point_from_the_joints_that_move_it():
-    rng, bodies = np.random.default_rng(5), SelfCollision(ROBOT)
-    lever, farthest = bodies._lever_m, np.zeros(ROBOT.n_joints)
-    for _ in range(30):
-        posture = ROBOT.at(rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad))
-        for body in ROBOT.bodies:
-            points = move_points(posture.T_root(body.frame) @ body.T_frame_body, surface(body))
-            for joint in ROBOT.indices(ROBOT.moving(body.frame)):
-                origin = posture._data.oMi[joint + 1].translation
-                farthest[joint] = max(farthest[joint], np.linalg.norm(points - origin, axis=1).max())
-    assert np.all(farthest <= lever + 1e-9)
-    assert np.all(farthest[bodies.moving] > 0.5 * lever[bodies.moving])

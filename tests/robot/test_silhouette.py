@@ -7,7 +7,7 @@ from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import LEFT_EYE, home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.model import Body
-from pps_vision.robot.silhouette import Silhouette, _hull_points
+from pps_vision.robot.silhouette import Silhouette
 
 
 def _hits(body: Body, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
@@ -59,20 +59,6 @@ def test_a_single_body_covers_what_rays_into_it_hit(shape: str, size: tuple[floa
     assert np.count_nonzero(true & ~said) < 0.02 * true.sum()
 
 
-@pytest.mark.parametrize("axis", [0, 1], ids=["u", "v"])
-@pytest.mark.parametrize(("first_px", "last_px", "masked"), [(-50, 0.4, [0]), (319.4, 350, [319]), (-50, -0.6, [])])
-def test_a_body_that_ends_at_the_images_edge(first_px: float, last_px: float, masked: list[int], axis: int) -> None:
-    """A sheet before a camera of 240 px at 0.7 m, from one pixel to another along one axis."""
-    first_m, last_m = ((px - 159.5) * 0.7 / 240 for px in (first_px, last_px))
-    pose, size = np.eye(4), np.array([0.2, 0.2, 1e-6])
-    pose[axis, 3], pose[2, 3], size[axis] = 0.5 * (first_m + last_m), 0.7, last_m - first_m
-    robot = load_icub()
-    robot.__dict__["bodies"] = (Body("one", "root", "box", tuple(size), pose, (0.0, 0.0, 0.0)),)
-    view = View(Camera(320, 320, 240.0, 240.0, 159.5, 159.5), np.eye(4))
-    mask = Silhouette(robot, margin_px=0)(home(robot), view)
-    np.testing.assert_array_equal(np.flatnonzero(mask.any(axis=axis)), masked)
-
-
 @pytest.mark.parametrize(("margin", "wider_px"), [({"margin_px": 0}, 0), ({"margin_px": 1}, 1), ({}, 4)])
 def test_the_margin_widens_the_body_by_as_many_pixels(margin: dict[str, int], wider_px: int) -> None:
     """A sheet before a camera of 240 px at 0.7 m that covers 20 × 10 pixels."""
@@ -97,11 +83,3 @@ def test_a_view_away_from_the_body_is_free() -> None:
 def test_bad_margin_is_named() -> None:
     with pytest.raises(ValueError, match="margin -1"):
         Silhouette(load_icub(), margin_px=-1)
-
-
-def test_a_ball_s_hull_lies_just_outside_of_it() -> None:
-    points = _hull_points(Body("one", "root", "sphere", (0.1,), np.eye(4), (0.0, 0.0, 0.0)))
-    from_center = np.linalg.norm(points, axis=1)
-    assert from_center.min() > 0.1
-    assert from_center.max() < 0.11
-    np.testing.assert_allclose(points.mean(axis=0), 0, atol=1e-12)

@@ -49,17 +49,6 @@ def test_the_batch_against_the_closed_form():
     assert np.isnan(found.quality[~found.reachable]).all()
 
 
-def test_the_best_posture_of_all_starts_is_kept():
-    points, starts = problems(60, 2)
-    both, *single = (
-        two_stage(CHAIN.positions, points, some, LOWER, UPPER, EFFORT) for some in (starts, starts[:1], starts[1:])
-    )
-    best = np.fmax(single[0].quality, single[1].quality)
-    np.testing.assert_array_equal(both.quality, best)
-    assert (single[0].quality > single[1].quality + 1e-6).any()
-    assert (single[1].quality > single[0].quality + 1e-6).any()
-
-
 def test_what_does_not_converge_is_not_called_reachable():
     points, starts = problems(200, 1)
     hasty = TwoStageParams(reach=IKParams(tolerance=1e-4, max_steps=1))
@@ -83,16 +72,3 @@ def test_the_best_of_what_stages_give_by_hand():
     np.testing.assert_allclose(found.error, [0.01, 1.0, 0.06])
     np.testing.assert_array_equal(found.reachable, [True, False, True])
     np.testing.assert_allclose(found.quality, [0.3, np.nan, -5.0])
-
-
-def test_the_first_stage_takes_a_hundred_steps_and_gives_up_below_three_ten_thousandths():
-    """Each step takes a tenth of what is left: of 20 m, at 0.1 m/rad, or of 1 m, at 1 m/rad."""
-    for slope, target, left in (
-        (0.1, 20.0, 20 * 0.9**100),
-        (1.0, 1.0, 0.9 ** (1 + np.ceil(np.log(3e-3) / np.log(0.9)))),
-    ):
-        forward = lambda q, s=slope: (s * q, np.full((*q.shape, 1), 10 * s))  # noqa: E731
-        wide = np.array([1e6])
-        found = two_stage(forward, np.array([[target]]), np.zeros((1, 1, 1)), -wide, wide, lambda q, J: q[:, 0])
-        np.testing.assert_allclose(found.error, left, rtol=2e-3)
-        assert not found.reachable
