@@ -14,7 +14,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording, Touch
 from pps_vision.robot.icub import icub_setup
-from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Mask
 from tracking import Mode

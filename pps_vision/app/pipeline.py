@@ -30,8 +30,8 @@ from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.self_collision import SelfCollision
-from pps_vision.robot.setup import RobotSetup
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Activation, Array, JointVelocity, Mask, Reachability, StereoFrame, TaxelEvents, Track3D
 from tracking import kalman

@@ -20,7 +20,7 @@ from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.robot_file import robot_setup
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.model import Robot
-from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.skin import touched_taxels
 from pps_vision.types import Array
 from rendering.eyes import Eyes

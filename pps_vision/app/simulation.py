@@ -24,7 +24,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.model import Posture, Robot
-from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
 from pps_vision.types import Array, Mask, Reachability, Status, StereoFrame

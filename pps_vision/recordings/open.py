@@ -17,7 +17,7 @@ from pps_vision.recordings import MAX_SKEW_S, formats
 from pps_vision.recordings.recording import Recording, Source
 
 if TYPE_CHECKING:
-    from pps_vision.robot.setup import RobotSetup
+    from pps_vision.robot.robot_setup import RobotSetup
 
 
 def open_recording(

@@ -17,7 +17,7 @@ from pps_vision.types import StereoFrame, Truth
 
 if TYPE_CHECKING:  # kinematics take 0.2 s to load, and are not installed where there is only tracking
     from pps_vision.robot.model import Robot
-    from pps_vision.robot.setup import RobotSetup
+    from pps_vision.robot.robot_setup import RobotSetup
 
 Pair = tuple[ImageFile, ImageFile]
 FileT = TypeVar("FileT", bound=ImageFile)

@@ -31,7 +31,7 @@ from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.skin_file import read_skin
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, icub_setup
 from pps_vision.robot.model import FrameNames, Robot
-from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.types import Array
 
 _FILES = ("urdf", "skin", "cameras")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pps_vision.recordings.icub_eyes import write_icub_eyes
 from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.recordings.tables import write_truth
-from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.types import StereoFrame, Truth
 
 _IMAGES = ("cam/left", "cam/right")

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.model import FrameNames, Robot
-from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array
 

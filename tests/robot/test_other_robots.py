@@ -20,8 +20,8 @@ from pps_vision.recordings.skin_file import read_skin
 from pps_vision.robot.gaze import GazeModel
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.model import FrameNames, Robot
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.self_collision import SelfCollision
-from pps_vision.robot.setup import RobotSetup
 
 ARM7 = Path(__file__).parents[1] / "arm7" / "robot.toml"
 SETUP = read_robot(ARM7)

@@ -32,7 +32,7 @@ from pps_vision.recordings.video import open_video
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import home, icub_setup, load_icub
-from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import StereoFrame, Truth
 from rendering.stimulus_file import load_stimulus

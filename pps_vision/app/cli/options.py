@@ -15,7 +15,7 @@ from tracking import Mode
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording
-    from pps_vision.robot.setup import RobotSetup
+    from pps_vision.robot.robot_setup import RobotSetup
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pps_vision.errors import InputError
 if TYPE_CHECKING:
     from learning.reach.map import ReachableMap
     from learning.reach.params import MapParams
-    from pps_vision.robot.setup import RobotSetup
+    from pps_vision.robot.robot_setup import RobotSetup
 
 _TEST_POSTURES = 10_000  # of a map without --max-error: they bound an error of 0.02 % by 0.06 %
 _LEAST_BUDGET = 200  # labels, below which what is left to test with says nothing of the error

@@ -23,7 +23,7 @@ from pps_vision.recordings.tables import read_joint_offsets
 from pps_vision.types import Array, Image
 
 if TYPE_CHECKING:
-    from pps_vision.robot.setup import RobotSetup
+    from pps_vision.robot.robot_setup import RobotSetup
 
 FORMAT = "a ROS bag (.bag, .mcap, .db3, or a folder with metadata.yaml)"
 TAKES_TOPICS = True  # as `left` and `right`

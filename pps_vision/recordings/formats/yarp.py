@@ -28,7 +28,7 @@ from pps_vision.recordings.yarp_log import read_log
 from pps_vision.types import Array
 
 if TYPE_CHECKING:
-    from pps_vision.robot.setup import RobotSetup
+    from pps_vision.robot.robot_setup import RobotSetup
 
 FORMAT = "a yarpdatadumper recording, folders with a data.log each"
 HAS_STAMPS = True
