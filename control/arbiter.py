@@ -20,11 +20,14 @@ def combine(commands: Sequence[JointVelocity]) -> JointVelocity:
     Raises:
         InputError: two commands move one joint, their stamps, validities or lengths differ, or a rate is not finite.
     """
-    times, shapes = {(c.stamp_s, c.hold_s) for c in commands}, {c.dq_rad_s.shape for c in commands}
+    times = {(command.stamp_s, command.hold_s) for command in commands}
+    shapes = {command.dq_rad_s.shape for command in commands}
     if len(times) != 1 or len(shapes) != 1:
-        found = f"commands of stamps and validities {sorted(times)} s and shapes {sorted(shapes)}"
-        raise InputError("arbiter", f"{found}; expected one of each")
-    rates = np.array([c.dq_rad_s for c in commands])
+        message = (
+            f"commands of stamps and validities {sorted(times)} s and shapes {sorted(shapes)}; expected one of each"
+        )
+        raise InputError("arbiter", message)
+    rates = np.array([command.dq_rad_s for command in commands])
     if not np.isfinite(rates).all():
         raise InputError("arbiter", f"joint rates {rates}; expected finite numbers in rad/s")
     shared = np.flatnonzero(np.count_nonzero(rates, axis=0) > 1)

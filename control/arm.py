@@ -19,24 +19,24 @@ _DEG = np.pi / 180
 
 @dataclass(frozen=True)
 class ArmParams:
-    """How the arm's joints move."""
+    """Limits and damping of an arm's joint rates."""
 
     max_rate_rad_s: float = 60 * _DEG
     """Rate limit of each joint."""
     damping_m: float = 0.003
     """Damping that keeps rates finite at singular postures."""
     posture_per_s: float = 1.0
-    """Rate at which the joints that the task leaves free return to the rest posture."""
+    """Rate at which joints that the task does not need return to the rest posture."""
     clearance_m: float = 0.025
-    """Self-collision distance that the arm approaches no further; above that of `LimitParams`, which stops it."""
+    """Smallest self-collision distance that the arm approaches; above that of `LimitParams`, which stops it."""
     resting: int = 0
-    """How many of the arm's last joints stay at rest (R: 3, the wrist)."""
+    """Number of the arm's last joints that stay at rest (R: 3, the wrist)."""
     near_m: float = 0.1
-    """Bodies farther apart than this are not looked at."""
+    """Bodies farther apart than this are ignored."""
 
 
 class MovingPoint(NamedTuple):
-    """A point of the arm that is to move."""
+    """A point of the arm and its commanded velocity."""
 
     frame: str
     """Name of the frame that carries it."""
@@ -45,9 +45,9 @@ class MovingPoint(NamedTuple):
     velocity_root: ArrayLike
     """(3,) m/s."""
     weight: float = 1.0
-    """How much its error counts beside that of other points."""
+    """Weight of its squared error."""
     free_across: bool = False
-    """Whether only its speed along `velocity_root` counts, and it may move across as it likes."""
+    """Whether only the speed along `velocity_root` counts; the motion across is free."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class KeepIn:
     radius_m: float
     """Radius of the sphere."""
     approach_per_s: float = 5.0
-    """The origin nears the surface no faster than this times the distance left."""
+    """Largest rate of approach to the surface, per distance from it."""
 
     def row(self, posture: Posture, columns: list[int]) -> tuple[Array, float]:
         """The frame's outward speed per joint rate (k,) m/rad, and the largest one allowed (m/s)."""
@@ -72,14 +72,14 @@ class KeepIn:
 
 
 class ArmConstraints(NamedTuple):
-    """What the rates of an arm's k joints obey in one frame, whatever its points are to do."""
+    """Constraints of the rates of an arm's k joints in one control step."""
 
     columns: list[int]
     """Where the joints are in the configuration vector."""
     limits: tuple[Array, Array]
     """Lowest and highest rates (k,), rad/s."""
     preferred: Array
-    """(k,) rad/s towards the rest posture, where the task leaves joints free."""
+    """(k,) rad/s towards the rest posture, for joints that the task does not need."""
     rows: Array
     """(m, k) inequalities: rows @ rates ≤ most."""
     most: Array
@@ -96,11 +96,17 @@ def arm_constraints(
     self_collision: SelfCollision | None = None,
     more_rows: tuple[Array, Array] | None = None,
 ) -> ArmConstraints:
-    """What the joint rates of the arm of `side` obey in one frame.
+    """Constraints of the joint rates of one arm.
 
-    `rest_rad` (k,) is the arm's rest posture.  Joint limits are kept for the time `hold_s` for which the rates may be
-    held; the arm keeps clear of the other bodies of `self_collision`, if there is one, and its rates obey `more_rows`:
-    rows (m, n_joints) @ rates ≤ most (m,).
+    Args:
+        params: Limits and damping.
+        posture: The robot.
+        side: "left" or "right" arm.
+        rest_rad: (k,) the arm's rest posture.
+        keep_in: Sphere that a frame must not leave.
+        hold_s: Time for which the rates may be held; no joint leaves its limits meanwhile.
+        self_collision: The robot's bodies, which the arm keeps clear of; None: not limited.
+        more_rows: Further constraints, rows (m, n_joints) @ rates ≤ most (m,).
     """
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
@@ -112,12 +118,15 @@ def arm_constraints(
     most: Array = np.empty(0)
     if self_collision is not None:
         distance, parting = self_collision.parting(posture.q_rad, params.near_m, columns)
-        rows, most = -parting, (distance - params.clearance_m) / hold_s
+        rows = -parting
+        most = (distance - params.clearance_m) / hold_s
     if keep_in is not None:
         outward, max_m_s = keep_in.row(posture, columns)
-        rows, most = np.vstack([rows, outward]), np.append(most, max_m_s)
+        rows = np.vstack([rows, outward])
+        most = np.append(most, max_m_s)
     if more_rows is not None:
-        rows, most = np.vstack([rows, more_rows[0][:, columns]]), np.concatenate([most, more_rows[1]])
+        rows = np.vstack([rows, more_rows[0][:, columns]])
+        most = np.concatenate([most, more_rows[1]])
     preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
     return ArmConstraints(columns, limits, preferred, rows, most)
 
@@ -125,25 +134,32 @@ def arm_constraints(
 def arm_velocity(
     params: ArmParams, posture: Posture, constraints: ArmConstraints, points: Sequence[MovingPoint]
 ) -> Array:
-    """Joint rates (n_joints,) that move `points` of an arm as they are to, by least squares.
+    """Joint rates (n_joints,) whose points' velocities are nearest to those commanded, by least squares.
 
     Where a constraint forbids the motion, the points slide along it, or stop.  InputError for a velocity that is not
     finite.
     """
     J: list[Array] = []
-    wanted: list[Array] = []
-    for one in points:
-        velocity = np.asarray(one.velocity_root, dtype=float)
+    velocities: list[Array] = []
+    for point in points:
+        velocity = np.asarray(point.velocity_root, dtype=float)
         if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
-            raise InputError("arm", f"velocity {velocity} of {one.frame}; expected three finite numbers in m/s")
-        weight, speed = np.sqrt(one.weight), float(np.linalg.norm(velocity))
-        moves = posture.jacobian(one.frame, one.point)[:3, constraints.columns]
-        if one.free_across:
-            moves, velocity = (velocity / max(speed, 1e-9))[None] @ moves, np.array([speed])
-        J.append(weight * moves)
-        wanted.append(weight * velocity)
+            raise InputError("arm", f"velocity {velocity} of {point.frame}; expected three finite numbers in m/s")
+        jacobian = posture.jacobian(point.frame, point.point)[:3, constraints.columns]
+        if point.free_across:
+            speed = float(np.linalg.norm(velocity))
+            jacobian = (velocity / max(speed, 1e-9))[None] @ jacobian
+            velocity = np.array([speed])
+        J.append(np.sqrt(point.weight) * jacobian)
+        velocities.append(np.sqrt(point.weight) * velocity)
     dq = np.zeros(posture.robot.n_joints)
-    columns, limits, preferred, rows, most = constraints
-    task = np.concatenate(J), np.concatenate(wanted)
-    dq[columns] = solve_rates(*task, preferred, params.damping_m, limits, rows, most)
+    dq[constraints.columns] = solve_rates(
+        np.concatenate(J),
+        np.concatenate(velocities),
+        constraints.preferred,
+        params.damping_m,
+        constraints.limits,
+        constraints.rows,
+        constraints.most,
+    )
     return dq

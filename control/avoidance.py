@@ -323,17 +323,17 @@ def _bare_links(params: AvoidanceParams, arm: ArmInput) -> tuple[list[Near], lis
     """The nearest points of all links without taxels, and of the links that the object is predicted to approach."""
     if arm.bare_links is None or not arm.track.is_known:
         return [], []
-    now, *later = (
+    present, *later = (
         arm.bare_links.near(arm.posture, arm.track.position + ahead_s * arm.track.velocity, arm.object_radius_m)
         for ahead_s in (0.0, 0.5 * _LINK_LEAD_S, _LINK_LEAD_S)
     )
     min_approach_m = 0.1 * params.speed_m_s * _LINK_LEAD_S  # an object at rest approaches by its velocity's noise
     approached = []
-    for near, *predicted in zip(now, *later, strict=True):
+    for near, *predicted in zip(present, *later, strict=True):
         distance_m = min(link.distance_m for link in predicted)
         if distance_m < min(near.distance_m - min_approach_m, _LINK_CLEARANCE_M):
             approached.append(near)
-    return now, approached
+    return present, approached
 
 
 def _link_points(params: AvoidanceParams, arm: ArmInput, links: list[Near]) -> tuple[MovingPoint, ...]:
@@ -434,7 +434,7 @@ def _escape_direction(
     bonus_m = np.zeros(len(rates))
     bonus_m[0 if current is None else -1] = _ESCAPE_GAIN_M
     scores = bonus_m + distances(rates)
-    checked = {0}  # of the best direction the body may slow the arm: its distance is that of the slowed motion
+    checked = {0}  # the body may slow the arm in the best direction: score the slowed motion
     while (best := int(scores.argmax())) not in checked:
         checked.add(best)
         if (share := motion.unhindered_share(rates[best])) < 1:

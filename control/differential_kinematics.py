@@ -6,9 +6,9 @@ from qpsolvers import solve_qp
 
 from pps_vision.types import Array
 
-_PRICE = 100.0  # of leaving a row, per unit; the multipliers of tasks are below 1 (m/s)
-_TOLERANCE = 1e-5  # of a row or bound; with DAQP's 1e-6 one command of a million has no solution
-# Of the rows' slack in the Hessian, which must be positive definite; with 1e-6 DAQP now and then finds no solution.
+_SLACK_COST = 100.0  # linear cost of exceeding a row, per unit; the multipliers of tasks are below 1 (m/s)
+_TOLERANCE = 1e-5  # primal tolerance; with DAQP's 1e-6 one command in a million has no solution (tests/robustness)
+# Quadratic weight of the slack: the Hessian must be positive definite; with 1e-6 DAQP occasionally fails.
 _SLACK_WEIGHT = 1e-4
 
 
@@ -17,18 +17,18 @@ def rate_limits(
 ) -> tuple[Array, Array]:
     """Smallest and largest allowed rate (n,) of joints at `q` (n,) rad within limits (n,).
 
-    A joint nears its limit no faster than `approach_per_s` times the angle left, and a joint beyond its limit is
-    driven back; with `approach_per_s` ≤ 1/dt no step leaves the limits.
+    A joint approaches its limit no faster than `approach_per_s` times the remaining angle, and a joint beyond its limit
+    is driven back; with `approach_per_s` ≤ 1/dt no step leaves the limits.
     """
     slowest = np.clip(approach_per_s * (lower - q), -np.asarray(max_rate), max_rate)
     fastest = np.clip(approach_per_s * (upper - q), -np.asarray(max_rate), max_rate)
     return slowest, fastest
 
 
-def within_change(limits: tuple[Array, Array], before: Array, change: Array) -> tuple[Array, Array]:
-    """Limits (n,) narrowed to what is within `change` (n,) of the rates `before` (n,), as far as they allow it."""
+def within_change(limits: tuple[Array, Array], rates: Array, change: Array) -> tuple[Array, Array]:
+    """Clip rate limits (n,) so that no rate changes by more than `change` (n,) from `rates` (n,)."""
     lower, upper = limits
-    return np.clip(before - change, lower, upper), np.clip(before + change, lower, upper)
+    return np.clip(rates - change, lower, upper), np.clip(rates + change, lower, upper)
 
 
 def solve_rates(
@@ -43,20 +43,26 @@ def solve_rates(
     """The rates x (n,) within `limits` that minimise ‖J x − wanted‖² + ‖weights·(x − preferred)‖², rows x ≤ most.
 
     J is (m, n), wanted (m,), preferred (n,), rows (k, n), most (k,); positive weights make the solution unique and
-    finite at singular postures too.  Where limits and rows exclude each other, the limits hold, and the rows are
-    exceeded by as little as possible in sum.  Solved by DAQP (Arnström et al. 2022) through qpsolvers;
-    where it finds no solution, the rates are as near to 0 as the limits allow.
+    finite also at singular postures.  Where limits and rows exclude each other, the limits hold, and the rows are
+    exceeded by the smallest possible sum.  Solved by DAQP (Arnström et al. 2022) through qpsolvers; without a solution
+    the rates are as near to 0 as the limits allow.
     """
-    n, G = len(preferred), np.empty((0, len(preferred))) if rows is None else rows
+    n = len(preferred)
+    k = 0 if rows is None else len(rows)
+    lower, upper = limits
     damping = np.broadcast_to(np.asarray(weights, dtype=float), preferred.shape) ** 2
-    k, (lower, upper) = len(G), limits
-    H, g = np.zeros((n + k, n + k)), np.full(n + k, _PRICE)
+    H = np.zeros((n + k, n + k))
+    g = np.full(n + k, _SLACK_COST)
     H.ravel()[:: n + k + 1] = _SLACK_WEIGHT
     H[:n, :n] = J.T @ J + np.diag(damping)
     g[:n] = -J.T @ wanted - damping * preferred
     upper = np.maximum(lower, upper)
-    least, largest = np.append(lower, np.zeros(k)), np.append(upper, np.full(k, np.inf))
-    A, b = (np.hstack([G, -np.eye(k)]), np.asarray(most, dtype=float)) if k else (None, None)
-    x = solve_qp(H, g, A, b, lb=least, ub=largest, solver="daqp", primal_tol=_TOLERANCE)
+    lb = np.append(lower, np.zeros(k))
+    ub = np.append(upper, np.full(k, np.inf))
+    A = b = None
+    if rows is not None and k:
+        A = np.hstack([rows, -np.eye(k)])
+        b = np.asarray(most, dtype=float)
+    x = solve_qp(H, g, A, b, lb=lb, ub=ub, solver="daqp", primal_tol=_TOLERANCE)
     rates = np.zeros(n) if x is None else x[:n]
     return np.clip(rates, lower, upper)

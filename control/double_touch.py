@@ -24,8 +24,8 @@ from pps_vision.types import Array
 FINGERTIP_RADIUS_M = 0.010
 INDEX_FINGER = np.array([0.8993, -0.4373, 0.0])  # where the right index points, in the frame of its tip
 _FINGER_BODY = "right_palm_4"  # the right index finger among the robot's bodies: it is what touches
-_LEVER_M = 0.1  # two points of the finger so far apart must lie on the normal: a tilt of 0.1 rad counts as 1 cm
-_MOVED_M = 0.001  # a movement begins once it has left its start by so much
+_LEVER_M = 0.1  # distance of two points of the finger that must lie on the normal: a tilt of 0.1 rad counts as 1 cm
+_MOVED_M = 0.001  # distance from the start at which a movement begins
 _CHECK_EVERY = 5  # steps: a tip moves 4 cm meanwhile
 _IK = IKParams(tolerance=1e-5, max_steps=40)
 
@@ -69,8 +69,11 @@ class DoubleTouching:
     """Plans double touches of one part of the left arm's skin with the right index finger."""
 
     def __init__(self, robot: Robot, part: SkinPart, params: DoubleTouchParams | None = None) -> None:
-        self.robot, self.part, self.params = robot, part, params or DoubleTouchParams()
-        left, right = robot.names.arm("left")[:5], robot.names.arm("right")  # the left wrist moves no forearm
+        self.robot = robot
+        self.part = part
+        self.params = params or DoubleTouchParams()
+        left = robot.names.arm("left")[:5]  # the left wrist moves no forearm
+        right = robot.names.arm("right")
         self._T_root_skin, self._chain = _from_skin_to_finger(
             robot.chain(left, part.frame), robot.chain(right, robot.names.index_tips[1])
         )
@@ -83,24 +86,26 @@ class DoubleTouching:
         p = self.params
         at_home = np.array([*HOME_ARM_RAD[:5], *HOME_ARM_RAD])
         starts = at_home + p.spread_rad * rng.standard_normal((n, len(at_home)))
-        azimuth, aside = rng.uniform(0, 2 * np.pi, n), p.start_aside_m * np.sqrt(rng.uniform(size=n))
+        azimuth = rng.uniform(0, 2 * np.pi, n)
+        aside = p.start_aside_m * np.sqrt(rng.uniform(size=n))
         asides = aside[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
         heights, before_s = self._heights(rng.uniform(*p.peak_m_s, n))
         contact = self._reach(self._line(taxel, heights[:, 0], asides), starts)
-        path, alive = [contact.q_rad], np.flatnonzero(contact.converged)
-        for height in heights.T[1:]:  # found backwards, from the touch to the start
+        path = [contact.q_rad]
+        alive = np.flatnonzero(contact.converged)
+        for height in heights.T[1:]:  # solved backwards, from the touch to the start
             tip = self._line(taxel, height, asides)[alive, :3]  # off the skin the finger may turn as it likes
             step = self._reach(tip, path[-1][alive])
             path.append(path[-1].copy())
             path[-1][alive] = step.q_rad
             alive = alive[step.converged]
-        found: list[DoubleTouch | Infeasible] = [
+        outcomes: list[DoubleTouch | Infeasible] = [
             "limits on the way" if reached else "out of reach" for reached in contact.converged
         ]
         for k in alive:
             moves = heights[k, ::-1] < p.start_m - _MOVED_M
-            found[k] = self._checked(before_s[::-1][moves], np.array(path)[::-1][moves, k])
-        return tuple(found)
+            outcomes[k] = self._checked(before_s[::-1][moves], np.array(path)[::-1][moves, k])
+        return tuple(outcomes)
 
     def _checked(self, before_s: Array, arms: Array) -> DoubleTouch | Infeasible:
         """A movement of the arms (T, 12), unless a joint moves too fast or the self-collision distance is too small."""
@@ -151,6 +156,6 @@ def _from_skin_to_finger(left: Chain, right: Chain) -> tuple[Array, Chain]:
 
 
 def minimum_jerk(tau: ArrayLike) -> Array:
-    """How much of a movement is done at the share `tau` of its time."""
+    """Share of a movement's length at the share `tau` of its duration."""
     t = np.asarray(tau, dtype=float)
     return np.asarray(t**3 * (10 - 15 * t + 6 * t**2))

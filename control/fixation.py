@@ -42,8 +42,8 @@ def step(
 ) -> JointVelocity:
     """Head and eye rates q̇ = −G x towards fixation of a point (J IV.1).
 
-    x is [a_L − a_R, mean a, mean b] of the azimuth a and elevation b (rad) under which each eye sees the point: J's
-    pixel features without the lens, linear in the joints far off axis too.  `p_root` (3,) m is the target's position
+    x is [a_L − a_R, mean a, mean b] of the azimuth a and elevation b (rad) of the point in each eye: J's pixel features
+    without the lens, linear in the joints also far off axis.  `p_root` (3,) m is the target's position
     at `stamp_s`, `v_root` (3,) m/s its velocity, fed forward.  The rates may be held for `hold_s`: no joint leaves its
     limits meanwhile.  InputError for a target that is not finite, a stamp that is not, or `hold_s` out of (0, 0.5].
     """
@@ -53,7 +53,8 @@ def step(
 
 def checked_target(p_root: ArrayLike, v_root: ArrayLike) -> tuple[Array, Array]:
     """A target's position (3,) and velocity (3,); InputError unless both are finite."""
-    p, v = np.asarray(p_root, dtype=float), np.asarray(v_root, dtype=float)
+    p = np.asarray(p_root, dtype=float)
+    v = np.asarray(v_root, dtype=float)
     if p.shape != (3,) or v.shape != (3,) or not np.all(np.isfinite([p, v])):
         raise InputError("fixation", f"target at {p} moving {v}; expected a known point and velocity (3,)")
     return p, v
@@ -61,7 +62,8 @@ def checked_target(p_root: ArrayLike, v_root: ArrayLike) -> tuple[Array, Array]:
 
 def _rates(params: FixationParams, posture: Posture, p: Array, v: Array, hold_s: float) -> Array:
     """Joint rates (n_joints,) of `step`."""
-    gaze, columns = gaze_of(posture), gaze_columns(posture.robot)
+    gaze = gaze_of(posture)
+    columns = gaze_columns(posture.robot)
     x, dx_dq, dx_dp = features(posture, p)
     lower, upper = gaze_range(params.limits.gaze, posture)
     rate_range = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / hold_s)
@@ -74,18 +76,18 @@ def _rates(params: FixationParams, posture: Posture, p: Array, v: Array, hold_s:
 def features(posture: Posture, p_root: Array) -> tuple[Array, Array, Array]:
     """x (3,) of a root point, ∂x/∂q (3, n_joints) and ∂x/∂p (3, 3): the interaction matrices."""
     names = posture.robot.names
-    seen = [_direction(posture, eye, p_root) for eye in (names.left_eye, names.right_eye)]
-    left, right = (np.column_stack([angles, d_dq, d_dp]) for angles, d_dq, d_dp in seen)
+    left, right = (np.column_stack(_direction(posture, eye, p_root)) for eye in (names.left_eye, names.right_eye))
     rows = np.vstack([left[0] - right[0], 0.5 * (left + right)])
     return rows[:, 0], rows[:, 1:-3], rows[:, -3:]
 
 
 def _direction(posture: Posture, eye: str, p_root: Array) -> tuple[Array, Array, Array]:
-    """Azimuth and elevation (2,) of a point seen by an eye, with their derivatives by q and by p_root."""
+    """Azimuth and elevation (2,) of a point in an eye, with their derivatives by q and by p_root."""
     T = posture.T_root(eye)
     X, Y, Z = at = (p_root - T[:3, 3]) @ T[:3, :3]
     rho2 = max(X * X + Z * Z, 1e-12)
-    rho, r2 = np.sqrt(rho2), rho2 + Y * Y
+    rho = np.sqrt(rho2)
+    r2 = rho2 + Y * Y
     d_at = np.array([[Z / rho2, 0.0, -X / rho2], [-X * Y / (rho * r2), rho / r2, -Z * Y / (rho * r2)]])
     d_dp = d_at @ T[:3, :3].T
     # a joint moves a point fixed to the eye by J dq, so the target by −J dq relative to the eye
@@ -109,7 +111,8 @@ def gaze_at(robot: Robot, q_rad: ArrayLike, p_root: ArrayLike) -> Array:
 
     The same control law, iterated from `q_rad` until it rests; of fixed cameras `q_rad` itself.
     """
-    q, p = np.array(q_rad, dtype=float), np.asarray(p_root, dtype=float)
+    q = np.array(q_rad, dtype=float)
+    p = np.asarray(p_root, dtype=float)
     for _ in range(60 if robot.names.gaze_joints else 0):
         dq = _rates(_WHOLE_STEP, robot.at(q), p, np.zeros(3), 1.0)
         q += dq

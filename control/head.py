@@ -45,13 +45,15 @@ def gaze_range(limits: GazeLimits, posture: Posture) -> tuple[Array, Array]:
     """
     robot = posture.robot
     index = robot.indices(robot.names.gaze_joints)
-    low, high = robot.lower_rad[index], robot.upper_rad[index]
+    low = robot.lower_rad[index]
+    high = robot.upper_rad[index]
     left, right = posture.q_rad[index[3:]]
     version = 0.5 * (left + right)
     vergence = 2 * max(low[3] - version, version - high[4]), 2 * min(high[3] - version, version - low[4])
     if vergence[0] > vergence[1]:
         vergence = (left - right, left - right)
-    lower, upper = np.array([*low[:3], vergence[0]]), np.array([*high[:3], vergence[1]])
+    lower = np.array([*low[:3], vergence[0]])
+    upper = np.array([*high[:3], vergence[1]])
     limited = [YAW, PITCH, VERGENCE]  # J has no tilt
     of_j = np.clip([limits.lower, limits.upper], lower[limited], upper[limited])
     lower[limited], upper[limited] = of_j
@@ -63,17 +65,19 @@ def gaze_columns(robot: Robot) -> Array:
     columns = np.zeros((robot.n_joints, 4))
     yaw, pitch, tilt, left, right = robot.indices(robot.names.gaze_joints)
     columns[yaw, YAW] = columns[pitch, PITCH] = columns[tilt, TILT] = 1.0
-    columns[left, VERGENCE], columns[right, VERGENCE] = 0.5, -0.5
+    columns[left, VERGENCE] = 0.5
+    columns[right, VERGENCE] = -0.5
     return columns
 
 
 def carried_velocity(posture: Posture, p_root: Array, dq_rad_s: Array) -> Array:
     """(3,) m/s velocity of a point `p_root` that moves with the trunk, whose joints turn at `dq_rad_s` (n_joints,).
 
-    For the eyes, which the trunk carries, an object at rest moves as fast the other way: gaze control compensates for
-    the trunk if this velocity is subtracted from the object's.
+    Relative to the eyes, which the trunk carries, an object at rest moves at the opposite velocity: gaze control
+    compensates for the trunk if this velocity is subtracted from the object's.
     """
-    robot, eye = posture.robot, posture.robot.names.left_eye
+    robot = posture.robot
+    eye = robot.names.left_eye
     moving = robot.moving(eye)
     index = robot.indices(moving[: min(moving.index(joint) for joint in robot.names.gaze_joints[:2])])
     T = posture.T_root(eye)

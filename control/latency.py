@@ -1,4 +1,4 @@
-"""Where the robot will be when a command takes effect: those on the way still move it."""
+"""Predict the posture at which a command takes effect, from the commands issued earlier."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ def posture_after(
     """The configuration (n_joints,) at `until_s` of a robot at `q_rad` at `from_s` that obeys `commands`.
 
     The commands are in the order of their stamps.  Each takes effect `latency_s` after its stamp and holds until the
-    next one does, or until it is no longer valid.
+    next one takes effect or it expires.
     """
     q = q_rad
     for k, command in enumerate(commands):

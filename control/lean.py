@@ -1,7 +1,7 @@
-"""Lean: turn the torso until what lies just outside the reachable space is within it (J's outlook).
+"""Lean: turn the torso until an object just outside the reachable space is within it (J's outlook).
 
-The torso carries hand and eyes alike, so the reachable-space map holds whatever the torso does: it is asked for the
-gaze that fixates the object from each posture of the torso.
+The torso carries both hand and eyes, so the reachable-space map holds for any torso posture: it is queried for the gaze
+that fixates the object from each of them.
 """
 
 from collections.abc import Callable
@@ -16,18 +16,18 @@ from pps_vision.robot.model import Posture
 from pps_vision.types import Array, JointVelocity, Mask
 
 _DEG = np.pi / 180
-_UPRIGHT_RAD = 0.1 * _DEG  # from the joints to return to
+_UPRIGHT_RAD = 0.1 * _DEG  # largest distance from the original joints that counts as upright
 LeanStatus = Literal["within reach", "leaning", "out of reach"]
 
 
 @dataclass(frozen=True)
 class LeanParams:
-    """How the torso turns."""
+    """Motion of the torso."""
 
     torso_rad_s: float = 15 * _DEG
     """Speed of the torso."""
     spacing_rad: float = 4 * _DEG
-    """Spacing of the torso postures that are looked at."""
+    """Spacing of the torso postures that are compared."""
 
 
 def step(
@@ -53,7 +53,7 @@ def step(
         stamp_s: stamp of the command.
 
     Returns:
-        Whether the object is within reach, will be, or cannot be; and the rates of the torso's joints.
+        Status, and the rates of the torso's joints.
 
     Raises:
         InputError: the stamp is not finite, or `hold_s` out of (0, 0.5].
@@ -61,31 +61,30 @@ def step(
     robot = posture.robot
     index = robot.indices(robot.names.torso)
     axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, params.spacing_rad) for i in index]
-    here = posture.q_rad[index]
-    torso = np.vstack([here, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)])
+    present = posture.q_rad[index]
+    torso = np.vstack([present, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)])
     q = np.tile(posture.q_rad, (len(torso), 1))
     q[:, index] = torso
     within = reachable(model.gaze(model.to_upright(q, p_root), limits))
-    status: LeanStatus = "out of reach"
-    goal = here
-    if within.any():
-        found = torso[within]
-        goal = found[np.linalg.norm(found - here, axis=1).argmin()]
-        status = "within reach" if within[0] else "leaning"
-    return status, _turn(params, posture, goal, hold_s, stamp_s)
+    if not within.any():
+        return "out of reach", _turn(params, posture, present, hold_s, stamp_s)
+    reaching = torso[within]
+    goal = reaching[np.linalg.norm(reaching - present, axis=1).argmin()]
+    return "within reach" if within[0] else "leaning", _turn(params, posture, goal, hold_s, stamp_s)
 
 
 def upright(params: LeanParams, posture: Posture, torso_rad: Array, hold_s: float, stamp_s: float) -> JointVelocity:
-    """Turn the torso straight back to the joints (2,) that it had before it leaned; at rest once it is there."""
-    here = posture.q_rad[posture.robot.indices(posture.robot.names.torso)]
-    is_there = np.linalg.norm(torso_rad - here) <= _UPRIGHT_RAD
-    return _turn(params, posture, here if is_there else torso_rad, hold_s, stamp_s)
+    """Turn the torso straight back to the joints (2,) before the lean; then rest."""
+    present = posture.q_rad[posture.robot.indices(posture.robot.names.torso)]
+    is_upright = np.linalg.norm(torso_rad - present) <= _UPRIGHT_RAD
+    return _turn(params, posture, present if is_upright else torso_rad, hold_s, stamp_s)
 
 
 def _turn(params: LeanParams, posture: Posture, torso_rad: Array, hold_s: float, stamp_s: float) -> JointVelocity:
     """Turn the torso straight to the joints (2,), and not past them while the command is held."""
     check_times("lean", stamp_s, hold_s)
-    index, dq = posture.robot.indices(posture.robot.names.torso), np.zeros(posture.robot.n_joints)
+    index = posture.robot.indices(posture.robot.names.torso)
+    dq = np.zeros(posture.robot.n_joints)
     turn = torso_rad - posture.q_rad[index]
     dq[index] = turn / max(hold_s, float(np.linalg.norm(turn)) / params.torso_rad_s)
     return JointVelocity(stamp_s, dq, hold_s)

@@ -1,6 +1,6 @@
 """The last stage of every command: joint, rate and acceleration limits, and the self-collision distance.
 
-They hold for as long as the command is valid, however late the next one is.
+The limits hold until the command expires, however late the next one is.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from pps_vision.types import Array, JointVelocity
 MAX_HOLD_S = 0.5
 """Longest time for which a command may be held."""
 _DEG = np.pi / 180
-_MARGIN_RAD = 1e-9  # joints stop before their limits by so much, against rounding
-_NEGLIGIBLE_RAD_S = 1e-6  # an excess so small is cut off, so that a joint at its limit does not stop the others
+_MARGIN_RAD = 1e-9  # distance at which joints stop before their limits, against rounding
+_NEGLIGIBLE_RAD_S = 1e-6  # a smaller excess is clipped, so that a joint at its limit does not stop the others
 
 
 @dataclass(frozen=True)
 class LimitParams:
-    """What the robot can do, whatever a controller asks for."""
+    """Limits of the robot."""
 
     joint_rad_s: float = 60 * _DEG
     """Rate limit of arms, torso and neck (neither paper states one)."""
@@ -53,39 +53,39 @@ def limit(
     last: JointVelocity | None = None,
     last_q_rad: Array | None = None,
 ) -> JointVelocity:
-    """The command nearest to `wanted` that keeps every limit for as long as it is valid.
+    """The command nearest to `wanted` that keeps every limit until it expires.
 
     Args:
         params: The limits.
         self_collision: Distances of this robot's bodies.
         posture: The robot at the command's stamp.
-        wanted: What the controllers ask for.
-        last: The command before; None: the robot rests.
+        wanted: Command of the controllers.
+        last: The previous command; None: the robot rests.
         last_q_rad: (n_joints,) posture at the last command's stamp; None: unknown.
 
     Returns:
         The command.  The change from braking to `wanted` is scaled uniformly, separately for the joints that move
-        bodies and for the head.  Braking goes on along the last command and stops where that would have ended: where
-        the robot stands as predicted, the last check has found that free.  A limit that is exceeded already is not
-        exceeded further: a joint beyond its limit stays or goes back, and two bodies that are too near or overlap may
-        only part.  The self-collision distance goes before the acceleration limit: what the last command did not
-        foresee may stop the arm at once.
+        bodies and for the head.  Braking continues along the last command and ends where the last command would have
+        ended: if the robot is where it was predicted to be, that path has been checked.  A limit that is already
+        exceeded is not exceeded further: a joint beyond its limit stays or returns, and two bodies that are too near
+        or overlap may only separate.  The self-collision distance takes precedence over the acceleration limit.
 
     Raises:
         InputError: a rate or stamp is not finite, the stamp is before that of the last command, or the command is
             valid for less than 0 or more than `MAX_HOLD_S`.
     """
     check_times("command", wanted.stamp_s, wanted.hold_s, -np.inf if last is None else last.stamp_s)
-    robot, moves_bodies = posture.robot, self_collision.moving
+    robot = posture.robot
+    moves_bodies = self_collision.moving
     if wanted.dq_rad_s.shape != (robot.n_joints,) or not np.isfinite(wanted.dq_rad_s).all():
         raise InputError("command", f"rates {wanted.dq_rad_s}; expected {robot.n_joints} finite numbers in rad/s")
     lower, upper = _rate_range(params, posture, wanted.hold_s)
-    before, brake, change = _braking(params, robot, wanted, last)
+    rates, brake, change = _braking(params, robot, wanted, last)
     brake = np.clip(brake, lower, upper)
     dq = np.clip(wanted.dq_rad_s, lower, upper)
     dq = np.where(np.abs(dq - wanted.dq_rad_s) <= _NEGLIGIBLE_RAD_S, dq, wanted.dq_rad_s)
-    lower = np.minimum(np.maximum(lower, before - change), brake)
-    upper = np.maximum(np.minimum(upper, before + change), brake)
+    lower = np.minimum(np.maximum(lower, rates - change), brake)
+    upper = np.maximum(np.minimum(upper, rates + change), brake)
     for group in (moves_bodies, ~moves_bodies):
         share = _largest_share(brake[group], dq[group], lower[group], upper[group])
         dq[group] = brake[group] + share * (dq[group] - brake[group])
@@ -109,7 +109,8 @@ def _as_predicted(posture: Posture, wanted: JointVelocity, last: JointVelocity |
 
 def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[Array, Array]:
     """Lowest and highest rate (n_joints,) that can be held for `hold_s`, and stopped within it."""
-    robot, q = posture.robot, posture.q_rad
+    robot = posture.robot
+    q = posture.q_rad
     rate = fastest(params, robot) * min(1.0, hold_s / params.speed_up_s)
     lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / hold_s, -rate, 0.0)
     upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / hold_s, 0.0, rate)
@@ -119,19 +120,19 @@ def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[A
 def _braking(
     params: LimitParams, robot: Robot, wanted: JointVelocity, last: JointVelocity | None
 ) -> tuple[Array, Array, Array]:
-    """Rates (n_joints,) so far, rates that end where the last command would have, and the largest change."""
-    before, change = change_limits(params, robot, wanted.stamp_s, last)
-    if last is None or not before.any():
-        return before, before, change
-    left = min(1.0, (last.hold_s - (wanted.stamp_s - last.stamp_s)) / wanted.hold_s)
-    return before, left * before, change
+    """Present rates (n_joints,), rates that end where the last command would have, and the largest change."""
+    rates, change = change_limits(params, robot, wanted.stamp_s, last)
+    if last is None or not rates.any():
+        return rates, rates, change
+    remaining_share = min(1.0, (last.hold_s - (wanted.stamp_s - last.stamp_s)) / wanted.hold_s)
+    return rates, remaining_share * rates, change
 
 
 def change_limits(params: LimitParams, robot: Robot, stamp_s: float, last: JointVelocity | None) -> tuple[Array, Array]:
-    """Rates (n_joints,) at a stamp after the last command, and by how much the acceleration limit lets them change."""
+    """Rates (n_joints,) at a stamp after the last command, and their largest change by the acceleration limit."""
     elapsed_s = MAX_HOLD_S if last is None else stamp_s - last.stamp_s
-    before = last.dq_rad_s if last is not None and elapsed_s < last.hold_s else np.zeros(robot.n_joints)
-    return before, fastest(params, robot) / params.speed_up_s * elapsed_s
+    rates = last.dq_rad_s if last is not None and elapsed_s < last.hold_s else np.zeros(robot.n_joints)
+    return rates, fastest(params, robot) / params.speed_up_s * elapsed_s
 
 
 def fastest(params: LimitParams, robot: Robot) -> Array:

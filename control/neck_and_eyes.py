@@ -1,6 +1,6 @@
 """Fixate a point with six joints: the eyes converge fast, the neck follows, and the eyes turn back as it does.
 
-The structure and the gains of the eyes are those of the iCub's own controller (Roncone et al., RSS 2016).
+Structure and eye gains: the iCub's own controller (Roncone et al., RSS 2016).
 """
 
 from dataclasses import dataclass, field
@@ -14,9 +14,10 @@ from control.limits import LimitParams, change_limits, check_times, fastest
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity
 
-# Least-squares weights of the rates, in units of the features: damping; the neck gives way where the eyes cannot make
-# up for it; its roll returns to zero and takes no part in following, from which it would return last of all.
-_WEIGHT, _NECK_WEIGHT, _ROLL_WEIGHT = 1e-3, 0.05, 1.0
+# Least-squares weights of the rates, in units of the features.
+_WEIGHT = 1e-3  # damping
+_NECK_WEIGHT = 0.05  # the neck deviates from its own goal where the eyes cannot compensate
+_ROLL_WEIGHT = 1.0  # the neck's roll returns to zero and does not follow
 
 
 @dataclass(frozen=True)
@@ -56,20 +57,23 @@ def step(
     robot = posture.robot
     neck, eyes = joints(robot)
     lower, upper = _range(params.limits, posture, hold_s, stamp_s, last)
-    preferred, weights = np.zeros(robot.n_joints), np.full(robot.n_joints, _WEIGHT)
+    preferred = np.zeros(robot.n_joints)
+    weights = np.full(robot.n_joints, _WEIGHT)
     preferred[neck] = _follow(params, posture, neck, p, v, (lower[neck], upper[neck]))
     weights[neck] = _NECK_WEIGHT
     x, dx_dq, dx_dp = features(posture, p)
     left, right = eyes[1:]
     converging = np.zeros((1, robot.n_joints))
-    converging[0, left], converging[0, right] = -1.0, 1.0
+    converging[0, left] = -1.0
+    converging[0, right] = 1.0
     since_s = stamp_s - last.stamp_s if last is not None else 0.0
     period_s = since_s if 0 < since_s < hold_s else hold_s
     most = [(posture.q_rad[left] - posture.q_rad[right]) / period_s]
-    head, dq = neck + eyes, np.zeros(robot.n_joints)
+    head = neck + eyes
     limits = lower[head], upper[head]
-    task = dx_dq[:, head], -params.eyes_per_s * x - dx_dp @ v
-    dq[head] = solve_rates(*task, preferred[head], weights[head], limits, converging[:, head], most)
+    dx = -params.eyes_per_s * x - dx_dp @ v
+    dq = np.zeros(robot.n_joints)
+    dq[head] = solve_rates(dx_dq[:, head], dx, preferred[head], weights[head], limits, converging[:, head], most)
     return JointVelocity(stamp_s, dq, hold_s)
 
 
@@ -90,11 +94,14 @@ def _follow(
     tilt, left, right = joints(robot)[1]
     q = posture.q_rad.copy()
     version = 0.5 * (q[left] + q[right])
-    q[tilt], q[left], q[right] = 0.0, q[left] - version, q[right] - version
+    q[tilt] = 0.0
+    q[[left, right]] -= version
     x, dx_dq, dx_dp = features(robot.at(q), p)
     wanted = -params.neck_per_s * x[1:] - dx_dp[1:] @ v
-    weights, preferred = np.full(len(neck), _ROLL_WEIGHT), -params.neck_per_s * posture.q_rad[neck]
-    weights[:2], preferred[:2] = _WEIGHT, 0.0
+    weights = np.full(len(neck), _ROLL_WEIGHT)
+    weights[:2] = _WEIGHT
+    preferred = -params.neck_per_s * posture.q_rad[neck]
+    preferred[:2] = 0.0
     return solve_rates(dx_dq[1:, neck], wanted, preferred, weights, limits)
 
 

@@ -32,7 +32,7 @@ from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array
 
 _MIN_SPEED_M_S = 1e-6  # a slower control point never arrives
-_PATH_HORIZON_S = 10.0  # of the object's path: at 5 cm/s, R's slowest, it covers half a metre
+_PATH_HORIZON_S = 10.0  # prediction horizon of the path: half a metre at 5 cm/s, R's slowest
 
 
 @dataclass(frozen=True)

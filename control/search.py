@@ -1,8 +1,8 @@
-"""Search for a target that is not in view: over the whole field of view in bounded time, or at random (J IV.B).
+"""Search for a target that is not in view: over the whole gaze range in bounded time, or at random (J IV.B).
 
-The covering search visits the points of a grid, always the nearest that is left.  Its `spacing_rad` leaves half of it
-to either side of a point: 20° and 15° of the 33° and 25° that an eye of the iCub sees to every side of its axis.  The
-rest is left to the vergence: at 20° both eyes see what is 8 cm to many metres away, at 60° what is nearer.
+The covering search visits the points of a grid, always the nearest unvisited one.  Half of the grid's spacing, 20° and
+15°, is less than the half field of view of an iCub eye, 33° and 25°; the remainder allows for the vergence: at 20° both
+eyes see objects 8 cm to many metres away, at 60° nearer ones.
 """
 
 from dataclasses import dataclass, field
@@ -24,18 +24,18 @@ class SearchParams:
     """Range and speed of the search."""
 
     pattern: Literal["covering", "random"] = "covering"
-    """All gaze directions in turn, the nearest first, at one vergence after the other; or J's random turns about the
-    centre, at the vergence of that."""
+    """Covering: all gaze directions in turn, the nearest first, alternating the vergence; random: random turns about
+    the centre, at its vergence (J)."""
     spacing_rad: tuple[float, float] = (40 * _DEG, 30 * _DEG)
     """Covering: largest distance of the grid's points in yaw and in pitch."""
     vergence_rad: tuple[float, float] = (20 * _DEG, 60 * _DEG)
-    """Covering: vergences at which the grid is visited by turns."""
+    """Covering: alternating vergences."""
     yaw_rad: float = 30 * _DEG
     """Random: largest turn to the left and right of the centre."""
     pitch_rad: float = 20 * _DEG
     """Random: largest turn up and down from the centre."""
     gain_per_s: float = 8.0
-    """The head nears a goal no faster than this times the angle left."""
+    """Rate of the head towards a goal, per remaining angle."""
     limits: HeadLimits = field(default_factory=lambda: HeadLimits(neck_rad_s=30 * _DEG, eyes_rad_s=30 * _DEG))
     """Range and speed of the head."""
     arrived_rad: float = 1 * _DEG
@@ -56,10 +56,10 @@ class SearchState:
     """(4,) rad, the gaze to search around (`head.gaze_of`)."""
     goal: Array | None = None
     """(4,) rad, the gaze that the head turns to; None before the first step."""
-    left: Array = field(default_factory=lambda: np.empty((0, 4)))
-    """(k, 4) rad, the goals of the covering search that are left at this vergence."""
+    unvisited: Array = field(default_factory=lambda: np.empty((0, 4)))
+    """(k, 4) rad, unvisited goals of the covering search at this vergence."""
     visits: int = 0
-    """How often the covering search has begun to visit the grid."""
+    """Number of visits to the whole grid that have begun."""
 
 
 def step(
@@ -78,20 +78,23 @@ def step(
     check_times("search", stamp_s, hold_s)
     gaze = gaze_of(posture)
     lower, upper = gaze_range(params.limits.gaze, posture)
-    goal, left, visits = state.goal, state.left, state.visits
+    goal = state.goal
+    unvisited = state.unvisited
+    visits = state.visits
     if goal is None or np.abs(goal - gaze).max() < params.arrived_rad:
         if params.pattern == "random":
             goal = _random_goal(params, state.center, lower, upper, rng)
         else:
-            if not len(left):
-                left = _grid(params, params.vergence_rad[visits % 2], lower, upper)
+            if not len(unvisited):
+                unvisited = _grid(params, params.vergence_rad[visits % 2], lower, upper)
                 visits += 1
-            nearest = int(np.argmin(np.abs(left - gaze)[:, :VERGENCE].max(axis=1)))
-            goal, left = left[nearest], np.delete(left, nearest, axis=0)
+            nearest = int(np.argmin(np.abs(unvisited - gaze)[:, :VERGENCE].max(axis=1)))
+            goal = unvisited[nearest]
+            unvisited = np.delete(unvisited, nearest, axis=0)
     slowest, fastest = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / hold_s)
     rates = np.clip(params.gain_per_s * (goal - gaze), slowest, fastest)
     command = JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, hold_s)
-    return SearchState(state.center, goal, left, visits), command
+    return SearchState(state.center, goal, unvisited, visits), command
 
 
 def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
@@ -102,8 +105,10 @@ def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array
 
 def _grid(params: SearchParams, vergence: float, lower: Array, upper: Array) -> Array:
     """(k, 4) goals from half a spacing inside one end of the gaze's range to half a spacing inside the other."""
-    low, high = lower[[YAW, PITCH]], upper[[YAW, PITCH]]
-    low[1], high[1] = low[1] + lower[TILT], high[1] + upper[TILT]
+    low = lower[[YAW, PITCH]]
+    low[1] += lower[TILT]
+    high = upper[[YAW, PITCH]]
+    high[1] += upper[TILT]
     counts = np.ceil((high - low) / params.spacing_rad).astype(int).clip(1)
     yaws, ups = (a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, counts, strict=True))
     return np.array([_goal(yaw, up, vergence, lower, upper) for up in ups for yaw in yaws])

@@ -111,7 +111,7 @@ def test_the_covering_search_goes_to_the_nearest_of_twelve_gazes_then_again_at_a
     state, goals = SearchState(gaze_of(robot.at(q))), []
     for _ in range(26):
         gaze = gaze_of(robot.at(q))
-        left = np.array([*state.left]) if len(state.left) else None
+        left = np.array([*state.unvisited]) if len(state.unvisited) else None
         state, _ = step(SearchParams(), state, robot.at(q), DT, rng)
         assert state.goal is not None
         if left is not None:
