@@ -1,8 +1,8 @@
-"""Sub-pixel outline of an object: the share of every pixel that it covers, and from it centre and angular radius.
+"""Sub-pixel outline of an object: centre and angular radius from the share of every pixel that it covers.
 
-A sphere's image is the cone of directions around its centre.  So the mean viewing direction of its pixels, each
-weighted by the solid angle it covers, is the direction of its centre, and the solid angle 2π(1 − cos θ) gives its
-angular radius θ.  Neither perspective nor lens distortion biases them.
+A sphere's image is the cone of directions around its centre.  The mean viewing direction of its pixels, weighted by
+the covered solid angle, is the direction of its centre, and the solid angle 2π(1 − cos θ) gives its angular radius θ.
+Neither perspective nor lens distortion biases them.
 """
 
 import math
@@ -23,21 +23,23 @@ EDGE_ERROR_PX = 0.065
 """Systematic error of an edge's position (shading, background), correlated along the edge: an outline of radius r px
 has a centre error of EDGE_ERROR_PX / √r and a radius error of EDGE_ERROR_PX, px.  Measured on ray-cast balls of 5 to 30
 px radius, lit from above, across the light (tests/tracking/test_outline.py)."""
-_BAND_PX = 2  # to both sides of a hard mask's edge, in which a pixel may be partly covered
+_BAND_PX = 2  # on both sides of a hard mask's edge, in which a pixel may be partly covered
 _SMALL_PX = 60  # area up to which the band is half as wide
-_CORRELATION = 2.0  # neighbouring pixels share their error: two are worth one
+_CORRELATION = 2.0  # neighbouring pixels share their error: two count as one
 _WHOLE = 0.85  # share of the expected area below which part of the object is hidden
 _OFF_CENTER = 4 / (3 * math.pi) / 0.5 / math.sqrt(2)  # half a disc's centroid is 4/(3π) of its radius off; per axis
-_SIZE_ERROR = 0.03  # from one frame to the next an object's size is predicted this well
+_SIZE_ERROR = 0.03  # relative error of an object's size predicted from the last frame
 _EDGE_PX = 0.3  # standard deviation of a mask's edge
-_LEAST_VISIBLE, _LEAST_EDGE_PX, _ON_DISC = 0.25, 12, 0.5  # shares of a disc's area and of the edge that lies on it
+_MIN_VISIBLE = 0.25  # share of a disc's area from which the disc is fitted
+_MIN_EDGE_PX = 12  # pixels of the edge from which the disc is fitted
+_MIN_ON_DISC = 0.5  # share of the edge that lies on the disc
 _ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
-_HIDDEN_AT_BORDER = 0.3  # share of an object that is taken to be hidden where it meets the image's border
+_HIDDEN_AT_BORDER = 0.3  # assumed hidden share of an object at the image's border
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """`alpha` (h, w) share of each pixel in `box` of the image that the object covers, and its `variance` (h, w), 0
+    """Share `alpha` (h, w) of each pixel in `box` of the image that the object covers, and its `variance` (h, w), 0
     where the share is certain."""
 
     alpha: NDArray[np.float32]
@@ -49,10 +51,16 @@ class Coverage:
 class Outline:
     """An object's outline in one image.
 
-    `center_px` (2,) with covariance `cov_px` (2, 2); angular radius with variance, rad and rad²; bounding box (x, y,
-    width, height) px; area px; whether a part of the object is cut off by the image's border or hidden; the edge's
-    second and third harmonic (cosine, sine, cosine, sine) as shares of the radius, and the share by which the second
-    moment exceeds a disc's.
+    Attributes:
+        center_px: (2,).
+        cov_px: (2, 2) covariance of `center_px`, px².
+        angular_radius_rad: Angular radius.
+        angular_radius_var: Its variance, rad².
+        box_px: Bounding box (x, y, width, height).
+        area_px: Area.
+        is_partial: A part of the object is hidden or cut off by the image's border.
+        harmonics: Second and third harmonic of the edge (cosine, sine, cosine, sine), relative to the radius.
+        non_circularity: Relative excess of the second moment over a disc's.
     """
 
     center_px: Array
@@ -67,7 +75,7 @@ class Outline:
 
     @property
     def is_disc(self) -> bool:
-        """Whether its box is as wide as high, and filled like a disc's."""
+        """Whether the box is as wide as high, and filled as by a disc."""
         _, _, w, h = self.box_px
         return max(w, h) < _ROUND * min(w, h) and 1 / _ROUND < self.area_px / (math.pi / 4 * w * h) < _ROUND
 
@@ -78,8 +86,8 @@ class Optics:
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
         directions = np.concatenate([camera.bearing_map, np.ones((camera.height, camera.width, 1))], axis=-1)
-        by_pixel = np.moveaxis(directions * camera.solid_angle_map[..., None], -1, 0)
-        self.weights: NDArray[np.float32] = np.ascontiguousarray(by_pixel, np.float32)
+        weights = np.moveaxis(directions * camera.solid_angle_map[..., None], -1, 0)
+        self.weights: NDArray[np.float32] = np.ascontiguousarray(weights, np.float32)
         """(4, h, w) solid angle times viewing direction, and solid angle, sr."""
 
 
@@ -91,12 +99,12 @@ def fit_outline(
     expected_area_px: float | None = None,
     joined: Mask | None = None,
 ) -> Outline | None:
-    """The outline of a hard mask (h, w) of the region `box` of an RGB image; None where nothing is covered.
+    """Return the outline of a hard mask (h, w) of the region `box` of an RGB image; None if nothing is covered.
 
-    Where the image's border cuts the object off, or where less than the expected area shows that is no disc, most of
-    the visible edge may lie on a disc of the expected area: that is the outline then.  Else the covariance grows by the
-    distance that the centre of the visible part may be off the object's.  A mask that was cut out of a larger one,
-    `joined` (h, w), shows the disc by the edge that both have in common, or nothing.
+    If the image's border cuts the object off, or the mask is smaller than the expected area and no disc, a disc of the
+    expected area is fitted to the visible edge.  If the fit fails, the covariance grows by the possible distance
+    between the centres of the visible part and of the object.  For a mask that was cut out of a larger one, `joined`
+    (h, w), only the edge that both have in common is fitted, and None is returned if the fit fails.
     """
     shape = outline(cover(image, mask, box), optics)
     if shape is None:
@@ -116,122 +124,149 @@ def fit_outline(
 
 
 def _disc(mask: Mask, box: Box, visible: Outline, area_px: float, joined: Mask | None = None) -> Outline | None:
-    """The outline of a disc of a known area (px) of which a mask (h, w) of the region `box` shows a part; None where
-    the mask's edge, as far as it is one of `joined` (h, w) too, does not fit."""
+    """Fit a disc of a known area (px) to the edge of a mask (h, w) of the region `box`, as far as it is an edge of
+    `joined` (h, w) too; None if the fit fails."""
     whole = mask if joined is None else joined
     contours, _ = cv2.findContours(whole.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     edge = max(contours, key=len)[:, 0]
     edge = edge[mask[edge[:, 1], edge[:, 0]]].astype(float)
     inner = (edge > 0).all(axis=1) & (edge < np.array(mask.shape)[::-1] - 1).all(axis=1)
-    if visible.area_px < _LEAST_VISIBLE * area_px or np.count_nonzero(inner) < _LEAST_EDGE_PX:
+    if visible.area_px < _MIN_VISIBLE * area_px or np.count_nonzero(inner) < _MIN_EDGE_PX:
         return None
     radius = math.sqrt(area_px / math.pi)
     x, y, uu, uv, vv, share = _fit_circle(edge[inner], radius - 0.5)  # the edge's pixels lie inside
-    if share < _ON_DISC:
+    if share < _MIN_ON_DISC:
         return None
-    center, angle = (
-        np.array([box[0] + x, box[1] + y]),
-        visible.angular_radius_rad * math.sqrt(area_px / visible.area_px),
-    )
+    center = np.array([box[0] + x, box[1] + y])
+    angle = visible.angular_radius_rad * math.sqrt(area_px / visible.area_px)
     return Outline(
-        *(center, np.array(((uu, uv), (uv, vv))), angle, (_SIZE_ERROR * angle) ** 2),
-        *((center[0] - radius, center[1] - radius, 2 * radius, 2 * radius), area_px, True),
+        center_px=center,
+        cov_px=np.array(((uu, uv), (uv, vv))),
+        angular_radius_rad=angle,
+        angular_radius_var=(_SIZE_ERROR * angle) ** 2,
+        box_px=(center[0] - radius, center[1] - radius, 2 * radius, 2 * radius),
+        area_px=area_px,
+        is_partial=True,
     )
 
 
 @njit(cache=True, error_model="numpy")
 def _fit_circle(edge: Array, radius: float) -> tuple[float, float, float, float, float, float]:
-    """Centre x, y of the circle of a radius that most of the points (n, 2) lie on and none far outside of, its
-    covariance uu, uv, vv, and the share of the points on it less those outside."""
-    n, limit = len(edge), max(1.0, _SIZE_ERROR * radius)
-    best, x, y = 0, 0.0, 0.0
+    """Fit a circle of a known radius to edge points (n, 2), in order along the edge.
+
+    The circle through two points with most votes (points on it minus points outside) is refined by Gauss–Newton steps
+    (Nᵀ N) δ = Nᵀ d, with the unit normals N and the distances d of the points near it.
+
+    Returns:
+        Centre x, y, its covariance uu, uv, vv, and votes as a share of the points (0 if the fit is degenerate).
+    """
+    n = len(edge)
+    limit = max(1.0, _SIZE_ERROR * radius)
+    most_votes = 0
+    x = 0.0
+    y = 0.0
     for i in range(0, n, max(n // 24, 1)):
-        for apart in (n // 8, n // 4, n // 2):
-            dx, dy = edge[(i + apart) % n, 0] - edge[i, 0], edge[(i + apart) % n, 1] - edge[i, 1]
+        for separation in (n // 8, n // 4, n // 2):
+            dx = edge[(i + separation) % n, 0] - edge[i, 0]
+            dy = edge[(i + separation) % n, 1] - edge[i, 1]
             chord2 = dx * dx + dy * dy
             if chord2 < 0.25 * radius**2 or chord2 > 4 * radius**2:
                 continue
-            along = math.sqrt((radius**2 - 0.25 * chord2) / chord2)
-            for side in (-along, along):
-                u, v = edge[i, 0] + 0.5 * dx - side * dy, edge[i, 1] + 0.5 * dy + side * dx
+            height = math.sqrt((radius**2 - 0.25 * chord2) / chord2)
+            for side in (-height, height):
+                u = edge[i, 0] + 0.5 * dx - side * dy
+                v = edge[i, 1] + 0.5 * dy + side * dx
                 votes = 0
                 for k in range(n):
-                    off = math.hypot(edge[k, 0] - u, edge[k, 1] - v) - radius
-                    votes += 1 if abs(off) < limit else -1 if off > 0 else 0
-                if votes > best:
-                    best, x, y = votes, u, v
-    uu = uv = vv = gx = gy = 0.0
+                    distance = math.hypot(edge[k, 0] - u, edge[k, 1] - v) - radius
+                    votes += 1 if abs(distance) < limit else -1 if distance > 0 else 0
+                if votes > most_votes:
+                    most_votes = votes
+                    x = u
+                    y = v
+    inverse = np.zeros((2, 2))
+    normals = np.zeros((0, 2))
     for _ in range(3):
-        a = b = c = p = q = gx = gy = 0.0
-        for k in range(n):
-            dx, dy = edge[k, 0] - x, edge[k, 1] - y
-            far = math.hypot(dx, dy)
-            if abs(far - radius) < limit:
-                dx, dy = dx / far, dy / far
-                a, b, c, gx, gy = a + dx * dx, b + dx * dy, c + dy * dy, gx + dx, gy + dy
-                p, q = p + dx * (far - radius), q + dy * (far - radius)
-        det = a * c - b * b
-        if not det > 1e-6 * (a + c) ** 2:
+        dx = edge[:, 0] - x
+        dy = edge[:, 1] - y
+        distances = np.sqrt(dx * dx + dy * dy)
+        is_near = np.abs(distances - radius) < limit
+        normals = np.column_stack((dx / distances, dy / distances))[is_near]
+        A = normals.T @ normals
+        det = A[0, 0] * A[1, 1] - A[0, 1] ** 2
+        if not det > 1e-6 * (A[0, 0] + A[1, 1]) ** 2:
             return x, y, 0.0, 0.0, 0.0, 0.0
-        uu, uv, vv = c / det, -b / det, a / det
-        x, y = x + uu * p + uv * q, y + uv * p + vv * q
-    gx, gy = uu * gx + uv * gy, uv * gx + vv * gy  # ∂centre by the radius
-    edge_var, radius_var = _CORRELATION * _EDGE_PX**2, (_SIZE_ERROR * radius) ** 2
-    return (
-        *(x, y, edge_var * uu + radius_var * gx * gx, edge_var * uv + radius_var * gx * gy),
-        *(edge_var * vv + radius_var * gy * gy, best / n),
-    )
+        inverse = np.array(((A[1, 1], -A[0, 1]), (-A[0, 1], A[0, 0]))) / det
+        step = inverse @ (normals.T @ (distances[is_near] - radius))
+        x += step[0]
+        y += step[1]
+    by_radius = inverse @ normals.sum(axis=0)  # ∂centre / ∂radius
+    cov = _CORRELATION * _EDGE_PX**2 * inverse + (_SIZE_ERROR * radius) ** 2 * np.outer(by_radius, by_radius)
+    return x, y, cov[0, 0], cov[0, 1], cov[1, 1], most_votes / n
 
 
 def cover(image: Image, mask: Mask, box: Box) -> Coverage:
-    """Soft coverage of a hard mask (h, w) of the region `box` of an RGB image.
+    """Return the soft coverage of a hard mask (h, w) of the region `box` of an RGB image.
 
     In a band around the mask's edge a pixel mixes the colours F just inside and B just outside, I = a·F + b·B.  a + b
-    is near 1 but not bound to it, since the light on a round object falls off towards its rim.  The misfit gives the
+    is near 1 but not bound to it, since the shading of a round object falls off towards its rim.  The misfit gives the
     variance.
     """
     band = _BAND_PX if np.count_nonzero(mask) > _SMALL_PX else 1
     x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
-    beside = 3 * band + 3  # as far as the colours beside an edge are looked for
-    left, top = max(x - beside, 0), max(y - beside, 0)
-    part = np.s_[top : y + h + beside, left : x + w + beside]
+    margin = 3 * band + 3  # in which the colours beside an edge are sampled
+    left = max(x - margin, 0)
+    top = max(y - margin, 0)
+    part = np.s_[top : y + h + margin, left : x + w + margin]
     patch = image[box[1] : box[3], box[0] : box[2]][part].copy()
-    corner = box[0] + left, box[1] + top
-    around = (*corner, corner[0] + patch.shape[1], corner[1] + patch.shape[0])
-    return Coverage(*covered(patch, mask[part].copy(), band), around)
+    x0 = box[0] + left
+    y0 = box[1] + top
+    alpha, variance = covered(patch, mask[part].copy(), band)
+    return Coverage(alpha, variance, (x0, y0, x0 + patch.shape[1], y0 + patch.shape[0]))
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
-    """The outline of a covered region; None where nothing is covered, or its direction has no image."""
+    """Return the outline of a covered region; None if nothing is covered or its direction has no image."""
+    camera = optics.camera
     left, top, _, _ = coverage.box
-    seen = moments(coverage.alpha, coverage.variance, optics.weights, left, top)
-    camera, area = optics.camera, seen.area
-    if area < 1.0 or not seen.box[2]:
+    m = moments(coverage.alpha, coverage.variance, optics.weights, left, top)
+    if m.area < 1.0 or not m.box[2]:
         return None
-    u, v, of_u, of_v = camera.project_linearised(*seen.direction)
+    u, v, u_by_direction, v_by_direction = camera.project_linearised(*m.direction)
     if math.isnan(u):
         return None
-    x, y, width, height = left + seen.box[0], top + seen.box[1], *seen.box[2:]
-    radius, radius_var, uu, uv, vv = _covariance(seen.cov, seen.omega, area, camera.focal_px, of_u, of_v)
-    cov = np.array(((uu, uv), (uv, vv)))
-    at_border = x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height
-    box_px = (float(x), float(y), float(width), float(height))
-    edge, excess = harmonics(coverage.alpha, optics.weights, left, top, seen.direction, seen.omega)
-    return Outline(np.array((u, v)), cov, radius, radius_var, box_px, area, at_border, edge, excess)
+    x = left + m.box[0]
+    y = top + m.box[1]
+    width, height = m.box[2:]
+    radius, radius_var, uu, uv, vv = _covariance(
+        m.cov, m.omega, m.area, camera.focal_px, u_by_direction, v_by_direction
+    )
+    edge_harmonics, excess = harmonics(coverage.alpha, optics.weights, left, top, m.direction, m.omega)
+    return Outline(
+        center_px=np.array((u, v)),
+        cov_px=np.array(((uu, uv), (uv, vv))),
+        angular_radius_rad=radius,
+        angular_radius_var=radius_var,
+        box_px=(float(x), float(y), float(width), float(height)),
+        area_px=m.area,
+        is_partial=x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height,
+        harmonics=edge_harmonics,
+        non_circularity=excess,
+    )
 
 
 @njit(cache=True, error_model="numpy")
 def _covariance(
-    cov: Upper, omega: float, area: float, focal_px: float, of_u: Vector, of_v: Vector
+    upper: Upper, omega: float, area: float, focal_px: float, u_by_direction: Vector, v_by_direction: Vector
 ) -> tuple[float, float, float, float, float]:
-    """Angular radius (rad) of a cone of solid angle `omega` (sr), its variance, and the covariance uu, uv, vv of the
-    centre's pixel.  `cov` as in `Moments`; ∂u and ∂v by the direction."""
+    """Angular radius θ = acos(1 − Ω/2π), its variance, and the covariance uu, uv, vv of the centre's pixel, J S Jᵀ.
+
+    S is the direction's part of `upper` (`Moments.cov`), J = ∂(u, v)/∂direction.
+    """
     radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
-    edge = EDGE_ERROR_PX**2 / math.sqrt(area / math.pi)
-    xx, xy, xz, _, yy, yz, _, zz, _, oo = cov
-    (a, b, c), (d, e, f) = of_u, of_v
-    ux, uy, uz = xx * a + xy * b + xz * c, xy * a + yy * b + yz * c, xz * a + yz * b + zz * c
-    vx, vy, vz = xx * d + xy * e + xz * f, xy * d + yy * e + yz * f, xz * d + yz * e + zz * f
-    uu, uv, vv = ux * a + uy * b + uz * c, ux * d + uy * e + uz * f, vx * d + vy * e + vz * f
+    xx, xy, xz, _, yy, yz, _, zz, _, oo = upper
+    S = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+    J = np.array((u_by_direction, v_by_direction))
+    cov = _CORRELATION * (J @ S @ J.T) + EDGE_ERROR_PX**2 / math.sqrt(area / math.pi) * np.eye(2)
     radius_var = _CORRELATION * oo / (2 * math.pi * math.sin(radius)) ** 2 + (EDGE_ERROR_PX / focal_px) ** 2
-    return radius, radius_var, _CORRELATION * uu + edge, _CORRELATION * uv, _CORRELATION * vv + edge
+    return radius, radius_var, cov[0, 0], cov[0, 1], cov[1, 1]
