@@ -1,8 +1,8 @@
 """Numba kernels of the sub-pixel outline: pixel coverage and its moments.
 
-A region has about 30 × 30 px, for which the overhead of array operations would take most of the time.  Each function is
-compiled on its first call, which takes seconds once; the machine code is cached beside this file.  Arrays must be
-C-ordered and writable; for another layout the function is compiled again.
+A region has about 30 × 30 px, so that the overhead of array operations would dominate.  The first call compiles and
+takes seconds; the machine code is cached beside this file.  Arrays must be C-ordered and writable; another layout
+compiles the function again.
 """
 
 import math
@@ -17,22 +17,24 @@ from pps_vision.types import Image, Mask
 _SHADE_STD = 0.4  # relative standard deviation of the rim's brightness from that of the object just inside it
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: weight of the condition a + b = 1 beside one pixel's level
-_LEVEL_VAR = 1.0  # grey levels²: least variance of a pixel (rounding)
-_LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
+_LEVEL_VAR = 1.0  # grey levels²: smallest variance of a pixel (rounding)
+_MIN_DET = 0.04  # grey levels⁴, below which both colours are the same
 _MASK_VAR = 1 / 12  # of the hard mask as an estimate of a pixel's share: an edge anywhere in the pixel
-_EDGE, _INNER, _OUTER = 0, 1, 2
+_EDGE = 0
+_INNER = 1
+_OUTER = 2
 
 Map = NDArray[np.float32]
 Color = tuple[float, float, float]
-Upper = tuple[float, float, float, float, float, float, float, float, float, float]
+Upper = tuple[float, float, float, float, float, float, float, float, float, float]  # half of a symmetric (4, 4) matrix
 
 
 @njit(cache=True, error_model="numpy")
 def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
     """Share of each pixel (h, w) that the object covers, and its variance (h, w), 0 where the share is certain.
 
-    At an edge it is the mean of two estimates, weighted by their inverse variances: how the pixel mixes the colours
-    inside and outside, and the hard mask, which decides where the pixel's colour is no mixture of them.
+    At an edge it is the mean of two estimates, weighted by their inverse variances: the mixture of the colours inside
+    and outside, and the hard mask, which decides where the pixel's colour is no such mixture.
 
     Args:
         patch: (h, w, 3) RGB.
@@ -41,12 +43,16 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
     """
     height, width = mask.shape
     kind = _kinds(mask, band)
-    alpha, variance = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
-    reach, every = 2 * band + 2, np.zeros((width, 8), np.int32)
+    alpha = np.zeros((height, width), np.float32)
+    variance = np.zeros((height, width), np.float32)
+    reach = 2 * band + 2
+    all_columns = np.zeros((width, 8), np.int32)
     for y in range(height):
-        _add_colors(every, patch[y], kind[y], 1)
-    whole = every.sum(axis=0).astype(np.int32)
-    columns, sums, within = np.zeros((width, 8), np.int32), np.zeros((width + 1, 8), np.int32), np.empty(8, np.int32)
+        _add_colors(all_columns, patch[y], kind[y], 1)
+    whole = all_columns.sum(axis=0).astype(np.int32)
+    columns = np.zeros((width, 8), np.int32)  # sums of the rows within reach
+    sums = np.zeros((width + 1, 8), np.int32)  # cumulated over the columns
+    window = np.empty(8, np.int32)
     for y in range(-reach, height):
         if y + reach < height:
             _add_colors(columns, patch[y + reach], kind[y + reach], 1)
@@ -61,29 +67,35 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
             if kind[y, x] == _INNER:
                 alpha[y, x] = 1
             elif kind[y, x] == _EDGE:
-                left, right = max(x - reach, 0), min(x + reach + 1, width)
+                left = max(x - reach, 0)
+                right = min(x + reach + 1, width)
                 for channel in range(8):
-                    within[channel] = sums[right, channel] - sums[left, channel]
-                color = float(patch[y, x, 0]), float(patch[y, x, 1]), float(patch[y, x, 2])
-                inner, outer = _mean(within if within[3] else whole, 0), _mean(within if within[7] else whole, 4)
-                a, b, rest, contrast = _unmixed(color, inner, outer)
-                noise, known = rest / 3 + _LEVEL_VAR, _MASK_VAR * contrast
-                weight = known / (noise + known)
+                    window[channel] = sums[right, channel] - sums[left, channel]
+                color = (float(patch[y, x, 0]), float(patch[y, x, 1]), float(patch[y, x, 2]))
+                inner = _mean(window if window[3] else whole, 0)
+                outer = _mean(window if window[7] else whole, 4)
+                a, b, residual2, contrast2 = _unmixed(color, inner, outer)
+                noise = residual2 / 3 + _LEVEL_VAR  # variance of the mixture: noise / contrast2
+                signal = _MASK_VAR * contrast2
+                weight = signal / (noise + signal)
                 alpha[y, x] = weight * a / max(a + b, 1e-6) + (1 - weight) * mask[y, x]
-                variance[y, x] = noise * _MASK_VAR / (noise + known)
+                variance[y, x] = noise * _MASK_VAR / (noise + signal)
     return alpha, variance
 
 
 @njit(cache=True, error_model="numpy")
 def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
     """(h, w) `_INNER` where all pixels within `band` px are marked, `_OUTER` where none is, else `_EDGE`.  If no pixel
-    is inner, all marked ones are."""
+    is inner, all marked pixels are."""
     height, width = mask.shape
-    kind, inner, whole = np.empty((height, width), np.uint8), 0, (2 * band + 1) ** 2
-    columns = np.zeros(width + 2 * band, np.uint8)  # marked in each, of the rows within the band
+    kind = np.empty((height, width), np.uint8)
+    inner = 0
+    whole = (2 * band + 1) ** 2
+    columns = np.zeros(width + 2 * band, np.uint8)  # marked pixels of each column, of the rows within the band
     count = np.empty(width, np.uint8)
     for y in range(-2 * band, height):
-        entering, leaving = mask[min(max(y + band, 0), height - 1)], mask[max(y - band - 1, 0)]
+        entering = mask[min(max(y + band, 0), height - 1)]
+        leaving = mask[max(y - band - 1, 0)]
         within = columns[band : band + width]
         for x in range(width):
             within[x] += entering[x]
@@ -93,7 +105,8 @@ def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
         if y < 0:
             continue
         for k in range(band):
-            columns[k], columns[band + width + k] = within[0], within[width - 1]
+            columns[k] = within[0]
+            columns[band + width + k] = within[width - 1]
         for x in range(width):
             count[x] = 0
         for k in range(2 * band + 1):
@@ -114,8 +127,8 @@ def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
 
 @njit(cache=True, error_model="numpy")
 def _add_colors(columns: NDArray[np.int32], row: Image, kind: NDArray[np.uint8], times: int) -> None:
-    """Add a row (w, 3) of pixels to the sums of the `columns` (w, 8), in place: red, green, blue and the number of the
-    inner pixels, and the same of the outer ones."""
+    """Add a row (w, 3) of pixels to the sums of the `columns` (w, 8) in place: red, green, blue and number of the inner
+    pixels, then of the outer pixels."""
     for x in range(len(row)):
         if kind[x] != _EDGE:
             first = 0 if kind[x] == _INNER else 4
@@ -133,25 +146,39 @@ def _mean(sums: NDArray[np.int32], first: int) -> Color:
 
 @njit(cache=True, error_model="numpy")
 def _unmixed(pixel: Color, inner: Color, outer: Color) -> tuple[float, float, float, float]:
-    """Shares a and b of two colours in a pixel's colour (least squares), the squared residual, and the squared
-    difference of the two colours.
+    """Shares a, b of the inner colour F and the outer colour B in a pixel's colour I: least squares of I = a F + b B.
 
     A fourth channel, `UNIT` in all three, weighs the condition a + b = 1.
+
+    Returns:
+        a, b, the squared residual |I − a F − b B|², and |F − B|².
     """
-    (i0, i1, i2), (f0, f1, f2), (b0, b1, b2), one = pixel, inner, outer, UNIT * UNIT
-    ff, bb = f0 * f0 + f1 * f1 + f2 * f2 + one, b0 * b0 + b1 * b1 + b2 * b2 + one
-    fb = f0 * b0 + f1 * b1 + f2 * b2 + one
-    fi, bi = f0 * i0 + f1 * i1 + f2 * i2 + one, b0 * i0 + b1 * i1 + b2 * i2 + one
-    det = max(ff * bb - fb * fb, _LEAST_DET)  # Cramer's rule
-    a, b = max(bb * fi - fb * bi, 0.0) / det, max(ff * bi - fb * fi, 0.0) / det
-    r0, r1, r2 = i0 - a * f0 - b * b0, i1 - a * f1 - b * b1, i2 - a * f2 - b * b2
-    return a, b, r0 * r0 + r1 * r1 + r2 * r2, ff + bb - 2 * fb
+    i0, i1, i2 = pixel
+    f0, f1, f2 = inner
+    b0, b1, b2 = outer
+    unit2 = UNIT * UNIT
+    ff = f0 * f0 + f1 * f1 + f2 * f2 + unit2
+    bb = b0 * b0 + b1 * b1 + b2 * b2 + unit2
+    fb = f0 * b0 + f1 * b1 + f2 * b2 + unit2
+    fi = f0 * i0 + f1 * i1 + f2 * i2 + unit2
+    bi = b0 * i0 + b1 * i1 + b2 * i2 + unit2
+    det = max(ff * bb - fb * fb, _MIN_DET)  # Cramer's rule
+    a = max(bb * fi - fb * bi, 0.0) / det
+    b = max(ff * bi - fb * fi, 0.0) / det
+    residual2 = (i0 - a * f0 - b * b0) ** 2 + (i1 - a * f1 - b * b1) ** 2 + (i2 - a * f2 - b * b2) ** 2
+    return a, b, residual2, ff + bb - 2 * fb
 
 
 class Moments(NamedTuple):
-    """Sums over the covered pixels: direction times solid angle (3), and solid angle `omega`, sr; the upper half of the
-    (4, 4) covariance of both, row by row, if pixel errors were independent; area, px; box (x, y, width, height) of the
-    pixels that are covered by more than half."""
+    """Sums over the covered pixels.
+
+    Attributes:
+        direction: (3,) viewing direction times solid angle.
+        omega: Solid angle, sr.
+        cov: Upper half of the (4, 4) covariance of `direction` and `omega` for independent pixel errors, row by row.
+        area: px.
+        box: x, y, width, height of the pixels that are covered by more than half.
+    """
 
     direction: Color
     omega: float
@@ -162,7 +189,7 @@ class Moments(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Moments:
-    """Moments of a region (h, w) of the image with its corner at `left`, `top`.
+    """Return the moments of a region (h, w) of the image with its corner at `left`, `top`.
 
     Args:
         alpha, variance: (h, w) as from `covered`.
@@ -170,60 +197,84 @@ def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Mom
     """
     height, width = alpha.shape
     x = y = z = omega = area = xx = xy = xz = xo = yy = yz = yo = zz = zo = oo = 0.0
-    x0, x1, y0, y1 = width, 0, height, 0
+    x0 = width
+    y0 = height
+    x1 = y1 = 0
     for row in range(height):
         for column in range(width):
-            share, spread = float(alpha[row, column]), float(variance[row, column])
-            if share == 0 and spread == 0:
+            share = float(alpha[row, column])
+            var = float(variance[row, column])
+            if share == 0 and var == 0:
                 continue
-            v, u = top + row, left + column
-            a, b, c, d = (
-                float(weights[0, v, u]),
-                float(weights[1, v, u]),
-                float(weights[2, v, u]),
-                float(weights[3, v, u]),
-            )
-            x, y, z, omega, area = x + share * a, y + share * b, z + share * c, omega + share * d, area + share
+            a = float(weights[0, top + row, left + column])
+            b = float(weights[1, top + row, left + column])
+            c = float(weights[2, top + row, left + column])
+            d = float(weights[3, top + row, left + column])
+            x += share * a
+            y += share * b
+            z += share * c
+            omega += share * d
+            area += share
             if share > 0.5:
-                x0, x1, y0, y1 = min(x0, column), max(x1, column + 1), min(y0, row), max(y1, row + 1)
-            if spread > 0:
-                xx, xy, xz, xo = xx + spread * a * a, xy + spread * a * b, xz + spread * a * c, xo + spread * a * d
-                yy, yz, yo = yy + spread * b * b, yz + spread * b * c, yo + spread * b * d
-                zz, zo, oo = zz + spread * c * c, zo + spread * c * d, oo + spread * d * d
-    cov = (xx, xy, xz, xo, yy, yz, yo, zz, zo, oo)
-    direction = (x, y, z)
-    return Moments(direction, omega, cov, area, (x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)))
+                x0 = min(x0, column)
+                x1 = max(x1, column + 1)
+                y0 = min(y0, row)
+                y1 = max(y1, row + 1)
+            if var > 0:
+                xx += var * a * a
+                xy += var * a * b
+                xz += var * a * c
+                xo += var * a * d
+                yy += var * b * b
+                yz += var * b * c
+                yo += var * b * d
+                zz += var * c * c
+                zo += var * c * d
+                oo += var * d * d
+    upper = (xx, xy, xz, xo, yy, yz, yo, zz, zo, oo)
+    return Moments((x, y, z), omega, upper, area, (x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)))
 
 
 @njit(cache=True, error_model="numpy")
 def harmonics(
     alpha: Map, weights: Map, left: int, top: int, axis: Color, omega: float
 ) -> tuple[tuple[float, float, float, float], float]:
-    """Non-circularity of an outline: cosine and sine of the second and of the third harmonic of its edge, in shares of
-    its radius, and the share by which its second moment exceeds a disc's.
+    """Return the second and third harmonic of an outline's edge and its non-circularity, as `Outline` has them.
 
-    In the tangent plane of `axis`, the mean direction, in which a ball's image is a disc.  An edge at r(1 + ε cos kθ)
-    has the moment ∫ρᵏ cos kθ dA = ε π r^(k + 2).
+    They are computed in the tangent plane of `axis`, the mean direction, in which a ball's image is a disc.  An edge at
+    r(1 + ε cos kθ) has the moment ∫ρᵏ cos kθ dA = ε π r^(k + 2).
 
     Args:
         alpha, weights, left, top: As for `moments`.
         axis, omega: Direction and solid angle of its result.
     """
-    p, q, r = axis
-    length, side = math.sqrt(p * p + q * q + r * r), math.sqrt(p * p + r * r)
-    p, q, r, ex, ez = p / length, q / length, r / length, r / side, -p / side  # e = (ex, 0, ez) is across the axis
-    fx, fy, fz = q * ez, r * ex - p * ez, -q * ex
-    c2 = s2 = c3 = s3 = spread = 0.0
+    length = math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
+    p = axis[0] / length
+    q = axis[1] / length
+    r = axis[2] / length
+    side = math.sqrt(p * p + r * r)
+    ex = r / side  # e = (ex, 0, ez) and f = axis × e span the plane
+    ez = -p / side
+    fx = q * ez
+    fy = r * ex - p * ez
+    fz = -q * ex
+    c2 = s2 = c3 = s3 = second = 0.0
     for row in range(len(alpha)):
         for column in range(alpha.shape[1]):
             if alpha[row, column] == 0:
                 continue
-            v, u = top + row, left + column
-            a, b, c, d = weights[0, v, u], weights[1, v, u], weights[2, v, u], weights[3, v, u]
-            x, y, w = (ex * a + ez * c) / d, (fx * a + fy * b + fz * c) / d, float(alpha[row, column]) * d
-            xx, yy, xy = x * x, y * y, x * y
-            c2, s2, spread = c2 + w * (xx - yy), s2 + 2 * w * xy, spread + w * (xx + yy)
-            c3, s3 = c3 + w * x * (xx - 3 * yy), s3 + w * y * (3 * xx - yy)
+            a = weights[0, top + row, left + column]
+            b = weights[1, top + row, left + column]
+            c = weights[2, top + row, left + column]
+            d = weights[3, top + row, left + column]
+            x = (ex * a + ez * c) / d
+            y = (fx * a + fy * b + fz * c) / d
+            w = float(alpha[row, column]) * d
+            c2 += w * (x * x - y * y)
+            s2 += w * 2 * x * y
+            c3 += w * x * (x * x - 3 * y * y)
+            s3 += w * y * (3 * x * x - y * y)
+            second += w * (x * x + y * y)
     square = omega * omega / math.pi  # π r⁴
     cube = square * math.sqrt(omega / math.pi)
-    return (c2 / square, s2 / square, c3 / cube, s3 / cube), 2 * spread / square - 1
+    return (c2 / square, s2 / square, c3 / cube, s3 / cube), 2 * second / square - 1
