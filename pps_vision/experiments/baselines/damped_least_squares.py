@@ -1,4 +1,4 @@
-"""Damped least squares for a point of an arm: the baseline of the arm's quadratic programme."""
+"""Damped least squares for a point of an arm: baseline of the arm's quadratic program."""
 
 import numpy as np
 
@@ -24,15 +24,16 @@ def damped_least_squares(
 ) -> Array:
     """Joint rates (n_joints,) q̇ = Jᵀ(J Jᵀ + λ²)⁻¹ v + (1 − J⁺J) k (rest − q) (Nakamura & Hanafusa 1986; Liégeois 1977).
 
-    All rates are scaled alike to the rate limit.  With `hold_s` each joint's rate is then clipped to what keeps it
-    within its limits for that time.
+    All rates are scaled by one factor to the rate limit.  With `hold_s` each joint's rate is then clipped so that the
+    joint stays within its limits for that time.
     """
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
-    q, J = posture.q_rad[columns], posture.jacobian(frame, point)[:3, columns]
-    damped: Array = J.T @ np.linalg.inv(J @ J.T + damping_m**2 * np.eye(3))
+    q = posture.q_rad[columns]
+    J = posture.jacobian(frame, point)[:3, columns]
+    inverse: Array = J.T @ np.linalg.inv(J @ J.T + damping_m**2 * np.eye(3))
     preferred = params.posture_per_s * (rest_rad - q)
-    rates = damped @ velocity_root + preferred - damped @ (J @ preferred)
+    rates = inverse @ velocity_root + preferred - inverse @ (J @ preferred)
     rates *= min(1.0, params.max_rate_rad_s / max(float(np.abs(rates).max()), 1e-12))
     if hold_s is not None:
         limits = rate_limits(q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, 1 / hold_s)

@@ -1,4 +1,4 @@
-"""Forward models arm → gaze from any regressor: LWPR, SciPy's and scikit-learn's."""
+"""Forward models arm → gaze from general regressors: LWPR, SciPy's and scikit-learn's."""
 
 import warnings
 from collections.abc import Callable
@@ -6,17 +6,15 @@ from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
-from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
-from sklearn.multioutput import MultiOutputRegressor
-from sklearn.neural_network import MLPRegressor
 
 from learning.reach.babbling import crossing, gaze_at
 from learning.reach.params import ArmLimits
-from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.types import Array
+
+_N_TUNE = 600  # samples by which the kernel of the Gaussian process is chosen
 
 Predict = Callable[[Array], Array]
 
@@ -34,15 +32,16 @@ class Regressor(Protocol):
 
 
 class ArmToGaze:
-    """Forward model arm posture → gaze posture that fixates the hand (J IV C).
+    """Forward model from arm posture to the gaze posture that fixates the hand (J IV C).
 
-    The regressor sees joint angles scaled to [−1, 1] by their limits, and the point where the lines of sight cross.
+    The regressor maps joint angles, scaled to [−1, 1] by their limits, to the point where the lines of sight cross.
     """
 
     def __init__(self, regressor: Regressor) -> None:
-        self.regressor, limits = regressor, ArmLimits()
-        lower, upper = np.array(limits.lower_rad), np.array(limits.upper_rad)
-        self.middle, self.half = (lower + upper) / 2, (upper - lower) / 2
+        limits = ArmLimits()
+        self.regressor = regressor
+        self.middle = (np.array(limits.lower_rad) + np.array(limits.upper_rad)) / 2
+        self.half = np.array(limits.upper_rad) - self.middle
 
     def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
         """Learn arm postures (N, 4) and gaze postures (N, 3), rad."""
@@ -53,27 +52,8 @@ class ArmToGaze:
         return gaze_at(self.regressor.predict((arm_rad - self.middle) / self.half))
 
 
-class LocalModels:
-    """LWPR, which sees a sample at a time; NaN where no receptive field responds."""
-
-    def __init__(self, n_inputs: int, n_outputs: int, params: LWPRParams, n_epochs: int = 1) -> None:
-        """Show every batch `n_epochs` times, from the second time on in random order."""
-        self.model, self.n_epochs = LWPR(n_inputs, n_outputs, params), n_epochs
-        self._rng = np.random.default_rng(0)
-
-    def update(self, x: Array, y: Array) -> None:
-        """Learn more samples."""
-        orders = [np.arange(len(x)), *(self._rng.permutation(len(x)) for _ in range(self.n_epochs - 1))]
-        for k in np.concatenate(orders):
-            self.model.update(x[k], y[k])
-
-    def predict(self, x: Array) -> Array:
-        """Return y (N, outputs)."""
-        return self.model.predict(x)
-
-
 class Refitted:
-    """A regressor that is fitted anew to all samples with every batch."""
+    """A regressor that is fitted to all samples again after each batch."""
 
     def __init__(self, fit: Callable[[Array, Array], Predict]) -> None:
         self._fit = fit
@@ -82,7 +62,7 @@ class Refitted:
     def update(self, x: Array, y: Array) -> None:
         """Learn more samples."""
         self._batches.append((x, y))
-        all_x, all_y = (np.concatenate(parts) for parts in zip(*self._batches, strict=True))
+        all_x, all_y = (np.concatenate(arrays) for arrays in zip(*self._batches, strict=True))
         self.predict = self._fit(all_x, all_y)
 
 
@@ -91,10 +71,10 @@ def quintic_spline() -> Refitted:
     return Refitted(lambda x, y: RBFInterpolator(x, y, kernel="quintic"))
 
 
-def gaussian_process(n_tune: int = 600) -> Refitted:
-    """Return scikit-learn's process: squared exponential with a length scale per input, plus noise, for all outputs.
+def gaussian_process() -> Refitted:
+    """Return scikit-learn's Gaussian process: squared exponential with a length scale per input, plus noise.
 
-    The kernel is chosen by marginal likelihood on the first `n_tune` samples.
+    The kernel is chosen by the marginal likelihood of the first 600 samples.
     """
 
     def fit(x: Array, y: Array) -> Predict:
@@ -102,33 +82,9 @@ def gaussian_process(n_tune: int = 600) -> Refitted:
         lengths = np.clip(2 * x.std(axis=0), 0.1, 10.0)
         kernel = ConstantKernel(1.0, (1e-3, 1e6)) * RBF(lengths, (0.1, 100.0)) + WhiteKernel(1e-6, (1e-12, 1.0))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # samples without noise end at the least noise
-            tuned = GaussianProcessRegressor(kernel, alpha=0.0).fit(x[:n_tune], (y - mean)[:n_tune])
+            warnings.simplefilter("ignore", ConvergenceWarning)  # noise-free samples end at the lower bound of the noise
+            tuned = GaussianProcessRegressor(kernel, alpha=0.0).fit(x[:_N_TUNE], (y - mean)[:_N_TUNE])
         model = GaussianProcessRegressor(tuned.kernel_, alpha=0.0, optimizer=None).fit(x, y - mean)
-        return lambda at: np.asarray(model.predict(at)) + mean
-
-    return Refitted(fit)
-
-
-def network(seed: int) -> Refitted:
-    """Return scikit-learn's network of two hidden layers of 64 tanh units, trained by L-BFGS."""
-
-    def fit(x: Array, y: Array) -> Predict:
-        scale = y.std(axis=0)
-        model = MLPRegressor(
-            hidden_layer_sizes=(64, 64), activation="tanh", solver="lbfgs", max_iter=2000, random_state=seed
-        ).fit(x, y / scale)
-        return lambda at: np.asarray(model.predict(at) * scale)
-
-    return Refitted(fit)
-
-
-def boosted_trees(seed: int) -> Refitted:
-    """Return scikit-learn's histogram gradient-boosted trees, 300 for each output."""
-
-    def fit(x: Array, y: Array) -> Predict:
-        one = HistGradientBoostingRegressor(max_iter=300, early_stopping=False, random_state=seed)
-        predict: Predict = MultiOutputRegressor(one).fit(x, y).predict
-        return predict
+        return lambda queries: np.asarray(model.predict(queries)) + mean
 
     return Refitted(fit)

@@ -1,0 +1,299 @@
+"""The reachable-space map in use: asked in every frame of the closed loop, and by the torso that leans."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from tqdm import tqdm
+
+from control import fixation, head, lean
+from control.fixation import FixationParams, fixation_error, gaze_at
+from control.lean import LeanParams, LeanStatus
+from learning.pps.memory import PPSMemory
+from learning.reach.labels import ReachOracle
+from learning.reach.lattice import isotropic
+from learning.reach.map import ReachableMap
+from learning.reach.params import ArmLimits
+from learning.reach.track_reachability import TrackReachability
+from learning.reach.training import train_reachable_map
+from pps_vision.app.simulation import Episode, EpisodeLog, World, can_follow, log_of, new_pipeline, open_world, simulate
+from pps_vision.experiments.reach_truth import closed_form, map_params
+from pps_vision.experiments.study import NOISE_SIGMA, Part, PartsStudy, SampledStudy, Values, interval, percent
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
+from pps_vision.robot.gaze import GazeLimits, GazeModel
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array, ReachStatus, Status, Track3D
+from rendering.motions import Linear
+
+_DEG = np.pi / 180
+_SECONDS = 3.0
+_SPEED_M_S = (0.05, 0.15)
+_LENGTH_M = (0.10, 0.30)
+_LOOP_GAZE = GazeLimits(pitch_rad=(-80 * _DEG, 40 * _DEG))  # J's, with the pitch that the eyes' tilt adds
+_PATH_GAZE = GazeLimits(
+    (-50 * _DEG, 50 * _DEG), (-75 * _DEG, 35 * _DEG), (5 * _DEG, 17 * _DEG)
+)  # of the ends of paths; nearer, the eyes lag
+_N_TIMED = 1000
+_MAX_FP = 1e-3
+_VERDICTS = {"right": "asked at the track", "right_at_true_position": "asked at the true position"}
+
+_LEAN_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's neck
+_LEAN_ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's first joint
+_LEAN_SIDE = "right"
+_LEAN_MAX_FP = 1e-4
+_TORSO_STEP_RAD = 2 * _DEG  # of the truth's grid
+_DT_S = 0.05
+_MAX_LEAN_S = 20.0
+_TOUCH_M = 0.01
+
+
+def _run_loop(study: "ReachInLoop") -> dict[str, Any]:
+    """Return the share of frames judged rightly (%, with the interval over runs), counts, and processor times.
+
+    A ball crosses the left hand's workspace in front of the rendered eyes, which track and fixate it while the arm
+    rests.  The truth is closed-form inverse kinematics at the ball's true position.
+    """
+    params = replace(map_params(study.n_labels), gaze_limits=_LOOP_GAZE)
+    with open_world(NOISE_SIGMA, study.seed) as world:
+        learned = train_reachable_map(world.robot, "left", np.random.default_rng(study.seed), params)
+        runs = []
+        for k in tqdm(range(study.n), desc="runs", disable=None):
+            pipeline = new_pipeline(world, PPSMemory.empty(world.skin), reachable_map=learned)
+            episode = crossing(world, k % 2 == 0, np.random.default_rng((study.seed, k)))
+            log = log_of(world, episode, simulate(world, episode, pipeline.step, avoid=False), avoid=False)
+            runs.append(judge(world.robot, learned, log))
+        ms = _frame_ms(world.robot, learned, np.random.default_rng((study.seed, study.n)))
+    counts = {name: int(sum(np.sum(run[name]) for run in runs)) for name in runs[0] if name not in _VERDICTS}
+    shares = {name: interval([run[name] for run in runs], percent) for name in _VERDICTS}
+    return {**counts, **shares, "ms": ms}
+
+
+def crossing(world: World, reachable: bool, rng: np.random.Generator) -> Episode:
+    """Return a ball on a straight line from within or out of reach, along which both eyes see it."""
+    model = GazeModel(world.robot)
+    arm = closed_form(world.robot, "left")
+    while True:
+        start = model.points(random_gaze(_PATH_GAZE, 1, rng))[0]
+        if np.isfinite(arm.solve(start[None])[0, 0]) != reachable:
+            continue
+        direction = rng.standard_normal(3)
+        end = start + rng.uniform(*_LENGTH_M) * direction / np.linalg.norm(direction)
+        motion = Linear(start, end, rng.uniform(*_SPEED_M_S))
+        visible = np.isfinite(model.gaze(end[None], _PATH_GAZE)).all()
+        if visible and can_follow(world.robot, world.rig, world.home, motion, _SECONDS):
+            return Episode("crossing", "ball", motion, _SECONDS)
+
+
+def random_gaze(limits: GazeLimits, n: int, rng: np.random.Generator) -> Array:
+    """Return (n, 3) gaze postures, uniform in direction and in the logarithm of the distance."""
+    gaze = rng.uniform(isotropic(limits.lower), isotropic(limits.upper), (n, 3))
+    gaze[:, 2] = 2 * np.arctan(np.exp(gaze[:, 2]))
+    return gaze
+
+
+def judge(robot: Robot, learned: ReachableMap, log: EpisodeLog) -> Values:
+    """Return (T,) booleans of the tracked frames of a run: whether each verdict is right, and the kinds of errors.
+
+    A position that no gaze within the map's limits fixates counts as unreachable.
+    """
+    tracked = [k for k, answer in enumerate(log.reachability) if answer.status != ReachStatus.UNKNOWN]
+    answers = [log.reachability[k] for k in tracked]
+    points = log.truth_m[tracked]
+    gaze = GazeModel(robot).gaze(points, _LOOP_GAZE)
+    reachable = np.isfinite(closed_form(robot, "left").solve(points)[:, 0]) & np.isfinite(gaze[:, 0])
+    verdict = np.array([answer.is_reachable for answer in answers], dtype=bool)
+    return {
+        "frames": np.ones(len(points), bool),
+        "truly_reachable": reachable,
+        "not_fixated": np.array([answer.status == ReachStatus.NOT_FIXATED for answer in answers], dtype=bool),
+        "false_positives": verdict & ~reachable,
+        "false_negatives": ~verdict & reachable,
+        "right": verdict == reachable,
+        "right_at_true_position": (learned.query(gaze).probability > 0.5) == reachable,
+    }
+
+
+def _frame_ms(robot: Robot, learned: ReachableMap, rng: np.random.Generator) -> list[float]:
+    """Quartiles of the processor time (ms) per frame, over 1000 positions."""
+    answer = TrackReachability(robot, learned, _MAX_FP)
+    q = np.zeros(robot.n_joints)
+    q[robot.indices(robot.names.torso)] = 0.2
+    ms = []
+    for point in GazeModel(robot).points(rng.uniform(_LOOP_GAZE.lower, _LOOP_GAZE.upper, (_N_TIMED, 3))):
+        track = Track3D(0.0, np.vstack([point, np.zeros((3, 3))]), np.eye(12), 0.03, 1e-4, Status.TRACKING)
+        ms.append(timed(partial(answer, q, track))[1])
+    quartiles: list[float] = np.percentile(ms, (25, 50, 75)).tolist()
+    return quartiles
+
+
+def _loop_table(numbers: dict[str, Any]) -> Table:
+    """Return the share of frames judged rightly, and the processor time per frame."""
+    rows = [[f"frames judged rightly, {label} (%)", estimate(numbers[name], 4)] for name, label in _VERDICTS.items()]
+    rows.append(["processor time per frame (ms)", f"{numbers['ms'][1]:.2g}"])
+    return Table(["map in the loop", "mean (95 % interval) or median"], rows)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Result of leaning towards one object."""
+
+    status: LeanStatus
+    """Last status of the controller."""
+    palm_off_m: float
+    """Distance between palm and object, with the arm by inverse kinematics at the final gaze."""
+    turned_rad: float
+    """Total turn of the torso."""
+    fixation_rad: float
+    """Largest fixation error."""
+    seconds: float
+    """Duration of the turn."""
+
+
+def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point: Array, compensates: bool) -> Attempt:
+    """Lean from fixation with the torso upright until the object is within reach, or cannot be.
+
+    Unless the head `compensates` for the torso, fixation only reacts.
+    """
+    robot = oracle.robot
+    model = GazeModel(robot)
+    torso = robot.indices(robot.names.torso)
+    q = gaze_at(robot, robot.clamp(np.zeros(robot.n_joints)), point)
+    status: LeanStatus = "leaning"
+    error = 0.0
+    turned = 0.0
+    t = 0.0
+    while t < _MAX_LEAN_S:
+        posture = robot.at(q)
+        error = max(error, fixation_error(posture, point))
+        status, command = lean.step(
+            LeanParams(),
+            model,
+            _LEAN_GAZE,
+            lambda gaze: learned.query(gaze, threshold).reachable,
+            posture,
+            point,
+            _DT_S,
+            t,
+        )
+        if status != "leaning":
+            break
+        dq = command.dq_rad_s
+        carried = compensates * head.carried_velocity(posture, point, dq)
+        gaze_command = fixation.step(FixationParams(), posture, point, -carried, _DT_S, t)
+        turned += _DT_S * float(np.linalg.norm(dq[torso]))
+        q = robot.clamp(q + _DT_S * (dq + gaze_command.dq_rad_s))
+        t += _DT_S
+    solution = oracle.solve(model.gaze(model.to_upright(q[None], point), _LEAN_GAZE))
+    q[robot.indices(robot.names.arm(_LEAN_SIDE))[:4]] = solution.q_rad[0]
+    palm = robot.at(q).point(robot.names.palm(_LEAN_SIDE))
+    return Attempt(status, float(np.linalg.norm(palm - point)), turned, error, t)
+
+
+def can_be_reached(robot: Robot, points: Array) -> Array:
+    """Return (N,) whether points (N, 3) can be fixated and reached from some torso posture of a grid, in closed form."""
+    model = GazeModel(robot)
+    arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)
+    torso = robot.indices(robot.names.torso)
+    axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, _TORSO_STEP_RAD) for i in torso]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(torso))
+    q = np.zeros((len(grid), robot.n_joints))
+    q[:, torso] = grid
+    reached = []
+    for point in points:
+        upright = model.to_upright(q, point)
+        within = np.isfinite(arm.solve(upright)[:, 0]) & np.isfinite(model.gaze(upright, _LEAN_GAZE)[:, 0])
+        reached.append(within.any())
+    return np.array(reached)
+
+
+def _draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:
+    """(n, 3) points that can be fixated, not reached, with the torso upright."""
+    model = GazeModel(robot)
+    arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)
+    points: Array = np.zeros((0, 3))
+    while len(points) < n:
+        candidates = model.points(random_gaze(_LEAN_GAZE, n, rng))
+        points = np.concatenate([points, candidates[np.isnan(arm.solve(candidates)[:, 0])]])
+    return points[:n]
+
+
+def _run_lean(study: "ReachInLoop") -> dict[str, Any]:
+    """Return counts; median, 95 % quantile and maximum over the objects touched.
+
+    By kinematics: joints follow their commands and the object's position is known.
+    """
+    robot = load_icub()
+    rng = np.random.default_rng(study.seed)
+    params = replace(map_params(study.n_lean_labels), gaze_limits=_LEAN_GAZE, arm_limits=_LEAN_ARM)
+    learned = train_reachable_map(robot, _LEAN_SIDE, rng, params)
+    lean_once = partial(attempt, ReachOracle(robot, _LEAN_SIDE, params, rng), learned, learned.threshold(_LEAN_MAX_FP))
+    points = _draw_unreachable(robot, study.n_objects, np.random.default_rng(study.seed + 1_000_000))
+    possible = can_be_reached(robot, points)
+    attempts = [lean_once(point, compensates=True) for point in tqdm(points, desc="objects", disable=None)]
+    touched = [row for row in attempts if row.status == "within reach" and row.palm_off_m <= _TOUCH_M]
+    refused = np.array([row.status == "out of reach" for row in attempts])
+    reacting = [lean_once(point, compensates=False) for point in points[possible][: max(study.n_objects // 8, 1)]]
+    return {
+        "objects": study.n_objects,
+        "reachable_with_torso": int(possible.sum()),
+        "touched": len(touched),
+        "refused_rightly": int((refused & ~possible).sum()),
+        "refused_wrongly": int((refused & possible).sum()),
+        "palm_off_mm": _quantiles([1000 * row.palm_off_m for row in touched]),
+        "fixation_error_deg": _quantiles([row.fixation_rad / _DEG for row in touched]),
+        "fixation_error_reacting_deg": _quantiles([row.fixation_rad / _DEG for row in reacting]),
+        "turned_deg": _quantiles([row.turned_rad / _DEG for row in touched]),
+        "seconds": _quantiles([row.seconds for row in touched]),
+    }
+
+
+def _quantiles(values: list[float]) -> list[float]:
+    """Median, 95 % quantile and maximum."""
+    return np.quantile(values, (0.5, 0.95, 1.0)).tolist() if values else [np.nan] * 3
+
+
+_COUNTS = {
+    "objects that the upright robot does not reach": "objects",
+    "reachable with the torso": "reachable_with_torso",
+    "touched": "touched",
+    "unreachable and refused": "refused_rightly",
+    "reachable and refused": "refused_wrongly",
+}
+_QUANTILES = {
+    "palm to object (mm)": "palm_off_mm",
+    "fixation error (°)": "fixation_error_deg",
+    "fixation error, head only reacting (°)": "fixation_error_reacting_deg",
+    "turn of the torso (°)": "turned_deg",
+    "time (s)": "seconds",
+}
+
+
+def _lean_table(numbers: dict[str, Any]) -> Table:
+    """Return the counts, and the quantiles over the objects touched."""
+    rows = [[name, str(numbers[key]), "", ""] for name, key in _COUNTS.items()]
+    rows += [[name, *(estimate([value]) for value in numbers[key])] for name, key in _QUANTILES.items()]
+    return Table(["leaning", "number or median", "95 %", "maximum"], rows)
+
+
+@dataclass(frozen=True)
+class ReachInLoop(PartsStudy, SampledStudy):
+    """Verdicts of the map on tracked objects, and objects reached by leaning."""
+
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "loop": Part(_run_loop, table=_loop_table),
+        "lean": Part(_run_lean, table=_lean_table),
+    }
+    SHORT: ClassVar[Mapping[str, Any]] = {"n_lean_labels": 600, "n_objects": 4}
+
+    n: int = 10
+    """Runs of the loop, each one path of a ball; the independent units."""
+    n_labels: int = 6000
+    """Inverse-kinematics solutions of the map in the loop."""
+    n_lean_labels: int = 12_000
+    """Inverse-kinematics solutions of the map for leaning."""
+    n_objects: int = 200
+    """Objects out of reach of the upright robot."""

@@ -1,0 +1,32 @@
+"""Forward models arm → gaze, LWPR beside its authors' library, robots with deviations, official iCub models."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from pps_vision.experiments.reach_kinematics import cross_function, deviations, forward_model, official_icub
+from pps_vision.experiments.study import Part, PartsStudy, SampledStudy
+
+
+@dataclass(frozen=True)
+class ReachKinematics(SampledStudy, PartsStudy):
+    """Kinematics behind the reachable-space map."""
+
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "forward_model": Part(forward_model.run, forward_model.chart, forward_model.table),
+        "deviations": Part(deviations.run, table=deviations.table),
+        "lwpr": Part(cross_function.run, table=cross_function.table),
+        "official_icub": Part(official_icub.run, table=official_icub.table),
+    }
+    SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200), "n_lwpr": 1, "lwpr_share": 0.05}
+
+    n: int = 3
+    """Sets of babbled postures, each with its own test set."""
+    sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, 4400)
+    """Fixated postures after which each forward model is judged; of robots with deviations, the last one only."""
+    n_lwpr: int = 5
+    """LWPR models of the cross function per setting."""
+    lwpr_share: float = 1.0
+    """Share of their training samples."""
+    official_models: tuple[str, ...] = ("iCubLisboa01", "iCubGazeboV2_5")
+    """Official iCub models: of version 1, as ours, and of version 2.5."""

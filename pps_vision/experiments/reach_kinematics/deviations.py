@@ -1,0 +1,161 @@
+"""Forward model of robots that are no chain of ideal joints: error of the structure, and of the process that corrects it.
+
+Of the deviations only the order of the neck's axes is in the class of the structure, and none in that of the process.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from learning.reach.babbling import Babbled, random_arms
+from learning.reach.forward_model import RevoluteArm
+from pps_vision.experiments.baselines.regressors import ArmToGaze, gaussian_process
+from pps_vision.experiments.reach_kinematics.forward_model import N_TEST, ForwardModel
+from pps_vision.experiments.reach_truth import first, gaze_rmse_deg
+from pps_vision.experiments.study import interval
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, GazeModel
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
+from pps_vision.types import Array
+
+if TYPE_CHECKING:
+    from pps_vision.experiments.reach_kinematics import ReachKinematics
+
+NOISES_DEG = (0.0, 1.0)
+_MIN_FIXATED = 0.2  # lower bound of the share of arm postures that can be fixated
+_LIMITS = GazeLimits()
+_SAG_RAD = np.deg2rad(2)
+_LEVER_M = 0.05
+_TEETH = 8
+_GEAR_RAD = np.deg2rad(0.5)
+_CROSS_TALK = 0.015
+_TILT_RAD = np.deg2rad(5)
+_PRECISE = IKParams(tolerance=1e-9, max_steps=40)
+_H = 1e-6  # rad, of finite differences
+
+Bend = Callable[[Chain, Array], Array]
+"""Arm and encoders (N, 4) rad to the true joint angles."""
+
+
+def _ideal(_: Chain, q: Array) -> Array:
+    return q
+
+
+def _sag(arm: Chain, q: Array) -> Array:
+    """Gravity turns the joints by up to 2°, nearly that with the hand 5 cm to the side of the joint."""
+    levers = arm.positions(q)[1][:, 2]  # ∂height/∂joint: torque of a weight in the hand
+    return np.asarray(q - _SAG_RAD * np.tanh(levers / _LEVER_M))
+
+
+def _gears(_: Chain, q: Array) -> Array:
+    """Gears err by 0.5° eight times per turn."""
+    return q + _GEAR_RAD * np.sin(_TEETH * q)
+
+
+def _cross_talk(_: Chain, q: Array) -> Array:
+    """Each joint moves with 1.5 % of the next one, and with 1.5 % of its square."""
+    following = np.roll(q, -1, axis=1)
+    return q + _CROSS_TALK * (following + following**2)
+
+
+def _all(arm: Chain, q: Array) -> Array:
+    return _sag(arm, _gears(arm, _cross_talk(arm, q)))
+
+
+def _head(yaw_first: bool = False, tilt_rad: float = 0.0) -> GazeModel:
+    """The iCub's head with its neck's axes exchanged, or its yaw axis tilted sideways."""
+    model = GazeModel(load_icub())
+    for name in ("_left", "_right"):
+        eye: Chain = getattr(model, name)
+        tilt = Rotation.from_rotvec(tilt_rad * eye.T_root_frame[:3, 2]).as_matrix()
+        v, w = np.split(eye.screws[0], 2)
+        tilted = tilt @ w
+        screws = np.concatenate([[[*np.cross(np.cross(w, v), tilted), *tilted]], eye.screws[1:]])
+        setattr(model, name, replace(eye, screws=screws, order=(0, 1, 2) if yaw_first else eye.order))
+    return model
+
+
+DEVIATIONS: dict[str, tuple[Bend, Callable[[], GazeModel]]] = {
+    "none": (_ideal, _head),
+    "sag of up to 2°": (_sag, _head),
+    "gears, 0.5° sin 8q": (_gears, _head),
+    "cross-talk, 1.5 %": (_cross_talk, _head),
+    "neck yaw below pitch": (_ideal, partial(_head, yaw_first=True)),
+    "neck yaw axis tilted by 5°": (_ideal, partial(_head, tilt_rad=_TILT_RAD)),
+    "all of these": (_all, partial(_head, yaw_first=True, tilt_rad=_TILT_RAD)),
+}
+MODELS: dict[str, Callable[[], ForwardModel]] = {
+    "structure and process (default)": RevoluteArm,
+    "structure alone": partial(RevoluteArm, corrected=False),
+    "Gaussian process alone": lambda: ArmToGaze(gaussian_process()),
+}
+
+
+def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
+    """Return encoders of the arm and gaze of up to `n` fixated postures of a robot with a deviation."""
+    bend, make_head = DEVIATIONS[deviation]
+    head = make_head()
+    robot = load_icub()
+    chain = Chain.of(robot, robot.names.arm("right")[:4], "right_palm")
+    arm = random_arms(n, rng)
+    hand = chain.positions(bend(chain, arm))[0]
+
+    def fixated(gaze: Array) -> tuple[Array, Array]:
+        shifted = np.concatenate([gaze, *(gaze + _H * axis for axis in np.eye(3))])
+        point, *moved = head.points(shifted).reshape(4, -1, 3)
+        return point, (np.stack(moved, axis=2) - point[:, :, None]) / _H
+
+    starts = np.clip(np.nan_to_num(GazeModel(robot).gaze(hand), nan=0.5), _LIMITS.lower, _LIMITS.upper)[None]
+    solution = solve_ik(fixated, hand, starts, _LIMITS.lower, _LIMITS.upper, _PRECISE)
+    return Babbled(arm[solution.converged], solution.q_rad[solution.converged], n)
+
+
+def run(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by noise, deviation and model the RMSE (°) with its interval, and the median time of learning (s)."""
+    return {
+        "noises": {
+            f"{noise_deg:g}": {
+                deviation: _measure(study, deviation, noise_deg)
+                for deviation in tqdm(DEVIATIONS, desc=f"noise {noise_deg:g}°", disable=None)
+            }
+            for noise_deg in NOISES_DEG
+        }
+    }
+
+
+def _measure(study: "ReachKinematics", deviation: str, noise_deg: float) -> dict[str, Any]:
+    errors: dict[str, list[list[float]]] = {model: [] for model in MODELS}
+    seconds: dict[str, list[float]] = {model: [] for model in MODELS}
+    for seed in study.seeds:
+        rng = np.random.default_rng(seed)
+        train, test = (first(samples(deviation, int(n / _MIN_FIXATED), rng), n) for n in (study.sizes[-1], N_TEST))
+        noise = np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
+        gaze = np.clip(train.gaze_rad + noise, _LIMITS.lower, _LIMITS.upper)
+        for name, make in MODELS.items():
+            model = make()
+            _, learning_ms = timed(partial(model.learn, train.arm_rad, gaze))
+            _, fitting_ms = timed(partial(model, test.arm_rad[:1]))
+            errors[name].append([gaze_rmse_deg(model, test)[0]])
+            seconds[name].append((learning_ms + fitting_ms) / 1000)
+    return {
+        name: {"rmse_deg": interval(errors[name]), "seconds": float(np.median(seconds[name]))} for name in MODELS
+    }
+
+
+def table(numbers: dict[str, Any]) -> Table:
+    """Return the errors by deviation, without noise beside with."""
+    exact, noisy = numbers["noises"].values()
+    rows = []
+    for deviation, models in exact.items():
+        errors = (estimate(cell[deviation][name]["rmse_deg"], 2) for cell in (exact, noisy) for name in MODELS)
+        rows.append([deviation, *errors, f"{models['structure and process (default)']['seconds']:.2g}"])
+    columns = [f"{name}; noise {noise}°" for noise in numbers["noises"] for name in MODELS]
+    return Table(["gaze RMSE (°)", *columns, "learning (s)"], rows)

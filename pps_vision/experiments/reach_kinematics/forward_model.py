@@ -1,0 +1,125 @@
+"""Forward model arm → gaze from motor babbling: error over samples, and time against error (J Fig 2)."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from learning.reach.babbling import Babbled, babble
+from learning.reach.forward_model import RevoluteArm
+from pps_vision.experiments import charts
+from pps_vision.experiments.baselines import jamone
+from pps_vision.experiments.baselines.lwpr import LWPR
+from pps_vision.experiments.baselines.regressors import ArmToGaze, gaussian_process, quintic_spline
+from pps_vision.experiments.reach_truth import first, gaze_rmse_deg
+from pps_vision.experiments.study import interval
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed, timed_steps
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array
+
+if TYPE_CHECKING:
+    from pps_vision.experiments.reach_kinematics import ReachKinematics
+
+N_TEST = 700  # as in J
+_N_TRIED = 20_000
+_N_FIXATED_OF_J = 4400
+_N_QUERIES = 50  # timed one by one
+
+
+class ForwardModel(Protocol):
+    """Forward model arm (N, 4) → gaze (N, 3), learned from samples."""
+
+    def learn(self, arm_rad: Array, gaze_rad: Array) -> None: ...
+
+    def __call__(self, arm_rad: Array) -> Array: ...
+
+
+MODELS: dict[str, Callable[[], ForwardModel]] = {
+    "model of revolute joints": RevoluteArm,
+    "Gaussian process": lambda: ArmToGaze(gaussian_process()),
+    "LWPR, each sample once": lambda: ArmToGaze(LWPR(4, 3, jamone.ARM_PARAMS)),
+    "quintic spline (SciPy)": lambda: ArmToGaze(quintic_spline()),
+}
+_DEFAULT = "model of revolute joints"
+_BASELINES = [name for name in MODELS if name != _DEFAULT]
+
+
+def run(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by model a row for every number of samples, on 700 other postures: means over sets of postures."""
+    robot = load_icub()
+    repetitions: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in MODELS}
+    for seed in tqdm(study.seeds, desc="sets of postures", disable=None):
+        rng = np.random.default_rng(seed)
+        train = babble(robot, "right", _N_TRIED, rng)
+        test = first(babble(robot, "right", 4 * N_TEST, rng), N_TEST)
+        ends = zip((0, *study.sizes), study.sizes, strict=False)
+        batches = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
+        for name, make in MODELS.items():
+            repetitions[name].append(learn_and_time(make(), batches, test))
+    models = {name: [_mean_row(rows) for rows in zip(*sets, strict=True)] for name, sets in repetitions.items()}
+    return {"samples": study.sizes, "methods": models}
+
+
+def learn_and_time(model: ForwardModel, batches: list[Babbled], test: Babbled) -> list[dict[str, Any]]:
+    """Return after each batch the RMSE (degrees), and processor times: of the update per sample, and of a query.
+
+    `ms` holds the quartiles of queries of one posture.
+    """
+    rows = []
+    for batch in batches:
+        _, learning_ms = timed(partial(model.learn, batch.arm_rad, batch.gaze_rad))
+        _, fitting_ms = timed(partial(model, test.arm_rad[:1]))  # of a model that is fitted at its first query
+        _, query_ms = timed_steps(model, test.arm_rad[:_N_QUERIES, None])
+        rows.append(
+            {
+                "rmse_deg": gaze_rmse_deg(model, test)[0],
+                "update_ms": (learning_ms + fitting_ms) / len(batch.arm_rad),
+                "ms": np.percentile(query_ms, (25, 50, 75)).tolist(),
+            }
+        )
+    return rows
+
+
+def _mean_row(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Means of the same row of several sets of postures; of the RMSE also its 95 % interval."""
+    means = {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
+    return {**means, "rmse_deg": interval([[row["rmse_deg"]] for row in rows])}
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Draw error over samples; time of a query and of an update against the error with all samples."""
+    models = numbers["methods"]
+    figure, (curves, query, update) = charts.panels(3, width=5.2)
+    rmse = "gaze RMSE (°)"
+    series = {name: [row["rmse_deg"] for row in rows] for name, rows in models.items()}
+    charts.curves(curves, numbers["samples"], series, "fixated postures learned from", rmse)
+    curves.plot(_N_FIXATED_OF_J, jamone.PUBLISHED["forward_model_deg"], "k*", ms=10, label="J's LWPR")
+    curves.set(xscale="log", yscale="log", title="arm → gaze, learned by babbling (J Fig 2)")
+    curves.legend(fontsize=7, loc=(0.4, 0.15))
+    last = {name: rows[-1] for name, rows in models.items()}
+    charts.speed_error(query, last, "rmse_deg", _BASELINES, _DEFAULT, "query of one posture (ms)", rmse)
+    updates = {name: {**row, "ms": [row["update_ms"]] * 3} for name, row in last.items()}
+    charts.speed_error(update, updates, "rmse_deg", _BASELINES, _DEFAULT, "update (ms per sample)", rmse)
+    query.legend(fontsize=7)
+    return figure
+
+
+def table(numbers: dict[str, Any]) -> Table:
+    """Return the error after some numbers of samples, and times after all."""
+    samples = numbers["samples"]
+    shown = sorted({0, len(samples) // 2, len(samples) - 1})
+    rows = [
+        [
+            name,
+            *(estimate(rows[k]["rmse_deg"], 2) for k in shown),
+            f"{rows[-1]['ms'][1]:.2g}",
+            f"{rows[-1]['update_ms']:.2g}",
+        ]
+        for name, rows in numbers["methods"].items()
+    ]
+    errors = [f"RMSE after {samples[k]} (°)" for k in shown]
+    return Table(["forward model", *errors, "query (ms)", "update (ms per sample)"], rows)

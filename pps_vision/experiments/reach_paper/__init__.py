@@ -1,0 +1,50 @@
+"""Jamone et al. reproduced: maps from babbling alone, maps of each arm and of both, stated error bounds, solvers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from pps_vision.experiments.reach_paper import error_bound, repeated_maps, solvers, whole_paper
+from pps_vision.experiments.study import Part, PartsStudy, SampledStudy
+
+
+@dataclass(frozen=True)
+class ReachPaper(SampledStudy, PartsStudy):
+    """Reachable-space maps and inverse kinematics of Jamone et al."""
+
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "whole_paper": Part(whole_paper.run, whole_paper.chart, whole_paper.table),
+        "repeated_maps": Part(repeated_maps.run, table=repeated_maps.table),
+        "error_bound": Part(error_bound.run, table=error_bound.table),
+        "solvers": Part(solvers.run, solvers.chart, solvers.table),
+    }
+    SHORT: ClassVar[Mapping[str, Any]] = {
+        "n_bounds": 1,
+        "n_tried": 500,
+        "n_labels_of_j": 600,
+        "n_bound_test": 500,
+        "requested": (0.05,),
+        "n_problems": 100,
+        "n_ipopt": 10,
+    }
+
+    n: int = 5
+    """Repetitions of training, in the whole paper and for the maps of each arm."""
+    n_tried: int = 20_000
+    """Arm postures babbled."""
+    n_labels: int = 24_000
+    """Inverse-kinematics solutions per map; of maps with a requested error, at most."""
+    n_labels_of_j: int = 52_000
+    """Inverse-kinematics solutions of J's map."""
+    n_test: int = 20_000
+    """Gaze postures at which maps are judged."""
+    n_bounds: int = 10
+    """Maps of each arm per requested error bound."""
+    requested: tuple[float, ...] = (0.01, 0.003, 0.001)
+    """Requested error bounds."""
+    n_bound_test: int = 100_000
+    """Gaze postures at which a stated bound is judged."""
+    n_problems: int = 52_000
+    """Inverse-kinematics problems for the batched solvers, as many as J solved."""
+    n_ipopt: int = 1500
+    """Problems for IPOPT, which solves one at a time."""

@@ -1,0 +1,120 @@
+"""The whole of J in one run: babbling, forward model, inverse kinematics, both maps, and their scores.
+
+The hand is fixated by kinematics within joint limits; inverse kinematics uses the forward model learned from that, never
+the robot's own.  Maps are judged against the learned kinematics, as in J, and against the true kinematics.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from learning.reach.babbling import Babbled, babble
+from learning.reach.labels import ReachOracle
+from learning.reach.training import train_reachable_map
+from pps_vision.experiments.baselines import jamone
+from pps_vision.experiments.reach_paper import figures
+from pps_vision.experiments.reach_truth import SCORES, MapTruth, exact_map, judge_by_labels, learn_hand, map_params
+from pps_vision.experiments.study import interval
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.robot.icub import load_icub
+
+if TYPE_CHECKING:
+    from pps_vision.experiments.reach_paper import ReachPaper
+
+_EXTREMES_OF_J = {"C, farthest": (11.17, 15.0), "D, closest": (89.15, 105.0)}  # vergence, elbow (degrees)
+
+
+def run(study: "ReachPaper") -> dict[str, Any]:
+    """Return the scores of each map against the true and the learned kinematics, with 95 % intervals over repetitions.
+
+    Extreme postures and the samples for the figures are those of the first repetition.
+    """
+    repetitions = [_repetition(study, seed) for seed in tqdm(study.seeds, desc="repetitions", disable=None)]
+    maps = {
+        name: {
+            truth: {key: interval([[one["maps"][name][truth][key]] for one in repetitions]) for key in scores}
+            for truth, scores in by_truth.items()
+        }
+        for name, by_truth in repetitions[0]["maps"].items()
+    }
+    return {**repetitions[0], "maps": maps}
+
+
+def _repetition(study: "ReachPaper", seed: int) -> dict[str, Any]:
+    """Learn our map and J's from the same babbling and judge them; for the first seed also sample the figures."""
+    robot = load_icub()
+    rng = np.random.default_rng(seed)
+    babbled = babble(robot, "right", study.n_tried, rng)
+    hand = learn_hand(babbled)
+    params = map_params(study.n_labels)
+    learned = train_reachable_map(robot, "right", rng, params, hand)
+    limits = params.gaze_limits
+    max_error_m = learned.max_error_m
+    gaze = rng.uniform(limits.lower, limits.upper, (study.n_labels_of_j, 3))
+    labels = ReachOracle(robot, "right", params, rng, hand).label(gaze)
+    maps = {
+        "ours": learned.query,
+        "J: LWPR on labels everywhere": jamone.learn_map(labels, max_error_m, limits),
+    }
+    test_rng = np.random.default_rng(seed + 1_000_000)
+    truth = MapTruth.of(robot, study.n_test, test_rng)
+    test_labels = ReachOracle(robot, "right", params, test_rng, hand).label(truth.gaze_rad)
+    scores = {
+        name: {
+            "true": truth.judge(query, max_error_m),
+            "learned": judge_by_labels(query, test_labels, max_error_m),
+        }
+        for name, query in maps.items()
+    }
+    if seed != study.seed:
+        return {"maps": scores}
+    return {
+        "maps": scores,
+        "extremes": _extremes(babbled),
+        "planes": figures.sample_planes({"true kinematics": exact_map(robot, max_error_m), **maps}, robot, babbled),
+        "space": figures.sample_space(learned.labels, learned.query, max_error_m, test_rng),
+    }
+
+
+def _extremes(babbled: Babbled) -> dict[str, dict[str, float]]:
+    """Return points C and D of J Fig 3, the farthest and the closest fixated hand, beside J's; degrees."""
+    gaze_deg = np.rad2deg(babbled.gaze_rad)
+    indices = (gaze_deg[:, 2].argmin(), gaze_deg[:, 2].argmax())
+    return {
+        name: {
+            "yaw_deg": float(gaze_deg[k, 0]),
+            "vergence_deg": float(gaze_deg[k, 2]),
+            "elbow_deg": float(np.rad2deg(babbled.arm_rad[k, 3])),
+            "vergence_deg_of_j": vergence_of_j,
+            "elbow_deg_of_j": elbow_of_j,
+        }
+        for (name, (vergence_of_j, elbow_of_j)), k in zip(_EXTREMES_OF_J.items(), indices, strict=True)
+    }
+
+
+def chart(numbers: dict[str, Any]) -> dict[str, Figure]:
+    """Draw gaze space (J Figs 4, 7), and R on slices of it (J Fig 8) and in the box of locations (J Fig 9)."""
+    return {
+        "space": figures.space(numbers["space"]),
+        "slices": figures.slices(numbers["planes"]["slices"], numbers["extremes"]),
+        "box": figures.box(numbers["planes"]["box"]),
+    }
+
+
+def table(numbers: dict[str, Any]) -> dict[str, Table]:
+    """Return the scores against the true and the learned kinematics beside J's, and the extreme postures."""
+    rows = [
+        [
+            f"{name}; {truth} kinematics",
+            *(estimate(scores[key], 2) if key in scores else "–" for key in SCORES.values()),
+        ]
+        for name, by_truth in numbers["maps"].items()
+        for truth, scores in by_truth.items()
+    ]
+    rows.append(["J's figures", *(f"{jamone.PUBLISHED[key]:g}" for key in list(SCORES.values())[:-1]), "–"])
+    keys = ("vergence_deg_of_j", "vergence_deg", "elbow_deg_of_j", "elbow_deg")
+    points = [[name, *(f"{point[key]:.4g}" for key in keys)] for name, point in numbers["extremes"].items()]
+    header = ["point of J Fig 3", "vergence: J (°)", "ours (°)", "elbow: J (°)", "ours (°)"]
+    return {"": Table(["map; judged against", *SCORES], rows), "extremes": Table(header, points)}

@@ -1,0 +1,25 @@
+"""Break points: one disturbance grows until a method fails."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from pps_vision.experiments.severity import reach
+from pps_vision.experiments.study import Part, PartsStudy, SampledStudy
+
+
+@dataclass(frozen=True)
+class Severity(PartsStudy, SampledStudy):
+    """reach: forward model and reachable-space map from disturbed babbling and labels."""
+
+    PARTS: ClassVar[Mapping[str, Part]] = {"reach": reach.PART}
+    SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 200, "reach_disturbances": ("labels flipped",)}
+
+    n_maps: int = 3
+    """Of reach: seeds, at most n."""
+    n_labels: int = 1000
+    """Of reach: inverse-kinematics solutions per map."""
+    n_test: int = 4000
+    """Of reach: gaze postures at which maps are judged."""
+    reach_disturbances: tuple[str, ...] = ()
+    """Of reach: disturbances (default: all)."""

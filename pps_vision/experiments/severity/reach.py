@@ -1,0 +1,193 @@
+"""Severity of six disturbances of babbling and labels: where forward model and reachable-space map break.
+
+Two methods learn arm and map from the same samples and the same number of inverse-kinematics solutions.  Ours: model of
+revolute joints, labels near the border, signed distance.  J's: LWPR of the arm, labels everywhere, LWPR of 0.75 and
+0.25.  Both are judged against the closed-form inverse kinematics of the true arm.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from learning.reach.babbling import Babbled, babble
+from learning.reach.labels import Labels, ReachOracle
+from learning.reach.map import MapPrediction
+from learning.reach.params import MapParams
+from learning.reach.training import learned_from
+from pps_vision.experiments.baselines import jamone
+from pps_vision.experiments.baselines.jamone import MapQuery
+from pps_vision.experiments.charts import severities
+from pps_vision.experiments.reach_truth import closed_form, first, learn_hand
+from pps_vision.experiments.study import Axis, Break, Metric, Part, Values, compare_severities, percent
+from pps_vision.experiments.tables import Table, break_points
+from pps_vision.robot.gaze import GazeLimits, fixation_points
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.inverse_kinematics import IKParams
+from pps_vision.robot.self_motion import WalkParams
+from pps_vision.robot.two_stage import TwoStageParams
+from pps_vision.types import Array, Mask
+
+if TYPE_CHECKING:
+    from pps_vision.experiments.severity import Severity
+
+_N_TRIED = 5800
+_N_SAMPLES = 1500
+_ELBOW = 3
+_STUCK_RAD = np.deg2rad(60)
+_LIMITS = GazeLimits()
+_CONFIDENT = 0.99
+_BREAK = Break("je", jamone.PUBLISHED["je"])
+_METRICS = {"je": Metric("misjudged", percent), "confident_and_wrong": Metric("confident_and_wrong", percent)}
+_LWPR_ARM = jamone.ARM_PARAMS._replace(init_D=40)  # wider fields than for 4400 samples
+_MAP_PARAMS = MapParams(
+    n_babble=20_000,
+    lattice=0.06,
+    inverse=TwoStageParams(IKParams(tolerance=1e-4, max_steps=40, min_step_rad=3e-4), WalkParams(steps=0, finer=1)),
+)  # no second stage: JE does not depend on the degree
+
+Disturb = Callable[[Babbled, float, np.random.Generator], Babbled]
+"""Samples and a severity to disturbed samples."""
+Oracle = Callable[[Array], Labels]
+"""Gaze postures (N, 3) to labels."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """Training data of a map, and the truth for it."""
+
+    babbled: Babbled
+    """Samples of arm and gaze posture."""
+    flipped: float
+    """Share of labels reported as their opposite."""
+    gaze_rad: Array
+    """(N, 3) gaze postures without disturbance."""
+    reachable: Mask
+    """(N,) whether the true arm reaches their fixation points."""
+
+
+def _noise(babbled: Babbled, sigma_deg: float, rng: np.random.Generator) -> Babbled:
+    """Gaussian noise on the three gaze angles of each fixation."""
+    noise = np.deg2rad(sigma_deg) * rng.standard_normal(babbled.gaze_rad.shape)
+    return replace(babbled, gaze_rad=np.clip(babbled.gaze_rad + noise, _LIMITS.lower, _LIMITS.upper))
+
+
+def _outliers(babbled: Babbled, share: float, rng: np.random.Generator) -> Babbled:
+    """Another object is fixated, anywhere within the limits, in a share (%) of the samples."""
+    wrong = rng.random((len(babbled.gaze_rad), 1)) < share / 100
+    elsewhere = rng.uniform(_LIMITS.lower, _LIMITS.upper, babbled.gaze_rad.shape)
+    return replace(babbled, gaze_rad=np.where(wrong, elsewhere, babbled.gaze_rad))
+
+
+def _offset(babbled: Babbled, degrees: float, _: np.random.Generator) -> Babbled:
+    """The elbow's encoder has a constant offset."""
+    return replace(babbled, arm_rad=babbled.arm_rad + np.deg2rad(degrees) * np.eye(4)[_ELBOW])
+
+
+def _stuck(babbled: Babbled, share: float, rng: np.random.Generator) -> Babbled:
+    """The elbow's encoder reports 60° in a share (%) of the samples."""
+    arm = babbled.arm_rad.copy()
+    arm[rng.random(len(arm)) < share / 100, _ELBOW] = _STUCK_RAD
+    return replace(babbled, arm_rad=arm)
+
+
+DISTURBANCES: dict[str, tuple[Axis, Disturb | None]] = {
+    "fixation noise": (Axis("σ (°)", (0, 0.3, 1, 3, 6)), _noise),
+    "another object fixated": (Axis("share of samples (%)", (0, 5, 10, 25, 50)), _outliers),
+    "elbow encoder offset": (Axis("offset (°)", (0, 1, 2, 5, 10)), _offset),
+    "elbow encoder stuck": (Axis("share of samples (%)", (0, 10, 25, 100)), _stuck),
+    "fewer samples": (Axis("samples", (_N_SAMPLES, 400, 200, 100, 50)), lambda babbled, n, _: first(babbled, int(n))),
+    "labels flipped": (Axis("share of labels (%)", (0, 1, 2, 5, 10)), None),
+}
+"""Disturbance to its severities, the first of them none, and the change of the samples (None: the labels change)."""
+
+
+def disturbed(name: str, n_test: int, seed: int, severity: float) -> Training:
+    """Return 1500 babbled samples, or labels, with one disturbance, and gaze postures from another seed."""
+    robot = load_icub()
+    babbled = first(babble(robot, "right", _N_TRIED, np.random.default_rng(seed)), _N_SAMPLES)
+    gaze = np.random.default_rng(seed + 1_000_000).uniform(_LIMITS.lower, _LIMITS.upper, (n_test, 3))
+    reachable = np.isfinite(closed_form(robot).solve(fixation_points(robot, gaze))[:, 0])
+    _, change = DISTURBANCES[name]
+    if change is None:
+        return Training(babbled, severity / 100, gaze, reachable)
+    return Training(change(babbled, severity, np.random.default_rng(seed + 1)), 0.0, gaze, reachable)
+
+
+def _our_map(label: Oracle, params: MapParams, rng: np.random.Generator) -> MapQuery:
+    return learned_from(label, "right", rng, params).query
+
+
+def _map_of_j(label: Oracle, params: MapParams, rng: np.random.Generator) -> MapQuery:
+    labels = label(rng.uniform(_LIMITS.lower, _LIMITS.upper, (params.n_labels, 3)))
+    return jamone.learn_map(labels, float(np.nanmax(labels.error_m)), _LIMITS)
+
+
+LEARNERS = {
+    "ours": (learn_hand, _our_map),
+    "J: LWPR of arm and map": (partial(jamone.learn_hand, params=_LWPR_ARM), _map_of_j),
+}
+
+
+def learn_and_judge(learner: str, n_labels: int, data: Training, seed: int) -> Values:
+    """Return which gaze postures are misjudged; where nothing can be learned, the verdict is unreachable."""
+    learn_arm, learn_map = LEARNERS[learner]
+    rng = np.random.default_rng(seed + 2_000_000)
+    params = replace(_MAP_PARAMS, n_labels=n_labels, round_labels=n_labels // 2)
+    unknown = np.full(len(data.gaze_rad), np.nan)
+    prediction = MapPrediction(unknown == 0, unknown > 0, unknown, unknown)
+    try:
+        oracle = ReachOracle(load_icub(), "right", params, rng, learn_arm(data.babbled))
+        prediction = learn_map(partial(_flipped, oracle.label, data.flipped, rng), params, rng)(data.gaze_rad)
+    except ValueError:  # of the learners: too few samples, no receptive field that answers, no label beyond the border
+        pass
+    wrong = prediction.reachable != data.reachable
+    confident = np.maximum(prediction.probability, 1 - prediction.probability) > _CONFIDENT
+    return {"misjudged": wrong, "confident_and_wrong": wrong[confident]}
+
+
+def _flipped(label: Oracle, share: float, rng: np.random.Generator, gaze: Array) -> Labels:
+    """Labels with a share of the answers reversed, which have no border point."""
+    labels = label(gaze)
+    flip = rng.random(len(gaze)) < share
+    return replace(
+        labels,
+        reachable=labels.reachable ^ flip,
+        optimality=np.where(flip, 0.5, labels.optimality),
+        border_rad=np.where(flip[:, None], np.nan, labels.border_rad),
+    )
+
+
+def _run(study: "Severity") -> dict[str, Any]:
+    """Return by disturbance the results of `compare_severities`: JE and confident errors (%)."""
+    methods = {name: partial(learn_and_judge, name, study.n_labels) for name in LEARNERS}
+    return {
+        name: compare_severities(
+            partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds[: study.n_maps], _BREAK
+        )
+        for name, (axis, _) in DISTURBANCES.items()
+        if name in (study.reach_disturbances or DISTURBANCES)
+    }
+
+
+def _disturbances(numbers: dict[str, Any]) -> dict[str, Any]:
+    return {name: numbers[name] for name in DISTURBANCES if name in numbers}
+
+
+def _chart(numbers: dict[str, Any]) -> Figure:
+    """Draw misjudged gaze postures over severity."""
+    figure = severities(_disturbances(numbers), "je", "misjudged, JE (%)", _BREAK.bound, 3)
+    for axis in figure.axes:
+        axis.set_yscale("log")
+    return figure
+
+
+def _table(numbers: dict[str, Any]) -> Table:
+    """Return where each method breaks."""
+    return break_points(_disturbances(numbers))
+
+
+PART = Part(_run, _chart, _table)
