@@ -137,10 +137,12 @@ def spans(side: str, key: str) -> list[float]:
 
 
 def of_j() -> Iterator[tuple[str, str]]:
-    solvers, whole = result("reach_solvers")["solvers"], result("reach_whole_paper")
+    solvers = result("reach_paper")["solvers"]["solvers"]
+    whole = result("reach_paper")["whole_paper"]
     lost = (solvers[name]["optimality_lost"] for name in ("batched, 2 starts", "IPOPT, 2 starts"))
     yield "eq. IV.3", "{:.2g} of optimality, J's solver IPOPT {:.2g}".format(*lost)
-    models = {name: of[-1]["rmse_deg"] for name, of in result("reach_forward_model")["methods"].items()}
+    forward = result("reach_kinematics")["forward_model"]["methods"]
+    models = {name: of[-1]["rmse_deg"][0] for name, of in forward.items()}
     yield "Fig 2", f"{models['LWPR, each sample once']:.2g}° after 4400 samples"
     yield "Fig 2", f"{models['model of revolute joints']:.2g}°"
     far, near = (of["vergence_deg"] for of in whole["extremes"].values())
@@ -148,10 +150,10 @@ def of_j() -> Iterator[tuple[str, str]]:
     yield "Fig 3", f"D, {near:.1f}° (J 89.15°)"
     ours, theirs = whole["maps"].values()
     keys = ("je", "fn", "fp")
-    yield "Fig 4", "{:.2g}, {:.2g} and {:.2g} %, LWPR".format(*(ours["learned"][key] for key in keys))
-    yield "Fig 4", "LWPR as in J {:.2g}, {:.2g} and {:.2g} %".format(*(theirs["learned"][key] for key in keys))
-    yield "Fig 6", f"{ours['true']['box_je']:.2g} %, LWPR as in J {theirs['true']['box_je']:.2g} %"
-    degree = [of["learned"]["degree_rmse"] for of in (ours, theirs)]
+    yield "Fig 4", "{:.2g}, {:.2g} and {:.2g} %, LWPR".format(*(ours["learned"][key][0] for key in keys))
+    yield "Fig 4", "LWPR as in J {:.2g}, {:.2g} and {:.2g} %".format(*(theirs["learned"][key][0] for key in keys))
+    yield "Fig 6", f"{ours['true']['box_je'][0]:.2g} %, LWPR as in J {theirs['true']['box_je'][0]:.2g} %"
+    degree = [of["learned"]["degree_rmse"][0] for of in (ours, theirs)]
     yield "Fig 7", "{:.2g}, LWPR as in J {:.2g}".format(*degree)
 
 

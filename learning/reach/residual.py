@@ -19,7 +19,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from pps_vision.types import Array
 
 _LEAST_SAMPLES = 400  # fewer leave nothing beside the 247 unknowns of a structure
-_N_TUNE, _N_INDUCING = 400, 1500  # the cost of learning, a few seconds; `bench reach_deviations` measures the result
+_N_TUNE, _N_INDUCING = 400, 1500  # the cost of learning, a few seconds; `bench reach_kinematics` measures the result
 _FIRST_NOISE = 0.1  # over the variance, before tuning
 _BLOCKS = 5  # of consecutive samples, held out in turn
 _MOST_STEPS = 40  # of the tuning; without a signal it would go on for long

@@ -23,7 +23,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
 _COARSER = 4  # steps of the lattice on which splines are evaluated far from the border; 1 takes four times as long
-_VOTERS = 8  # labels asked whether one contradicts them; matters only for wrong labels (bench reach_severity)
+_VOTERS = 8  # labels asked whether one contradicts them; matters only for wrong labels (bench severity)
 _ROUNDS = 16  # a round is at least 1/16 of the labels so far: each revisits all of them, so that cost stays linear
 _CURVATURE = 0.5  # times step²: error between lattice points of a border with a radius of curvature of 0.25
 

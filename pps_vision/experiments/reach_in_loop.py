@@ -26,7 +26,7 @@ from pps_vision.experiments.timing import timed
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, ReachStatus, Status, Track3D
+from pps_vision.types import Array, Mask, ReachStatus, Status, Track3D
 from rendering.motions import Linear
 
 _DEG = np.pi / 180
@@ -193,7 +193,7 @@ def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point:
     return Attempt(status, float(np.linalg.norm(palm - point)), turned, error, t)
 
 
-def can_be_reached(robot: Robot, points: Array) -> Array:
+def can_be_reached(robot: Robot, points: Array) -> Mask:
     """Return (N,) whether points (N, 3) can be fixated and reached from some torso posture of a grid, in closed form."""
     model = GazeModel(robot)
     arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)

@@ -386,7 +386,7 @@ def breaks_at(severities: Sequence[float], values: Sequence[float], breaks: Brea
 def catalogue() -> dict[str, type[Study]]:
     """Return the class of every study by the study's name."""
     studies = {}
-    for group in ("", ".pps", ".reach"):
+    for group in ("", ".pps"):
         package = import_module(f"{experiments.__name__}{group}")
         for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             for value in vars(import_module(info.name)).values():

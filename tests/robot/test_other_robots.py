@@ -14,7 +14,7 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
 from pps_vision.app.simulation import World, log_of, make_episode, new_pipeline, open_world, simulate
 from pps_vision.errors import InputError
-from pps_vision.experiments.official_icub import compare_joints
+from pps_vision.experiments.reach_kinematics.official_icub import compare_joints
 from pps_vision.recordings.robot_file import read_robot, robot_setup
 from pps_vision.recordings.skin_file import read_skin
 from pps_vision.robot.gaze import GazeModel

@@ -13,7 +13,7 @@ from pps_vision.robot.self_motion import FarFromLimits
 from pps_vision.robot.two_stage import TwoStage, TwoStageParams, best_of_starts
 from pps_vision.types import Array
 
-_OPTIONS = {
+_OPTIONS: dict[str, Any] = {
     "print_time": False,
     "ipopt": {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "max_iter": 100, "tol": 1e-8},
 }
@@ -42,8 +42,11 @@ def two_stage_by_ipopt(
     target = ca.MX.sym("target", 3)
     offset = _position(chain)(q) - target
     effort = ca.sumsqr((q - (upper + lower) / 2) / ((upper - lower) / 2)) / len(lower)
-    nearest = ca.nlpsol("nearest", "ipopt", {"x": q, "p": target, "f": ca.sumsqr(offset)}, _OPTIONS)
-    best = ca.nlpsol("best", "ipopt", {"x": q, "p": target, "f": effort, "g": offset}, _OPTIONS)
+    stages: list[Any] = [
+        {"x": q, "p": target, "f": ca.sumsqr(offset)},
+        {"x": q, "p": target, "f": effort, "g": offset},
+    ]
+    nearest, best = (ca.nlpsol("stage", "ipopt", stage, _OPTIONS) for stage in stages)
 
     def solve(solver: Any, targets: Array, starts: Array, **constraints: float) -> tuple[Array, Array]:
         solutions = [

@@ -104,7 +104,7 @@ def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
     bend, make_head = DEVIATIONS[deviation]
     head = make_head()
     robot = load_icub()
-    chain = Chain.of(robot, robot.names.arm("right")[:4], "right_palm")
+    chain = robot.chain(robot.names.arm("right")[:4], "right_palm")
     arm = random_arms(n, rng)
     hand = chain.positions(bend(chain, arm))[0]
 
@@ -145,9 +145,7 @@ def _measure(study: "ReachKinematics", deviation: str, noise_deg: float) -> dict
             _, fitting_ms = timed(partial(model, test.arm_rad[:1]))
             errors[name].append([gaze_rmse_deg(model, test)[0]])
             seconds[name].append((learning_ms + fitting_ms) / 1000)
-    return {
-        name: {"rmse_deg": interval(errors[name]), "seconds": float(np.median(seconds[name]))} for name in MODELS
-    }
+    return {name: {"rmse_deg": interval(errors[name]), "seconds": float(np.median(seconds[name]))} for name in MODELS}
 
 
 def table(numbers: dict[str, Any]) -> Table:

@@ -78,9 +78,13 @@ def table(numbers: dict[str, Any]) -> Table:
     rows = []
     for joints in zip(*models.values(), strict=True):
         cells = [
-            cell for row in joints for cell in (f"{1000 * row['offset_m']:.1f}", "{:.0f} to {:.0f}".format(*row["limits_deg"]))
+            cell
+            for row in joints
+            for cell in (f"{1000 * row['offset_m']:.1f}", "{:.0f} to {:.0f}".format(*row["limits_deg"]))
         ]
-        rows.append([joints[0]["joint"].replace("_", " "), "{:.0f} to {:.0f}".format(*joints[0]["our_limits_deg"]), *cells])
+        rows.append(
+            [joints[0]["joint"].replace("_", " "), "{:.0f} to {:.0f}".format(*joints[0]["our_limits_deg"]), *cells]
+        )
     largest = max(row["angle_deg"] for joints in models.values() for row in joints)
     rows.append(["largest angle between axes (°)", "", f"{largest:.3f}", *[""] * (2 * len(models) - 1)])
     columns = [f"{name}: {column}" for name in models for column in ("axis (mm)", "limits (°)")]

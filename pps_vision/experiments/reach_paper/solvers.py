@@ -19,11 +19,11 @@ from pps_vision.experiments.reach_truth import closed_form
 from pps_vision.experiments.study import rms
 from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import timed
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import FarFromLimits
-from pps_vision.robot.two_stage import two_stage
+from pps_vision.robot.two_stage import TwoStage, two_stage
+from pps_vision.types import Array
 
 if TYPE_CHECKING:
     from pps_vision.experiments.reach_paper import ReachPaper
@@ -45,10 +45,14 @@ def run(study: "ReachPaper") -> dict[str, Any]:
     _, effort = closed_form(robot).least_effort(points)
     measure = FarFromLimits(oracle.lower, oracle.upper)
     inverse = oracle.params.inverse
-    chain = Chain.of(robot, robot.names.arm("right")[: len(oracle.lower)], robot.names.palm("right"))
-    limits_rad = {"lower_rad": oracle.lower, "upper_rad": oracle.upper}
-    batched = partial(two_stage, oracle.forward, **limits_rad, measure=measure, params=inverse)
-    ipopt = partial(two_stage_by_ipopt, chain, measure=measure, params=inverse)
+    chain = robot.chain(robot.names.arm("right")[: len(oracle.lower)], robot.names.palm("right"))
+
+    def batched(targets: Array, starts: Array) -> TwoStage:
+        return two_stage(oracle.forward, targets, starts, oracle.lower, oracle.upper, measure, inverse)
+
+    def ipopt(targets: Array, starts: Array) -> TwoStage:
+        return two_stage_by_ipopt(chain, targets, starts, measure, inverse)
+
     rows = {}
     for solver, solve, n_solved in (("batched", batched, n), ("IPOPT", ipopt, study.n_ipopt)):
         for n_starts in (1, 2):

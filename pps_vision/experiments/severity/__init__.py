@@ -15,8 +15,6 @@ class Severity(PartsStudy, SampledStudy):
     PARTS: ClassVar[Mapping[str, Part]] = {"reach": reach.PART}
     SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 200, "reach_disturbances": ("labels flipped",)}
 
-    n_maps: int = 3
-    """Of reach: seeds, at most n."""
     n_labels: int = 1000
     """Of reach: inverse-kinematics solutions per map."""
     n_test: int = 4000

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.reach.babbling import Babbled, babble
-from learning.reach.labels import Labels, ReachOracle
+from learning.reach.labels import HandModel, Labels, ReachOracle
 from learning.reach.map import MapPrediction
 from learning.reach.params import MapParams
 from learning.reach.training import learned_from
@@ -126,7 +126,7 @@ def _map_of_j(label: Oracle, params: MapParams, rng: np.random.Generator) -> Map
     return jamone.learn_map(labels, float(np.nanmax(labels.error_m)), _LIMITS)
 
 
-LEARNERS = {
+LEARNERS: dict[str, tuple[Callable[[Babbled], HandModel], Callable[..., MapQuery]]] = {
     "ours": (learn_hand, _our_map),
     "J: LWPR of arm and map": (partial(jamone.learn_hand, params=_LWPR_ARM), _map_of_j),
 }
@@ -165,9 +165,7 @@ def _run(study: "Severity") -> dict[str, Any]:
     """Return by disturbance the results of `compare_severities`: JE and confident errors (%)."""
     methods = {name: partial(learn_and_judge, name, study.n_labels) for name in LEARNERS}
     return {
-        name: compare_severities(
-            partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds[: study.n_maps], _BREAK
-        )
+        name: compare_severities(partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds, _BREAK)
         for name, (axis, _) in DISTURBANCES.items()
         if name in (study.reach_disturbances or DISTURBANCES)
     }

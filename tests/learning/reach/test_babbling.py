@@ -5,7 +5,7 @@ import pytest
 
 from learning.reach.babbling import Babbled, babble, crossing, gaze_at
 from learning.reach.params import ArmLimits
-from pps_vision.experiments.reach.map_truth import gaze_rmse_deg
+from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 

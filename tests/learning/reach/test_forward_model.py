@@ -10,7 +10,7 @@ from learning.reach.babbling import Babbled, babble, gaze_at_hand
 from learning.reach.forward_model import RevoluteArm, _fixated, _gauss_newton, _least_squares, _products
 from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
-from pps_vision.experiments.reach.map_truth import gaze_rmse_deg
+from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
