@@ -194,7 +194,7 @@ def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point:
 
 
 def can_be_reached(robot: Robot, points: Array) -> Mask:
-    """Return (N,) whether points (N, 3) can be fixated and reached from some torso posture of a grid, in closed form."""
+    """Return (N,) whether points (N, 3) can be fixated and reached from a torso posture of a grid, in closed form."""
     model = GazeModel(robot)
     arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)
     torso = robot.indices(robot.names.torso)

@@ -63,9 +63,13 @@ def test_the_eyes_of_the_deviating_head_meet_at_the_deviating_hand(deviation: st
     assert len(hand) > 50
     np.testing.assert_allclose(head().points(babbled.gaze_rad), hand, atol=1e-6)
     ideal = np.linalg.norm(fixation_points(ROBOT, babbled.gaze_rad) - hand, axis=1)
-    assert (np.median(ideal) > 1e-3) == (deviation not in ("none", "sag of up to 2°", "gears, 0.5° sin 8q", "cross-talk, 1.5 %"))
+    assert (np.median(ideal) > 1e-3) == (
+        deviation not in ("none", "sag of up to 2°", "gears, 0.5° sin 8q", "cross-talk, 1.5 %")
+    )
     unbent = np.linalg.norm(arm.positions(babbled.arm_rad)[0] - hand, axis=1)
-    assert (np.median(unbent) > 5e-4) == (deviation not in ("none", "neck yaw below pitch", "neck yaw axis tilted by 5°"))
+    assert (np.median(unbent) > 5e-4) == (
+        deviation not in ("none", "neck yaw below pitch", "neck yaw axis tilted by 5°")
+    )
 
 
 def test_the_official_models_differ_from_ours_as_published() -> None:

@@ -1,12 +1,13 @@
 """Locally weighted projection regression (LWPR): incremental regression by overlapping local linear models.
 
-Vijayakumar, D'Souza and Schaal, "Incremental online learning in high dimensions", Neural Computation 17 (2005), with the
-safeguards that the documentation of the authors' library describes.  A receptive field responds to x with the activation
-w = exp(−½ Σ Mᵢ²(xᵢ − cᵢ)²) and predicts by a linear model, fitted by partial least squares; the prediction is the mean
-over fields, weighted by w.  A sample to which no field responds adds a field.  Each output has its own fields.
+Vijayakumar, D'Souza and Schaal, "Incremental online learning in high dimensions", Neural Computation 17 (2005), with
+the safeguards that the documentation of the authors' library describes.  A receptive field responds to x with the
+activation w = exp(−½ Σ Mᵢ²(xᵢ − cᵢ)²) and predicts by a linear model, fitted by partial least squares; the prediction
+is the mean over fields, weighted by w.  A sample to which no field responds adds a field.  Each output has its own
+fields.
 
-Two differences from the paper: the metric is diagonal, and co-moments are exact instead of recursive.  The recursion has
-the same limit, but with tens of samples per field the difference is half of the error.
+Two differences from the paper: the metric is diagonal, and co-moments are exact instead of recursive.  The recursion
+has the same limit, but with tens of samples per field the difference is half of the error.
 """
 
 import math
@@ -137,7 +138,7 @@ class _Fit(NamedTuple):
 def _learn(fields: Fields, n_fields: int, x: Array, y: Array, params: LWPRParams) -> Array:
     """Update in place all fields that respond to a sample.
 
-    Returns (outputs, 2): index and activation of the most active field of each output; activation 0 where none responds.
+    Returns (outputs, 2): index and activation of the most active field of each output; 0 where none responds.
     """
     most_active = np.zeros((len(y), 2))
     max_distance2 = -2 * math.log(params.cutoff)

@@ -2,8 +2,8 @@
 
 The elbow alone determines the distance of the hand from the shoulder.  The three shoulder joints turn the hand's
 direction to the target's, with one redundant degree of freedom: the postures form a curve, parametrized by the third
-joint, which separates the first two (Paden–Kahan).  A stretch of the curve within the joint limits ends at a limit or is
-a closed loop with a turning point, so testing limits and turning points is sufficient.
+joint, which separates the first two (Paden–Kahan).  A stretch of the curve within the joint limits ends at a limit or
+is a closed loop with a turning point, so testing limits and turning points is sufficient.
 """
 
 from collections.abc import Callable

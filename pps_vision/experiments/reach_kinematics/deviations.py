@@ -1,4 +1,4 @@
-"""Forward model of robots that are no chain of ideal joints: error of the structure, and of the process that corrects it.
+"""Forward model of robots that are no chain of ideal joints: error of the structure alone and with its correction.
 
 Of the deviations only the order of the neck's axes is in the class of the structure, and none in that of the process.
 """

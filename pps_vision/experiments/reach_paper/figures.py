@@ -1,4 +1,4 @@
-"""J's figures of the maps: both in gaze space (Figs 4, 7), the Enhanced map on slices of it (Fig 8, with points C and D of
+"""J's figures of the maps: both in gaze space (Figs 4, 7), the Enhanced map on slices (Fig 8, with points C and D of
 Fig 3) and on planes through a box of locations (Fig 9).
 
 Figs 5 and 6 show the same of the Basic map and are not drawn: R above 0.5 means reachable.

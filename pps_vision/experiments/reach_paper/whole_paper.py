@@ -1,7 +1,7 @@
 """The whole of J in one run: babbling, forward model, inverse kinematics, both maps, and their scores.
 
-The hand is fixated by kinematics within joint limits; inverse kinematics uses the forward model learned from that, never
-the robot's own.  Maps are judged against the learned kinematics, as in J, and against the true kinematics.
+The hand is fixated by kinematics within joint limits; inverse kinematics uses the forward model learned from that,
+never the robot's own.  Maps are judged against the learned kinematics, as in J, and against the true kinematics.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -40,7 +40,9 @@ def test_a_direction_without_information_gets_no_projection(rng):
     x = rng.uniform(-1, 1, (900, 6))
     model = trained(LWPRParams(init_D=0.1, rate=0), x, x[:, :1] + 0.1 * rng.standard_normal((900, 1)))
     assert model.fields.n_projections.max() == 2
-    three = x @ np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, 0], [0, 0, 0], [0, 0, 0]]).sum(axis=1, keepdims=True)
+    three = x @ np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, 0], [0, 0, 0], [0, 0, 0]]).sum(
+        axis=1, keepdims=True
+    )
     model = trained(LWPRParams(init_D=0.1, rate=0, first_projections=2), x * [1, 2, 3, 1, 1, 1], three)
     assert model.fields.n_projections.max() > 2
 
@@ -57,9 +59,7 @@ def test_a_field_with_all_projections_is_weighted_least_squares(rng):
     """Of the samples after the one that created it."""
     x = rng.uniform(-0.5, 0.5, (60, 3))
     y = np.sin(3 * x[:, 0]) + x[:, 1] * x[:, 2] + x[:, 2]
-    params = LWPRParams(
-        init_D=2.0, rate=0, first_forgetting=1 - 1e-9, last_forgetting=1 - 1e-9, first_projections=3
-    )
+    params = LWPRParams(init_D=2.0, rate=0, first_forgetting=1 - 1e-9, last_forgetting=1 - 1e-9, first_projections=3)
     model = trained(params, np.concatenate([[[0.0, 0.0, 0.0]], x]), np.concatenate([[0.0], y])[:, None])
     assert model.n_fields == 1
     root_w = np.exp(-0.5 * np.sum(x**2, axis=1))[:, None]  # the root of exp(−½ 2 |x|²)
