@@ -13,10 +13,14 @@ class ReachKinematics(SampledStudy, PartsStudy):
     """Kinematics behind the reachable-space map."""
 
     PARTS: ClassVar[Mapping[str, Part]] = {
-        "forward_model": Part(forward_model.run, forward_model.chart, forward_model.table),
-        "deviations": Part(deviations.run, table=deviations.table),
-        "lwpr": Part(cross_function.run, table=cross_function.table),
-        "official_icub": Part(official_icub.run, table=official_icub.table),
+        "forward_model": Part(
+            lambda s: forward_model.run(s.seeds, s.sizes),
+            forward_model.chart,
+            forward_model.table,
+        ),
+        "deviations": Part(lambda s: deviations.run(s.seeds, s.sizes[-1]), table=deviations.table),
+        "lwpr": Part(lambda s: cross_function.run(s.seed, s.n_lwpr, s.lwpr_share), table=cross_function.table),
+        "official_icub": Part(lambda s: official_icub.run(s.official_models), table=official_icub.table),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200), "n_lwpr": 1, "lwpr_share": 0.05}
 

@@ -1,7 +1,7 @@
 """LWPR on the cross function: receptive fields, error and update time beside the authors' C library."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -10,9 +10,6 @@ from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import timed
 from pps_vision.types import Array
-
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_kinematics import ReachKinematics
 
 _N_SAMPLES = 20_000
 _WARM_UP_SHARE = 0.02  # of the samples, for a first model that loads the compiled code
@@ -57,14 +54,14 @@ def nmse(model: LWPR) -> float:
     return float(np.mean((model.predict(_GRID)[:, 0] - truth) ** 2) / truth.var())
 
 
-def run(study: "ReachKinematics") -> dict[str, Any]:
+def run(seed: int, n: int, share: float) -> dict[str, Any]:
     """Return by setting the results of each model, beside the library's ranges."""
     settings = {}
     for name, setting in SETTINGS.items():
-        train(setting.params, np.random.default_rng(study.seed), _WARM_UP_SHARE)
+        train(setting.params, np.random.default_rng(seed), _WARM_UP_SHARE)
         columns: dict[str, list[float]] = {"fields": [], "nmse": [], "update_us": []}
-        for seed in tqdm(range(study.seed, study.seed + study.n_lwpr), desc=name, disable=None):
-            model, update_us = train(setting.params, np.random.default_rng(seed), study.lwpr_share)
+        for k in tqdm(range(n), desc=name, disable=None):
+            model, update_us = train(setting.params, np.random.default_rng(seed + k), share)
             columns["fields"].append(model.n_fields)
             columns["nmse"].append(nmse(model))
             columns["update_us"].append(update_us)

@@ -3,10 +3,10 @@
 Of the deviations only the order of the neck's axes is in the class of the structure, and none in that of the process.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,9 +25,6 @@ from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 from pps_vision.types import Array
-
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_kinematics import ReachKinematics
 
 NOISES_DEG = (0.0, 1.0)
 _MIN_FIXATED = 0.2  # lower bound of the share of arm postures that can be fixated
@@ -118,12 +115,12 @@ def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
     return Babbled(arm[solution.converged], solution.q_rad[solution.converged], n)
 
 
-def run(study: "ReachKinematics") -> dict[str, Any]:
+def run(seeds: Sequence[int], n_samples: int) -> dict[str, Any]:
     """Return by noise, deviation and model the RMSE (°) with its interval, and the median time of learning (s)."""
     return {
         "noises": {
             f"{noise_deg:g}": {
-                deviation: _measure(study, deviation, noise_deg)
+                deviation: _measure(seeds, n_samples, deviation, noise_deg)
                 for deviation in tqdm(DEVIATIONS, desc=f"noise {noise_deg:g}°", disable=None)
             }
             for noise_deg in NOISES_DEG
@@ -131,12 +128,12 @@ def run(study: "ReachKinematics") -> dict[str, Any]:
     }
 
 
-def _measure(study: "ReachKinematics", deviation: str, noise_deg: float) -> dict[str, Any]:
+def _measure(seeds: Sequence[int], n_samples: int, deviation: str, noise_deg: float) -> dict[str, Any]:
     errors: dict[str, list[list[float]]] = {model: [] for model in MODELS}
     seconds: dict[str, list[float]] = {model: [] for model in MODELS}
-    for seed in study.seeds:
+    for seed in seeds:
         rng = np.random.default_rng(seed)
-        train, test = (first(samples(deviation, int(n / _MIN_FIXATED), rng), n) for n in (study.sizes[-1], N_TEST))
+        train, test = (first(samples(deviation, int(n / _MIN_FIXATED), rng), n) for n in (n_samples, N_TEST))
         noise = np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
         gaze = np.clip(train.gaze_rad + noise, _LIMITS.lower, _LIMITS.upper)
         for name, make in MODELS.items():

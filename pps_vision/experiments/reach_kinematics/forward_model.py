@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,9 +20,6 @@ from pps_vision.experiments.tables import Table, estimate
 from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
-
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_kinematics import ReachKinematics
 
 N_TEST = 700  # as in J
 _N_TRIED = 20_000
@@ -48,20 +45,20 @@ _DEFAULT = "model of revolute joints"
 _BASELINES = [name for name in MODELS if name != _DEFAULT]
 
 
-def run(study: "ReachKinematics") -> dict[str, Any]:
+def run(seeds: Sequence[int], sizes: Sequence[int]) -> dict[str, Any]:
     """Return by model a row for every number of samples, on 700 other postures: means over sets of postures."""
     robot = load_icub()
     repetitions: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in MODELS}
-    for seed in tqdm(study.seeds, desc="sets of postures", disable=None):
+    for seed in tqdm(seeds, desc="sets of postures", disable=None):
         rng = np.random.default_rng(seed)
         train = babble(robot, "right", _N_TRIED, rng)
         test = first(babble(robot, "right", 4 * N_TEST, rng), N_TEST)
-        ends = zip((0, *study.sizes), study.sizes, strict=False)
+        ends = zip((0, *sizes), sizes, strict=False)
         batches = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
         for name, make in MODELS.items():
             repetitions[name].append(learn_and_time(make(), batches, test))
     models = {name: [_mean_row(rows) for rows in zip(*sets, strict=True)] for name, sets in repetitions.items()}
-    return {"samples": study.sizes, "methods": models}
+    return {"samples": sizes, "methods": models}
 
 
 def learn_and_time(model: ForwardModel, batches: list[Babbled], test: Babbled) -> list[dict[str, Any]]:

@@ -1,8 +1,9 @@
 """Axes and limits of the joints of the official iCub models (package icub-models) beside ours, all joints at 0."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -10,9 +11,6 @@ import pinocchio as pin
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
-
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_kinematics import ReachKinematics
 
 
 @dataclass(frozen=True)
@@ -31,11 +29,11 @@ class JointDifference:
     """Limits of ours."""
 
 
-def run(study: "ReachKinematics") -> dict[str, Any]:
+def run(names: Sequence[str]) -> dict[str, Any]:
     """Return the differences by model."""
     import icub_models
 
-    files = {name: icub_models.get_model_file(name) for name in study.official_models}
+    files = {name: icub_models.get_model_file(name) for name in names}
     return {"models": {name: [asdict(row) for row in compare_joints(file)] for name, file in files.items()}}
 
 

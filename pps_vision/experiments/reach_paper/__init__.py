@@ -13,10 +13,24 @@ class ReachPaper(SampledStudy, PartsStudy):
     """Reachable-space maps and inverse kinematics of Jamone et al."""
 
     PARTS: ClassVar[Mapping[str, Part]] = {
-        "whole_paper": Part(whole_paper.run, whole_paper.chart, whole_paper.table),
-        "repeated_maps": Part(repeated_maps.run, table=repeated_maps.table),
-        "error_bound": Part(error_bound.run, table=error_bound.table),
-        "solvers": Part(solvers.run, solvers.chart, solvers.table),
+        "whole_paper": Part(
+            lambda s: whole_paper.run(s.seeds, s.n_tried, s.n_labels, s.n_labels_of_j, s.n_test),
+            whole_paper.chart,
+            whole_paper.table,
+        ),
+        "repeated_maps": Part(
+            lambda s: repeated_maps.run(s.seeds, s.n_labels, s.n_test),
+            table=repeated_maps.table,
+        ),
+        "error_bound": Part(
+            lambda s: error_bound.run(s.seed, s.n_bounds, s.requested, s.n_labels, s.n_bound_test),
+            table=error_bound.table,
+        ),
+        "solvers": Part(
+            lambda s: solvers.run(s.seed, s.n_problems, s.n_ipopt),
+            solvers.chart,
+            solvers.table,
+        ),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {
         "n_bounds": 1,

@@ -1,7 +1,8 @@
 """Whether the stated bound of a map's error holds: maps of both arms, learned until the bound or the budget is met."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -13,21 +14,18 @@ from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_paper import ReachPaper
 
-
-def run(study: "ReachPaper") -> dict[str, Any]:
+def run(seed: int, n: int, bounds: Sequence[float], n_labels: int, n_test: int) -> dict[str, Any]:
     """Return for each map the requested, stated and measured error, and the share of bounds that hold."""
     robot = load_icub()
     maps: list[dict[str, Any]] = []
-    for i, requested in enumerate(study.requested):
-        params = replace(map_params(study.n_labels), max_error=requested)
-        for k in tqdm(range(study.n_bounds), f"{requested:g}", unit="pair of maps", disable=None):
+    for i, requested in enumerate(bounds):
+        params = replace(map_params(n_labels), max_error=requested)
+        for k in tqdm(range(n), f"{requested:g}", unit="pair of maps", disable=None):
             for arm_index, arm in enumerate(ARMS):
-                rng = np.random.default_rng((study.seed + k, arm_index, i))
+                rng = np.random.default_rng((seed + k, arm_index, i))
                 learned = train_reachable_map(robot, arm, rng, params)
-                gaze = rng.uniform(learned.limits.lower, learned.limits.upper, (study.n_bound_test, 3))
+                gaze = rng.uniform(learned.limits.lower, learned.limits.upper, (n_test, 3))
                 reachable = np.isfinite(closed_form(robot, arm).solve(fixation_points(robot, gaze))[:, 0])
                 maps.append(
                     {

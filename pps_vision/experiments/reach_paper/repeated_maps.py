@@ -1,6 +1,7 @@
 """The map that `reach train` learns by default, of each arm and of both at once, judged in closed form."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -11,17 +12,14 @@ from pps_vision.experiments.reach_truth import ARMS, SCORES, MapTruth, map_param
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
 
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_paper import ReachPaper
 
-
-def run(study: "ReachPaper") -> dict[str, Any]:
+def run(seeds: Sequence[int], n_labels: int, n_test: int) -> dict[str, Any]:
     """Return the scores (percent, RMS of R) and the reachable share (percent) of every map."""
     robot = load_icub()
-    params = map_params(study.n_labels)
+    params = map_params(n_labels)
     rows = []
-    for seed in tqdm(study.seeds, desc="seeds", unit="pair of maps", disable=None):
-        left, right = (MapTruth.of(robot, study.n_test, np.random.default_rng(seed + 1_000_000), arm) for arm in ARMS)
+    for seed in tqdm(seeds, desc="seeds", unit="pair of maps", disable=None):
+        left, right = (MapTruth.of(robot, n_test, np.random.default_rng(seed + 1_000_000), arm) for arm in ARMS)
         maps = [train_reachable_map(robot, arm, np.random.default_rng(seed), params) for arm in ARMS]
         for truth, learned in zip((left, right, left.both(right)), (*maps, both(*maps)), strict=True):
             scores = truth.judge(learned.query, learned.max_error_m)

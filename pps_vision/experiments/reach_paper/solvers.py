@@ -5,7 +5,7 @@ and of the next fifteen the most different one.
 """
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,18 +25,14 @@ from pps_vision.robot.self_motion import FarFromLimits
 from pps_vision.robot.two_stage import TwoStage, two_stage
 from pps_vision.types import Array
 
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_paper import ReachPaper
-
 _DEFAULT = "batched, 2 starts"
 
 
-def run(study: "ReachPaper") -> dict[str, Any]:
+def run(seed: int, n: int, n_ipopt: int) -> dict[str, Any]:
     """Return by solver ms per problem, wrong verdicts (percent, against the closed form), and RMS optimality lost."""
-    n = study.n_problems
-    if study.n_ipopt > n:
-        raise InputError("bench reach_paper", f"--n-ipopt {study.n_ipopt} of --n-problems {n}; expected at most {n}")
-    rng = np.random.default_rng(study.seed)
+    if n_ipopt > n:
+        raise InputError("bench reach_paper", f"--n-ipopt {n_ipopt} of --n-problems {n}; expected at most {n}")
+    rng = np.random.default_rng(seed)
     robot = load_icub()
     oracle = ReachOracle(robot, "right", MapParams(), rng)
     limits = oracle.params.gaze_limits
@@ -54,7 +50,7 @@ def run(study: "ReachPaper") -> dict[str, Any]:
         return two_stage_by_ipopt(chain, targets, starts, measure, inverse)
 
     rows = {}
-    for solver, solve, n_solved in (("batched", batched, n), ("IPOPT", ipopt, study.n_ipopt)):
+    for solver, solve, n_solved in (("batched", batched, n), ("IPOPT", ipopt, n_ipopt)):
         for n_starts in (1, 2):
             solve(points[:1], starts[:n_starts, :1])  # loads and compiles
             solution, ms = timed(partial(solve, points[:n_solved], starts[:n_starts, :n_solved]))

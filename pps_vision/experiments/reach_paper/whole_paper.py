@@ -4,7 +4,8 @@ The hand is fixated by kinematics within joint limits; inverse kinematics uses t
 never the robot's own.  Maps are judged against the learned kinematics, as in J, and against the true kinematics.
 """
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,18 +21,18 @@ from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
 
-if TYPE_CHECKING:
-    from pps_vision.experiments.reach_paper import ReachPaper
-
 _EXTREMES_OF_J = {"C, farthest": (11.17, 15.0), "D, closest": (89.15, 105.0)}  # vergence, elbow (degrees)
 
 
-def run(study: "ReachPaper") -> dict[str, Any]:
+def run(seeds: Sequence[int], n_tried: int, n_labels: int, n_labels_of_j: int, n_test: int) -> dict[str, Any]:
     """Return the scores of each map against the true and the learned kinematics, with 95 % intervals over repetitions.
 
     Extreme postures and the samples for the figures are those of the first repetition.
     """
-    repetitions = [_repetition(study, seed) for seed in tqdm(study.seeds, desc="repetitions", disable=None)]
+    repetitions = [
+        _repetition(seed, n_tried, n_labels, n_labels_of_j, n_test, with_samples=seed == seeds[0])
+        for seed in tqdm(seeds, desc="repetitions", disable=None)
+    ]
     maps = {
         name: {
             truth: {key: interval([[one["maps"][name][truth][key]] for one in repetitions]) for key in scores}
@@ -42,24 +43,26 @@ def run(study: "ReachPaper") -> dict[str, Any]:
     return {**repetitions[0], "maps": maps}
 
 
-def _repetition(study: "ReachPaper", seed: int) -> dict[str, Any]:
-    """Learn our map and J's from the same babbling and judge them; for the first seed also sample the figures."""
+def _repetition(
+    seed: int, n_tried: int, n_labels: int, n_labels_of_j: int, n_test: int, with_samples: bool
+) -> dict[str, Any]:
+    """Learn our map and J's from the same babbling and judge them; `with_samples` also sample the figures."""
     robot = load_icub()
     rng = np.random.default_rng(seed)
-    babbled = babble(robot, "right", study.n_tried, rng)
+    babbled = babble(robot, "right", n_tried, rng)
     hand = learn_hand(babbled)
-    params = map_params(study.n_labels)
+    params = map_params(n_labels)
     learned = train_reachable_map(robot, "right", rng, params, hand)
     limits = params.gaze_limits
     max_error_m = learned.max_error_m
-    gaze = rng.uniform(limits.lower, limits.upper, (study.n_labels_of_j, 3))
+    gaze = rng.uniform(limits.lower, limits.upper, (n_labels_of_j, 3))
     labels = ReachOracle(robot, "right", params, rng, hand).label(gaze)
     maps = {
         "ours": learned.query,
         "J: LWPR on labels everywhere": jamone.learn_map(labels, max_error_m, limits),
     }
     test_rng = np.random.default_rng(seed + 1_000_000)
-    truth = MapTruth.of(robot, study.n_test, test_rng)
+    truth = MapTruth.of(robot, n_test, test_rng)
     test_labels = ReachOracle(robot, "right", params, test_rng, hand).label(truth.gaze_rad)
     scores = {
         name: {
@@ -68,7 +71,7 @@ def _repetition(study: "ReachPaper", seed: int) -> dict[str, Any]:
         }
         for name, query in maps.items()
     }
-    if seed != study.seed:
+    if not with_samples:
         return {"maps": scores}
     return {
         "maps": scores,

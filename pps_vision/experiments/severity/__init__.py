@@ -12,7 +12,13 @@ from pps_vision.experiments.study import Part, PartsStudy, SampledStudy
 class Severity(PartsStudy, SampledStudy):
     """reach: forward model and reachable-space map from disturbed babbling and labels."""
 
-    PARTS: ClassVar[Mapping[str, Part]] = {"reach": reach.PART}
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "reach": Part(
+            lambda study: reach.run(study.seeds, study.n_labels, study.n_test, study.reach_disturbances),
+            reach.chart,
+            reach.table,
+        ),
+    }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 200, "reach_disturbances": ("labels flipped",)}
 
     n_labels: int = 1000

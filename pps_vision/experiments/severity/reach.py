@@ -5,10 +5,10 @@ revolute joints, labels near the border, signed distance.  J's: LWPR of the arm,
 0.25.  Both are judged against the closed-form inverse kinematics of the true arm.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,7 +22,7 @@ from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.jamone import MapQuery
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.reach_truth import closed_form, first, learn_hand
-from pps_vision.experiments.study import Axis, Break, Metric, Part, Values, compare_severities, percent
+from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_severities, percent
 from pps_vision.experiments.tables import Table, break_points
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -30,9 +30,6 @@ from pps_vision.robot.inverse_kinematics import IKParams
 from pps_vision.robot.self_motion import WalkParams
 from pps_vision.robot.two_stage import TwoStageParams
 from pps_vision.types import Array, Mask
-
-if TYPE_CHECKING:
-    from pps_vision.experiments.severity import Severity
 
 _N_TRIED = 5800
 _N_SAMPLES = 1500
@@ -161,13 +158,13 @@ def _flipped(label: Oracle, share: float, rng: np.random.Generator, gaze: Array)
     )
 
 
-def _run(study: "Severity") -> dict[str, Any]:
+def run(seeds: Sequence[int], n_labels: int, n_test: int, names: Sequence[str]) -> dict[str, Any]:
     """Return by disturbance the results of `compare_severities`: JE and confident errors (%)."""
-    methods = {name: partial(learn_and_judge, name, study.n_labels) for name in LEARNERS}
+    methods = {name: partial(learn_and_judge, name, n_labels) for name in LEARNERS}
     return {
         name: compare_severities(partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds, _BREAK)
         for name, (axis, _) in DISTURBANCES.items()
-        if name in (study.reach_disturbances or DISTURBANCES)
+        if name in (names or DISTURBANCES)
     }
 
 
@@ -175,7 +172,7 @@ def _disturbances(numbers: dict[str, Any]) -> dict[str, Any]:
     return {name: numbers[name] for name in DISTURBANCES if name in numbers}
 
 
-def _chart(numbers: dict[str, Any]) -> Figure:
+def chart(numbers: dict[str, Any]) -> Figure:
     """Draw misjudged gaze postures over severity."""
     figure = severities(_disturbances(numbers), "je", "misjudged, JE (%)", _BREAK.bound, 3)
     for axis in figure.axes:
@@ -183,9 +180,6 @@ def _chart(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def _table(numbers: dict[str, Any]) -> Table:
+def table(numbers: dict[str, Any]) -> Table:
     """Return where each method breaks."""
     return break_points(_disturbances(numbers))
-
-
-PART = Part(_run, _chart, _table)
