@@ -162,7 +162,7 @@ def run(seeds: Sequence[int], n_labels: int, n_test: int, names: Sequence[str]) 
     """Return by disturbance the results of `compare_severities`: JE and confident errors (%)."""
     methods = {name: partial(learn_and_judge, name, n_labels) for name in LEARNERS}
     return {
-        name: compare_severities(partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds, _BREAK)
+        name: compare_severities(partial(disturbed, name, n_test), axis, methods, _METRICS, seeds, _BREAK)
         for name, (axis, _) in DISTURBANCES.items()
         if name in (names or DISTURBANCES)
     }
