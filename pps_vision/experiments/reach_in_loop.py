@@ -264,10 +264,8 @@ _COUNTS = {
     "reachable and refused": "refused_wrongly",
 }
 _QUANTILES = {
-    "palm to object (mm)": "palm_off_mm",
     "fixation error (°)": "fixation_error_deg",
     "fixation error, head only reacting (°)": "fixation_error_reacting_deg",
-    "turn of the torso (°)": "turned_deg",
     "time (s)": "seconds",
 }
 
