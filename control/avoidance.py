@@ -14,7 +14,7 @@ from control.arm import ArmConstraints, ArmParams, KeepIn, MovingPoint, arm_cons
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points, rotation_to
-from pps_vision.robot.bare_links import BareLinks, Near
+from pps_vision.robot.bare_links import BareLinks, NearestPoint
 from pps_vision.robot.model import Posture
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin
@@ -319,12 +319,14 @@ def _active_taxels(params: AvoidanceParams, arm: ArmInput) -> tuple[MovingPoint,
     )
 
 
-def _bare_links(params: AvoidanceParams, arm: ArmInput) -> tuple[list[Near], list[Near]]:
+def _bare_links(params: AvoidanceParams, arm: ArmInput) -> tuple[list[NearestPoint], list[NearestPoint]]:
     """The nearest points of all links without taxels, and of the links that the object is predicted to approach."""
     if arm.bare_links is None or not arm.track.is_known:
         return [], []
     present, *later = (
-        arm.bare_links.near(arm.posture, arm.track.position + ahead_s * arm.track.velocity, arm.object_radius_m)
+        arm.bare_links.nearest_points(
+            arm.posture, arm.track.position + ahead_s * arm.track.velocity, arm.object_radius_m
+        )
         for ahead_s in (0.0, 0.5 * _LINK_LEAD_S, _LINK_LEAD_S)
     )
     min_approach_m = 0.1 * params.speed_m_s * _LINK_LEAD_S  # an object at rest approaches by its velocity's noise
@@ -336,7 +338,7 @@ def _bare_links(params: AvoidanceParams, arm: ArmInput) -> tuple[list[Near], lis
     return present, approached
 
 
-def _link_points(params: AvoidanceParams, arm: ArmInput, links: list[Near]) -> tuple[MovingPoint, ...]:
+def _link_points(params: AvoidanceParams, arm: ArmInput, links: list[NearestPoint]) -> tuple[MovingPoint, ...]:
     """The nearest points of links, moving away from the object as fully activated taxels would."""
     return tuple(
         MovingPoint(
@@ -466,7 +468,7 @@ def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Arra
     return np.asarray(np.sqrt(np.sum(d * d, axis=3).min(axis=(1, 2))) - arm.object_radius_m)
 
 
-def clearance_rows(arm: ArmInput, near: list[Near]) -> tuple[Array, Array]:
+def clearance_rows(arm: ArmInput, near: list[NearestPoint]) -> tuple[Array, Array]:
     """Constraints that keep points of links 3 cm from the object: their speeds (m, n_joints) towards it per joint rate,
     and the largest ones (m,) m/s."""
     near = [link for link in near if np.isfinite(link.distance_m)]

@@ -27,7 +27,7 @@ from control.avoidance import (
 )
 from control.limits import MAX_HOLD_S
 from pps_vision.errors import InputError
-from pps_vision.robot.bare_links import Near
+from pps_vision.robot.bare_links import NearestPoint
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array
 
@@ -133,7 +133,7 @@ def first_touch(motion: ArmMotion, arm_params: ArmParams, target: int) -> TaxelM
     return min(touches, key=lambda touch: touch.contact_s)
 
 
-def other_parts(arm: ArmInput, target: int) -> list[Near]:
+def other_parts(arm: ArmInput, target: int) -> list[NearestPoint]:
     """The taxel nearest to the object of each body part but that of the taxel `target`."""
     d = arm.track.position - arm.skin.at(arm.posture)[0]
     distances = np.linalg.norm(d, axis=1)
@@ -143,5 +143,5 @@ def other_parts(arm: ArmInput, target: int) -> list[Near]:
         if part.frame != target_frame:
             i = int(np.argmin(np.where(arm.skin.part_index == k, distances, np.inf)))
             gap = float(distances[i]) - arm.object_radius_m
-            near.append(Near(part.frame, arm.track.position - d[i], d[i] / max(distances[i], 1e-9), gap))
+            near.append(NearestPoint(part.frame, arm.track.position - d[i], d[i] / max(distances[i], 1e-9), gap))
     return near

@@ -1,4 +1,4 @@
-"""One stereo frame through the whole robot: tracker, skin, reachable space, arm and gaze.
+"""One stereo frame through the whole robot: tracker, skin, reachable space, arms and gaze.
 
 Rendered and recorded frames take the same steps; a recording does not obey the commands.
 """
@@ -50,13 +50,13 @@ class PipelineParams:
     latency_s: float = 0.0
     """Time from a frame's stamp until its command takes effect; target and posture are predicted to then."""
     search_for_s: float = 30.0
-    """Duration of the gaze search after the object was lost; the covering search sees every point that gaze can be on
-    within it, what is 8 cm or more before the eyes within half of it."""
+    """Duration of the gaze search after the object was lost; the covering search sees every point that can be fixated
+    within this time, points at least 8 cm before the eyes within half of it."""
     max_false_positives: float = 1e-3
-    """Share of the unreachable gaze postures that the map may call reachable (J asks for few)."""
+    """Largest share of the unreachable gaze postures that the map calls reachable (J asks for few)."""
     receptive_field: ReceptiveField = ReceptiveField(distance_to="surface")
-    """Region in which a taxel perceives the object (R, "Receptive field"); with R's D, to the object's centre, the
-    activation at the touch would depend on the object's size (`bench pps_single_touch`)."""
+    """Region in which a taxel perceives the object (R, "Receptive field").  With R's D, to the object's centre, the
+    activation at the touch would depend on the object's size."""
     fixation: FixationParams | NeckAndEyesParams = FixationParams()
     """Gaze control of a tracked object: J IV.1, or six joints."""
     search: SearchParams = SearchParams()
@@ -79,7 +79,7 @@ class PipelineParams:
 
 @dataclass(frozen=True)
 class PipelineState:
-    """What one frame hands to the next."""
+    """State carried from frame to frame."""
 
     learning: LearnerState
     """The PPS memory and the samples since the last contact."""
@@ -94,9 +94,9 @@ class PipelineState:
     last_taxels: tuple[float, Array] | None = None
     """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
     commands: tuple[JointVelocity, ...] = ()
-    """Those that may still be obeyed; the last is the last frame's."""
+    """Commands that may still be obeyed; the last is the last frame's."""
     last_q_rad: Array | None = None
-    """Joints (n_joints,) at which the last command was to take effect."""
+    """Predicted joints (n_joints,) when the last command took effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +203,7 @@ class Pipeline:
             InputError: The frame has no joints, or the images or `touched` do not fit this robot; the state is
                 unchanged.
         """
+        params = self.params
         state = self._state
         stamp_s = frame.stamp_s
         touched = self._checked(touched)
@@ -213,7 +214,7 @@ class Pipeline:
         check_track(track)
         events = self._perceive(track, taxels, touched)
         learned = learner.step(state.learning, events)
-        probability = activation_by(self.params.receptive_field, learned.memory, track, taxels)
+        probability = activation_by(params.receptive_field, learned.memory, track, taxels)
         activation = Activation(stamp_s, self.skin.taxel_ids, probability)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
         inputs = _ControlInput(
@@ -227,7 +228,10 @@ class Pipeline:
         arms, responses = self._move_arms(state.arms, leaning, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
         wanted = arbiter.combine([*(response.command for response in responses), torso_command, gaze_command])
-        command = self._limited(inputs.posture, wanted)
+        command = limits.limit(
+            params.limits, self._self_collision, inputs.posture, wanted, self._last_command, state.last_q_rad
+        )
+        obeyed_since_s = stamp_s - params.latency_s - MAX_HOLD_S
         self._state = PipelineState(
             learning=learned,
             arms=arms,
@@ -235,29 +239,29 @@ class Pipeline:
             searching=searching,
             last_known_s=stamp_s if track.is_known else state.last_known_s,
             last_taxels=(stamp_s, taxels.positions),
-            commands=self._obeyed(command),
+            commands=(*(earlier for earlier in state.commands if earlier.stamp_s > obeyed_since_s), command),
             last_q_rad=inputs.posture.q_rad,
         )
         return PipelineStep(posture, tracking, events, activation, reachability, responses, command)
 
     def finish(self) -> PPSMemory:
-        """Learn a contact that is still going on, and return the memory."""
+        """Learn from a contact that has not ended; return the memory."""
         self._state = replace(self._state, learning=learner.finish(self._state.learning))
         return self.memory
 
     def miss(self) -> PPSMemory:
-        """Learn that what came near since the last contact has touched nothing, and return the memory."""
+        """Learn that the samples since the last contact led to no touch; return the memory."""
         self._state = replace(self._state, learning=learner.miss(self._state.learning))
         return self.memory
 
     @property
     def memory(self) -> PPSMemory:
-        """What has been learned so far."""
+        """The memory after the last frame."""
         return self._state.learning.memory
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Number of samples and contacts that were not learned, by reason."""
+        """Number of rejected samples and contacts, by reason."""
         return {"stale samples": self._state.learning.stale, "unseen touches": self._state.learning.unseen}
 
     @property
@@ -271,17 +275,6 @@ class Pipeline:
             return posture
         until_s = stamp_s + latency_s
         return self.robot.at(posture_after(posture.q_rad, self._state.commands, stamp_s, until_s, latency_s))
-
-    def _limited(self, posture: Posture, wanted: JointVelocity) -> JointVelocity:
-        """The last stage of every command."""
-        return limits.limit(
-            self.params.limits, self._self_collision, posture, wanted, self._last_command, self._state.last_q_rad
-        )
-
-    def _obeyed(self, command: JointVelocity) -> tuple[JointVelocity, ...]:
-        """The commands that may still be obeyed, the new one last."""
-        begin_s = command.stamp_s - self.params.latency_s - MAX_HOLD_S
-        return (*(earlier for earlier in self._state.commands if earlier.stamp_s > begin_s), command)
 
     def _checked(self, touched: Mask | None) -> Mask:
         n = len(self.skin.taxel_ids)

@@ -39,9 +39,9 @@ from tracking.tracker import Tracker, TrackerParams
 Kind = Literal["approach", "recede", "static", "own_arm", "near_miss"]
 Side = Literal["left", "right"]
 OwnMotion = Literal["", "arm", "head"]
-"""What moves by itself."""
+"""Body part that moves independently of the commands."""
 Policy = Callable[[StereoFrame, Mask], PipelineStep]
-"""What turns a frame and the touched taxels (n,) into a command; `Pipeline.step` is one."""
+"""Turns a frame and the touched taxels (n,) into a command; `Pipeline.step` is one."""
 
 PERIOD_S = 0.05
 SPEED_M_S = (0.05, 0.15)
@@ -50,18 +50,18 @@ _TRAINED_WITH: tuple[StimulusName, ...] = ("ball", "cube")
 REACH_M = {"approach": TOUCH_RADIUS_M - 0.003, "recede": TOUCH_RADIUS_M + 0.010}
 """Smallest distance from the object's surface to the nearest taxel's centre: an approach touches, a receding object
 does not."""
-_NEAR_MISS_M = (0.04, 0.16)  # from the object's surface to the nearest taxel's centre where a near miss stops
+_NEAR_MISS_M = (0.04, 0.16)  # from the object's surface to the nearest taxel's centre at the end of a near miss
 _REST_M = (0.12, 0.15)  # distance from the taxel of a static object
-_CONTACT_FRAMES = 14  # a training episode ends 0.7 s after the touch; the withdrawal is not learned from
-_MARGIN_PX = 25.0  # of the object's centre to the image's border
-_NEAREST_M = 0.22  # nearer objects fill the view, and the eyes' vergence ends at 0.2 m
+_CONTACT_FRAMES = 14  # a training episode ends 0.7 s after the touch, so that the withdrawal is not learned
+_MARGIN_PX = 25.0  # smallest distance of the object's centre from the image border
+_MIN_DISTANCE_M = 0.22  # from the eyes: nearer objects fill the view, and the vergence range ends at 0.2 m
 
 
 @dataclass(frozen=True)
 class Episode:
-    """A stimulus on a path, for some time; without a `motion` nothing is near.
+    """A stimulus on a path, for some time; without a `motion` no object is near.
 
-    Arm or head may move by themselves: such an arm does not obey, such a head sways besides.
+    An arm with `own_motion` ignores the commands; a head with `own_motion` sways in addition to them.
     """
 
     title: str
@@ -109,7 +109,7 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class SimulationStep:
-    """One frame of a simulation: what the eyes showed, what the policy made of it, and the truth.
+    """One frame of a simulation: the images, the policy's step, and the truth.
 
     `position` (3,) of the object, NaN without one; `taxels` (n, 3) positions; `touched` (n,); `q_rad` (n_joints,)
     before the command was obeyed.
@@ -149,12 +149,12 @@ class EpisodeLog:
 
     @property
     def was_touched(self) -> bool:
-        """Whether the skin was touched at all."""
+        """Whether the skin was touched."""
         return bool(self.touched.any())
 
     @property
     def was_commanded(self) -> bool:
-        """Whether the arm was commanded to move at all."""
+        """Whether the arm was commanded to move."""
         return bool(self.arm_commanded.any())
 
 
@@ -185,9 +185,11 @@ def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True)
 
     The robot begins at home with its eyes on the object.  Without `avoid` the arm does not obey.
     """
-    robot, stimulus = world.robot, make_stimulus(episode.stimulus)
+    robot = world.robot
+    stimulus = make_stimulus(episode.stimulus)
     world.eyes.set_stimulus(stimulus)
-    arm, q = world.arm, world.home
+    arm = world.arm
+    q = world.home
     if episode.motion is not None:
         q = gaze_at(robot, q, episode.motion(0.0)[0])
     for k in range(int(np.ceil(episode.seconds / PERIOD_S - 1e-9))):
@@ -204,7 +206,7 @@ def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True)
             dq[arm] = 0.0
         q = q + PERIOD_S * (dq + own_rate(robot, episode.own_motion, arm, t))
         if episode.own_motion:
-            q = robot.clamp(q)  # it knows no limits; commands keep them
+            q = robot.clamp(q)  # commands keep the limits, own motion does not
 
 
 def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoid: bool = True) -> EpisodeLog:
@@ -213,7 +215,8 @@ def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoi
     arm = world.arm
     radius_m = make_stimulus(episode.stimulus).radius_m
     tracks = [row.step.tracking.track for row in rows]
-    truth, taxels = np.array([row.position for row in rows]), np.array([row.taxels for row in rows])
+    truth = np.array([row.position for row in rows])
+    taxels = np.array([row.taxels for row in rows])
     speed = np.array([float(np.linalg.norm(row.step.response.velocity_root)) for row in rows])
     return EpisodeLog(
         title=episode.title,
@@ -234,27 +237,27 @@ def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoi
 
 
 def train(world: World, trials: int, touch_every: int = 1) -> PPSMemory:
-    """The memory after `trials` approaches, to taxels and with objects in turn.
+    """The memory after `trials` approaches, with alternating taxels and objects.
 
-    Every `touch_every`-th one ends in a touch; the others are near misses.
+    One in `touch_every` approaches ends in a touch; the others are near misses.
     """
     if trials < 1:
         raise InputError("training", f"{trials} trials; expected at least one")
     memory = PPSMemory.empty(world.skin)
     for trial in progress(range(trials), desc="training", unit="approach", after_s=0.0):
-        number, others = divmod(trial, touch_every)
+        number, is_near_miss = divmod(trial, touch_every)
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
         stimulus = _TRAINED_WITH[number % len(_TRAINED_WITH)]
         speed = world.rng.uniform(*SPEED_M_S)
-        kind: Kind = "near_miss" if others else "approach"
-        episode = make_episode(kind, world, taxel, stimulus, world.rng, speed, None if others else 0.0)
+        kind: Kind = "near_miss" if is_near_miss else "approach"
+        episode = make_episode(kind, world, taxel, stimulus, world.rng, speed, None if is_near_miss else 0.0)
         pipeline = new_pipeline(world, memory)
         contact_frames = 0
         for step in simulate(world, episode, pipeline.step, avoid=False):
             contact_frames += bool(step.touched.any())
             if contact_frames == _CONTACT_FRAMES:
                 break
-        memory = pipeline.miss() if others else pipeline.finish()
+        memory = pipeline.miss() if is_near_miss else pipeline.finish()
     return memory
 
 
@@ -270,19 +273,18 @@ def make_episode(
     """A random episode about a taxel's home position, in view of both eyes.
 
     Args:
-        kind: approach: until the surface is within `reach_m` of a taxel's home position, whatever the arm does, and
-            back; recede: from just out of touch; static: 5 cm away from the skin, then at rest 12–15 cm from the taxel;
-            own_arm: nothing is near; near_miss: until `reach_m` before the skin, and no further.
+        kind: approach: until the surface is within `reach_m` of a taxel's home position, then back; recede: from just
+            out of touch; static: 5 cm away from the skin, then at rest 12–15 cm from the taxel; own_arm: no object;
+            near_miss: the approach ends `reach_m` before the skin.
         world: Robot and skin.
         taxel: Target "part:id".
         stimulus: Object.
         rng: Random numbers of the path.
         speed_m_s: Speed of the object.
-        reach_m: Default: a touch; of a near miss 4–16 cm.
+        reach_m: Default: a touch, or 4–16 cm for a near miss.
 
     Raises:
-        InputError: The skin has no such taxel, no such episode stays in view, or the object is within `reach_m` at the
-            start already.
+        InputError: The skin has no such taxel, no such episode stays in view, or the object starts within `reach_m`.
     """
     if kind == "own_arm":
         return Episode("own arm moving", stimulus, None, 4.0, "arm")
@@ -297,19 +299,22 @@ def make_episode(
     aim = at_taxel(world.skin, posture, index, radius + reach_m)
     for _ in range(200):
         visit = make_approach(rng, aim, speed_m_s)
+        motion: Motion = visit
+        seconds = visit.contact_s
+        title = "stopping short"
         if kind == "approach":
-            motion: Motion = visit
-            seconds, title = 2 * visit.contact_s + visit.dwell_s + 0.5, "approaching"
-        elif kind == "near_miss":
-            motion, seconds, title = visit, visit.contact_s, "stopping short"
+            seconds = 2 * visit.contact_s + visit.dwell_s + 0.5
+            title = "approaching"
         elif kind == "recede":
             motion = Recede(visit.end, visit.start, speed_m_s)
-            seconds, title = visit.contact_s + 0.5, "receding"
-        else:
+            seconds = visit.contact_s + 0.5
+            title = "receding"
+        elif kind == "static":
             away = (visit.start - point) / np.linalg.norm(visit.start - point)
-            rest = point + rng.uniform(*_REST_M) * away
-            motion = Recede(rest - 0.05 * away, rest, speed_m_s)
-            seconds, title = 5.0, "at rest"
+            end = point + rng.uniform(*_REST_M) * away
+            motion = Recede(end - 0.05 * away, end, speed_m_s)
+            seconds = 5.0
+            title = "at rest"
         begins_touching = touched_taxels(taxels, motion(0.0)[0], radius).any()
         if not begins_touching and can_follow(world.robot, world.rig, q_home, motion, seconds):
             return Episode(f"{stimulus} {title}", stimulus, motion, seconds)
@@ -319,18 +324,18 @@ def make_episode(
 
 
 def watching(robot: Robot, skin: Skin, q: Array) -> Array:
-    """The configuration `q` with the eyes on the space before the skin."""
+    """The configuration `q` with the eyes on the space in front of the skin."""
     positions, normals = skin.at(robot.at(q))
     return gaze_at(robot, q, (positions + 0.12 * normals).mean(axis=0))
 
 
 def can_follow(robot: Robot, rig: StereoRig, q_rad: Array, motion: Motion, seconds: float, points: int = 9) -> bool:
-    """Whether both eyes can see a motion when they fixate it: tested at so many points of the path."""
+    """Whether both eyes can see a motion when they fixate it, tested at `points` points of the path."""
     for t in np.linspace(0, seconds, points):
         p, _ = motion(float(t))
         view = rig.view(gaze_at(robot, q_rad, p))
         for eye in (view.left, view.right):
-            if not eye.sees(p, _MARGIN_PX) or np.linalg.norm(p - eye.center) < _NEAREST_M:
+            if not eye.sees(p, _MARGIN_PX) or np.linalg.norm(p - eye.center) < _MIN_DISTANCE_M:
                 return False
     return True
 
@@ -354,8 +359,10 @@ def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) ->
     hit = aside2 < reach_m**2
     travelled = along[hit] - np.sqrt(reach_m**2 - aside2[hit])
     if not (travelled > 0).any():
-        found = f"the object's centre starts {np.linalg.norm(way):.3g} m from a taxel, to stop {reach_m:.3g} m from it"
-        raise InputError("approach", f"{found}; expected a smaller object or reach")
+        message = (
+            f"the object's centre starts {np.linalg.norm(way):.3g} m from a taxel, to stop {reach_m:.3g} m from it"
+        )
+        raise InputError("approach", f"{message}; expected a smaller object or reach")
     return start + float(travelled[travelled > 0].min()) * u
 
 

@@ -98,7 +98,7 @@ class Camera:
     @cached_property
     def solid_angle_map(self) -> Array:
         """(height, width) solid angle (sr) that each pixel covers."""
-        du, dv = np.gradient(self.bearing_map, axis=1), np.gradient(self.bearing_map, axis=0)
+        dv, du = np.gradient(self.bearing_map, axis=(0, 1))
         return np.linalg.norm(np.cross(du, dv), axis=-1)
 
     def is_usable(self) -> bool:
@@ -117,7 +117,8 @@ class Camera:
 
     def reduced(self, k: int) -> "Camera":
         """The same camera with pixels `k` times as large: the first covers the `k` × `k` at the top left."""
-        cx, cy = (self.cx + 0.5) / k - 0.5, (self.cy + 0.5) / k - 0.5
+        cx = (self.cx + 0.5) / k - 0.5
+        cy = (self.cy + 0.5) / k - 0.5
         return Camera(self.width // k, self.height // k, self.fx / k, self.fy / k, cx, cy, self.distortion)
 
     @cached_property

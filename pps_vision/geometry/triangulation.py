@@ -55,12 +55,10 @@ def triangulate(
     Raises:
         ValueError: A covariance is not finite or not positive definite.
     """
-    left, right = (
-        _measured(view.left, left_px, cov_left_px, more_px2),
-        _measured(view.right, right_px, cov_right_px, more_px2),
-    )
-    found, p_root, (xx, xy, xz, yy, yz, zz), moved2_px2, chi2 = triangulated(left, right)
-    if not found:
+    left = _measured(view.left, left_px, cov_left_px, more_px2)
+    right = _measured(view.right, right_px, cov_right_px, more_px2)
+    rays_meet, p_root, (xx, xy, xz, yy, yz, zz), moved2_px2, chi2 = triangulated(left, right)
+    if not rays_meet:
         return None
     cov_root = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
     return Triangulation(np.array(p_root), cov_root, 0.5 * moved2_px2**0.5, chi2)
@@ -70,7 +68,8 @@ def _measured(eye: View, pixel: ArrayLike, cov: ArrayLike, more_px2: float) -> S
     """The measurement of one camera, as the compiled function takes it."""
     u, v = np.asarray(pixel, dtype=float).tolist()
     (uu, uv), (_, vv) = np.asarray(cov, dtype=float).tolist()
-    uu, vv = uu + more_px2, vv + more_px2
+    uu += more_px2
+    vv += more_px2
     if not (0 < uu < math.inf and vv < math.inf and uv * uv < uu * vv):
         raise ValueError(f"pixel covariance [[{uu}, {uv}], [{uv}, {vv}]]; expected a positive definite one")
     return eye.pose, eye.camera.numbers, u, v, uu, uv, vv

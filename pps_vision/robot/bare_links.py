@@ -1,4 +1,4 @@
-"""Links of an arm without taxels, and how near an object comes to them; by coal."""
+"""Links of an arm without taxels and their distances from an object, by coal."""
 
 from typing import NamedTuple
 
@@ -9,11 +9,11 @@ from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array
 
-_FAR_M = 0.5  # what is farther from the middle of a body is not near it
+_MAX_DISTANCE_M = 0.5  # from the middle of a body; the distance of an object farther away is inf
 
 
-class Near(NamedTuple):
-    """The point of a body that is nearest to an object."""
+class NearestPoint(NamedTuple):
+    """The point of a body nearest to an object."""
 
     frame: str
     """The link."""
@@ -29,25 +29,29 @@ class BareLinks:
     """The bodies that an arm moves and whose links carry no skin."""
 
     def __init__(self, robot: Robot, skin: Skin, side: str) -> None:
-        joints, covered = set(robot.names.arm(side)), {part.frame for part in skin.parts}
+        joints = set(robot.names.arm(side))
+        covered = {part.frame for part in skin.parts}
         self._bodies = [
             (body, shape.geometry)
             for body, shape in zip(robot.bodies, robot.geometry.geometryObjects, strict=True)
             if body.frame not in covered and not joints.isdisjoint(robot.moving(body.frame))
         ]
 
-    def near(self, posture: Posture, center_root: Array, radius_m: float) -> list[Near]:
-        """Each body's nearest point to a ball about `center_root` (3,) m; the distance of those far away is inf."""
-        ball, at = coal.Sphere(max(radius_m, 1e-6)), coal.Transform3s(np.eye(3), np.asarray(center_root, dtype=float))
-        found = []
+    def nearest_points(self, posture: Posture, center_root: Array, radius_m: float) -> list[NearestPoint]:
+        """Each body's nearest point to a ball about `center_root` (3,) m; the distance of distant bodies is inf."""
+        ball = coal.Sphere(max(radius_m, 1e-6))
+        T_root_ball = coal.Transform3s(np.eye(3), np.asarray(center_root, dtype=float))
+        points = []
         for body, shape in self._bodies:
             T = posture.T_root(body.frame) @ body.T_frame_body
-            if not np.linalg.norm(center_root - T[:3, 3]) < _FAR_M + radius_m:
-                found.append(Near(body.frame, T[:3, 3], np.zeros(3), np.inf))
+            if not np.linalg.norm(center_root - T[:3, 3]) < _MAX_DISTANCE_M + radius_m:
+                points.append(NearestPoint(body.frame, T[:3, 3], np.zeros(3), np.inf))
                 continue
             result = coal.DistanceResult()
             distance = coal.distance(
-                shape, coal.Transform3s(T[:3, :3], T[:3, 3]), ball, at, coal.DistanceRequest(), result
+                shape, coal.Transform3s(T[:3, :3], T[:3, 3]), ball, T_root_ball, coal.DistanceRequest(), result
             )
-            found.append(Near(body.frame, result.getNearestPoint1().copy(), result.normal.copy(), float(distance)))
-        return found
+            points.append(
+                NearestPoint(body.frame, result.getNearestPoint1().copy(), result.normal.copy(), float(distance))
+            )
+        return points

@@ -1,8 +1,8 @@
 """Forward kinematics and Jacobians of one serial chain at many postures at once, compiled by numba.
 
-Product of exponentials: the joints' screw axes are read once from Pinocchio at a base posture, so any robot and any
-subset of its joints will do; joints left out stay at the base posture.  The kernel is compiled when it is first
-called, which takes seconds once; the code is then kept beside this file.
+Product of exponentials: the joints' screw axes are read once from Pinocchio at a base posture, for any robot and any
+subset of its joints; the other joints stay at the base posture.  The first call compiles the kernel, once per
+installation.
 """
 
 from dataclasses import dataclass
@@ -67,22 +67,30 @@ def _forward(screws: Array, order: NDArray[np.intp], T_zero: Array, q: Array) ->
     by the joints before it: v' = R v + t × ω', ω' = R ω; and ∂p/∂q = v' + ω' × p.
     """
     n, k = q.shape
-    poses, jacobians, axes = np.zeros((n, 4, 4)), np.empty((n, 3, k)), np.empty((k, 3))
+    poses = np.zeros((n, 4, 4))
+    jacobians = np.empty((n, 3, k))
+    axes = np.empty((k, 3))
     for row in range(n):
-        x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # the columns of R
+        x = (1.0, 0.0, 0.0)  # the columns of R
+        y = (0.0, 1.0, 0.0)
+        z = (0.0, 0.0, 1.0)
         t = (0.0, 0.0, 0.0)
         for i in order:
             v = _combined(x, y, z, screws[i, 0], screws[i, 1], screws[i, 2])
             w = _combined(x, y, z, screws[i, 3], screws[i, 4], screws[i, 5])
             moment = _cross(t, w)
             for axis in range(3):
-                jacobians[row, axis, i], axes[i, axis] = v[axis] + moment[axis], w[axis]
+                jacobians[row, axis, i] = v[axis] + moment[axis]
+                axes[i, axis] = w[axis]
             angle = q[row, i]
-            sine, versine = sin(angle), 1 - cos(angle)
+            sine = sin(angle)
+            versine = 1 - cos(angle)
             wv = _cross(w, v)
             dt = _combined(v, wv, _cross(w, wv), angle, versine, angle - sine)
             t = (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2])
-            x, y, z = _rotated(w, x, sine, versine), _rotated(w, y, sine, versine), _rotated(w, z, sine, versine)
+            x = _rotated(w, x, sine, versine)
+            y = _rotated(w, y, sine, versine)
+            z = _rotated(w, z, sine, versine)
         for column in range(4):
             a = _combined(x, y, z, T_zero[0, column], T_zero[1, column], T_zero[2, column])
             for axis in range(3):

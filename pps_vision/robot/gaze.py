@@ -1,9 +1,9 @@
 """Gaze kinematics: the fixation point of a gaze posture, and the gaze posture that fixates a point.
 
 A gaze posture is (neck yaw, neck pitch, vergence) in rad (J, "gaze"); the eyes verge symmetrically (version 0) and
-every other joint is 0.  A pitch beyond the neck's own limit denotes the fixation point it would have; on the robot
-the eyes' tilt adds to the neck's pitch.  Of fixed cameras (no gaze joints) a gaze posture is the direction of a point
-from the middle between them, and the angle under which eyes that turned about that middle would verge.
+every other joint is 0.  A pitch beyond the neck's own limit denotes the fixation point of that pitch; on the robot
+the eyes' tilt adds to the neck's pitch.  For fixed cameras (no gaze joints) a gaze posture is the direction of a point
+from the midpoint of the cameras, and the vergence of eyes that turn about the midpoint.
 """
 
 from dataclasses import dataclass
@@ -60,8 +60,8 @@ def gaze_for_points(robot: Robot, points_root: ArrayLike, limits: GazeLimits | N
 class GazeModel:
     """Gaze postures and fixation points of one robot, whose kinematics are read once.
 
-    The gaze is computed in closed form (see `_closed_form`), since the map is queried in every frame: 25 µs per point,
-    against 0.9 ms by damped least squares.
+    The gaze is computed in closed form (see `_closed_form`), since the map is queried in every frame: 25 µs per point
+    instead of 0.9 ms by damped least squares.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -75,14 +75,16 @@ class GazeModel:
         self._right: Chain | None = robot.chain((yaw, pitch, right_pan), names.right_eye)
         moving = robot.moving(names.left_eye)
         trunk = moving[: min(moving.index(yaw), moving.index(pitch))]
-        self._trunk, self._trunk_joints = robot.chain(trunk, names.left_eye), robot.indices(trunk)
-        # the directions of the closed form: ahead, where a positive yaw turns what is ahead, and up
+        self._trunk = robot.chain(trunk, names.left_eye)
+        self._trunk_joints = robot.indices(trunk)
+        # axes of the closed form: ahead, the direction in which a positive yaw turns it, and up
         (v_yaw, w_yaw), (v_pitch, w_pitch) = ((screw[:3], screw[3:]) for screw in self._left.screws[:2])
         ahead = self._left.T_root_frame[:3, 2]
         self._axes = np.stack([ahead, np.cross(w_yaw, ahead), np.cross(w_pitch, ahead)], axis=1)
-        self._on_pitch_axis, on_yaw_axis = np.cross(w_pitch, v_pitch), np.cross(w_yaw, v_yaw)
-        left, right = self._left.T_root_frame[:3, 3], self._right.T_root_frame[:3, 3]
-        self._yaw_axis = (on_yaw_axis - self._on_pitch_axis) @ self._axes
+        self._on_pitch_axis = np.cross(w_pitch, v_pitch)
+        self._yaw_axis = (np.cross(w_yaw, v_yaw) - self._on_pitch_axis) @ self._axes
+        left = self._left.T_root_frame[:3, 3]
+        right = self._right.T_root_frame[:3, 3]
         self._eyes = (0.5 * (left + right) - self._on_pitch_axis) @ self._axes
         self._half_baseline_m = 0.5 * float(np.linalg.norm(right - left))
         samples = np.array(np.meshgrid([-0.7, 0.3], [-0.6, 0.4], [0.1, 1.2])).reshape(3, -1).T
@@ -94,18 +96,22 @@ class GazeModel:
             )
 
     def _of_fixed_cameras(self, robot: Robot) -> None:
-        """Eyes that turn about the middle between the cameras; the torso is what moves cameras and arms alike."""
+        """Eyes that turn about the midpoint of the cameras; the torso is the chain that moves both cameras and arms."""
         names = robot.names
-        (left, right), hands = robot.eye_poses(np.zeros(robot.n_joints)), [palm for palm in names.palms if palm]
-        trunk = tuple(j for j in robot.moving(names.left_eye) if all(j in robot.moving(palm) for palm in hands))
-        self._trunk, self._trunk_joints = robot.chain(trunk, names.left_eye), robot.indices(trunk)
+        left, right = robot.eye_poses(np.zeros(robot.n_joints))
+        palms = [palm for palm in names.palms if palm]
+        trunk = tuple(j for j in robot.moving(names.left_eye) if all(j in robot.moving(palm) for palm in palms))
+        self._trunk = robot.chain(trunk, names.left_eye)
+        self._trunk_joints = robot.indices(trunk)
         leftwards = left[:3, 3] - right[:3, 3]
         self._half_baseline_m = 0.5 * float(np.linalg.norm(leftwards))
-        sideways, between = 0.5 * leftwards / self._half_baseline_m, left[:3, 2] + right[:3, 2]
-        ahead = between - between @ sideways * sideways
+        sideways = 0.5 * leftwards / self._half_baseline_m
+        mean_axis = left[:3, 2] + right[:3, 2]
+        ahead = mean_axis - mean_axis @ sideways * sideways
         ahead /= np.linalg.norm(ahead)
         self._axes = np.stack([ahead, sideways, np.cross(ahead, sideways)], axis=1)
-        self._on_pitch_axis, self._yaw_axis = 0.5 * (left[:3, 3] + right[:3, 3]), np.zeros(3)
+        self._on_pitch_axis = 0.5 * (left[:3, 3] + right[:3, 3])
+        self._yaw_axis = np.zeros(3)
         self._eyes = np.zeros(3)
         self._left = self._right = None
 
@@ -125,35 +131,35 @@ class GazeModel:
     def gaze(self, points: Array, limits: GazeLimits | None = None) -> Array:
         """(N, 3) gaze postures that fixate points (N, 3), torso at zero; NaN where the limits forbid it."""
         limits = limits or GazeLimits()
-        gaze, lower, upper = self._closed_form(points), limits.lower, limits.upper
-        within = np.all((gaze >= lower - _ROUNDING_RAD) & (gaze <= upper + _ROUNDING_RAD), axis=1)
-        return np.where(within[:, None], gaze.clip(lower, upper), np.nan)
+        gaze = self._closed_form(points)
+        within = np.all((gaze >= limits.lower - _ROUNDING_RAD) & (gaze <= limits.upper + _ROUNDING_RAD), axis=1)
+        return np.where(within[:, None], gaze.clip(limits.lower, limits.upper), np.nan)
 
     def to_upright(self, q_rad: Array, p_root: Array) -> Array:
-        """(N, 3) root positions of a point (3,) that the torso carries from configurations (N, n_joints) to zero.
-
-        That is where it lies for the head and the arms, which the torso carries too.
+        """(N, 3) root positions of a point (3,) that the torso carries from configurations (N, n_joints) to zero: its
+        position relative to the head and the arms, which the torso carries too.
         """
         R, t = self._trunk.frames(q_rad[:, self._trunk_joints])
         p_eye = ((p_root - t)[:, None] @ R)[:, 0]
         return move_points(self._trunk.T_root_frame, p_eye)
 
     def _closed_form(self, points: Array) -> Array:
-        """(N, 3) gaze postures that fixate points (N, 3), whatever the limits; NaN where there is none.
+        """(N, 3) gaze postures that fixate points (N, 3), without limits; NaN where there is none.
 
-        Of a neck that pitches first, then yaws, and of eyes that pan about axes parallel to the yaw axis and through
-        their centres, one as far to the left of the neck as the other to the right.  The plane of sight then stays at
+        For a neck that pitches first, then yaws, and eyes that pan about axes parallel to the yaw axis and through
+        their centres, symmetric to the neck.  The plane of sight then stays at
         the height h of the eyes above the pitch axis.  With (X, Z) the point ahead of and above the pitch axis,
         −X sin θ + Z cos θ = h gives the pitch θ; the yaw ψ turns the midline to the point; and the vergence ν is the
         angle under which the point at distance d from the eyes' midpoint sees the baseline b: tan ν/2 = b/2d.
         """
         X, S, Z = ((points - self._on_pitch_axis) @ self._axes).T
-        h, eyes_ahead = self._eyes[2], self._eyes[0] - self._yaw_axis[0]
+        h = self._eyes[2]
         ahead2 = X * X + Z * Z - h * h
         ahead = np.sqrt(np.where(ahead2 > 0, ahead2, np.nan))  # facing the point; −√ would be the back of the head
         pitch = np.arctan2(Z, X) - np.arctan2(h, ahead)
-        x, y = ahead - self._yaw_axis[0], S - self._yaw_axis[1]
-        distance = np.hypot(x, y) - eyes_ahead
+        x = ahead - self._yaw_axis[0]
+        y = S - self._yaw_axis[1]
+        distance = np.hypot(x, y) - (self._eyes[0] - self._yaw_axis[0])
         return np.stack([np.arctan2(y, x), pitch, 2 * np.arctan2(self._half_baseline_m, distance)], axis=1)
 
 
@@ -164,7 +170,8 @@ def _meeting_points(c_left: Array, a_left: Array, c_right: Array, a_right: Array
     cosine = np.einsum("ni,ni->n", a_left, a_right)
     sine2 = np.sum(np.cross(a_left, a_right) ** 2, axis=1)  # exact where 1 − cos² cancels
     sine2 = np.where(sine2 > 1e-12, sine2, np.nan)
-    along_left, along_right = np.einsum("ni,ni->n", apart, a_left), np.einsum("ni,ni->n", apart, a_right)
+    along_left = np.einsum("ni,ni->n", apart, a_left)
+    along_right = np.einsum("ni,ni->n", apart, a_right)
     s = (along_left - cosine * along_right) / sine2
     t = (cosine * along_left - along_right) / sine2
     meeting = 0.5 * (c_left + s[:, None] * a_left + c_right + t[:, None] * a_right)

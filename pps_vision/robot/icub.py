@@ -71,5 +71,6 @@ def set_gaze(
             q_new[index] = value
     version = 0.5 * (q_new[i_left] + q_new[i_right]) if version is None else version
     vergence = q_new[i_left] - q_new[i_right] if vergence is None else vergence
-    q_new[i_left], q_new[i_right] = version + vergence / 2, version - vergence / 2
+    q_new[i_left] = version + vergence / 2
+    q_new[i_right] = version - vergence / 2
     return q_new

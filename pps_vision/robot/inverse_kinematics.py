@@ -19,14 +19,14 @@ ForwardModel = Callable[[Array], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class IKParams:
-    """When a problem counts as solved and when it is given up."""
+    """Termination criteria and initial damping."""
 
     tolerance: float = 1e-6
-    """Error that counts as reached, in units of x."""
+    """Largest error of a solution, in units of x."""
     max_steps: int = 60
     """Steps per start."""
     min_step_rad: float = 1e-7
-    """A problem is given up once its step is shorter."""
+    """Stop at a shorter step."""
     initial_damping: float = 1e-4
     """λ of the first step, in units of x² per rad²."""
 
@@ -38,9 +38,9 @@ class IKSolution:
     q_rad: Array
     """(N, k)."""
     error: Array
-    """(N,) distance ‖target − x‖ that is left."""
+    """(N,) remaining distance ‖target − x‖."""
     converged: Mask
-    """(N,) whether it is within tolerance."""
+    """(N,) whether the error is within tolerance."""
 
 
 def solve_ik(
@@ -51,7 +51,7 @@ def solve_ik(
     upper_rad: ArrayLike,
     params: IKParams | None = None,
 ) -> IKSolution:
-    """Return the posture within the limits whose x comes nearest to each target, by Levenberg–Marquardt.
+    """The posture within the limits whose x is nearest to each target, by Levenberg–Marquardt.
 
     Args:
         forward: forward model.
@@ -70,7 +70,8 @@ def solve_ik(
         raise ValueError(f"targets {targets.shape}, starts {starts.shape}: expected (N, m) and (S, N, k)")
     if lower.shape != starts.shape[2:] or upper.shape != lower.shape or not np.all(lower <= upper):
         raise ValueError(f"joint limits {lower}, {upper}: expected {starts.shape[2]} of each, lower below upper")
-    best_q, best_error = starts[0].copy(), np.full(len(targets), np.inf)
+    best_q = starts[0].copy()
+    best_error = np.full(len(targets), np.inf)
     for start in starts:
         todo = best_error > params.tolerance
         if not todo.any():
@@ -87,17 +88,19 @@ def _descend(
 ) -> tuple[Array, Array]:
     """Levenberg–Marquardt from one start each, one damping per problem; solved problems leave the batch."""
     x, J = forward(q)
-    residual = targets - x
-    error = length(residual)
-    out_q, out_error, damping = q.copy(), error.copy(), np.full_like(error, params.initial_damping)
-    left = np.flatnonzero(error > params.tolerance)
-    q, residual, J, error, damping = q[left], residual[left], J[left], error[left], damping[left]
+    residual: Array = targets - x
+    error: Array = length(residual)
+    out_q = q.copy()
+    out_error = error.copy()
+    damping = np.full_like(error, params.initial_damping)
+    unsolved = np.flatnonzero(error > params.tolerance)
+    q, residual, J, error, damping = (array[unsolved] for array in (q, residual, J, error, damping))
     for _ in range(params.max_steps):
-        if len(left) == 0:
+        if len(unsolved) == 0:
             break
         q_new = (q + _step(q, residual, J, damping, lower, upper)).clip(lower, upper)
         x, J_new = forward(q_new)
-        residual_new = targets[left] - x
+        residual_new = targets[unsolved] - x
         error_new = length(residual_new)
         moved = np.any(np.abs(q_new - q) > params.min_step_rad, axis=1)
         good = error_new < error
@@ -106,9 +109,12 @@ def _descend(
         J = np.where(good[:, None, None], J_new, J)
         error = np.where(good, error_new, error)
         damping = np.where(good, np.maximum(damping * 0.1, _MIN_DAMPING), damping * 10)
-        out_q[left], out_error[left] = q, error
-        more = (error > params.tolerance) & moved
-        left, q, residual, J, error, damping = (a[more] for a in (left, q, residual, J, error, damping))
+        out_q[unsolved] = q
+        out_error[unsolved] = error
+        active = (error > params.tolerance) & moved
+        unsolved, q, residual, J, error, damping = (
+            array[active] for array in (unsolved, q, residual, J, error, damping)
+        )
     return out_q, out_error
 
 

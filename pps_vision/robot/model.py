@@ -95,15 +95,16 @@ class Robot:
         root: str | None = None,
         mounted: Mapping[str, tuple[str, Array]] | None = None,
     ) -> None:
-        """Read a URDF of revolute and prismatic joints; InputError names the file and what is missing.
+        """Read a URDF of revolute and prismatic joints; InputError for a missing file, link or joint.
 
         Args:
             urdf: File; its meshes are looked for in the folders above it and in ROS_PACKAGE_PATH.
-            names: What its links and joints are for.
-            root: Link that is the root frame, which no joint moves; default: the URDF's own.
+            names: Names of its links and joints by function.
+            root: Link that serves as root frame, which no joint moves; default: the URDF's own.
             mounted: Frames that the URDF lacks, by name: their link and pose (4, 4) there.
         """
-        names, self.urdf = names or FrameNames(), urdf
+        names = names or FrameNames()
+        self.urdf = urdf
         if not urdf.is_file():
             raise InputError(urdf, "no such robot description; expected a URDF file")
         try:
@@ -182,12 +183,9 @@ class Robot:
 
     @cached_property
     def _eyes(self) -> list[tuple[Chain, list[int]]]:
-        """The chain of all joints that move each eye, and where these are in the configuration vector."""
-        found = []
-        for eye in (self.names.left_eye, self.names.right_eye):
-            joints = self.moving(eye)
-            found.append((self.chain(joints, eye), self.indices(joints)))
-        return found
+        """The chain of all joints that move each eye, and their positions in the configuration vector."""
+        eyes = self.names.left_eye, self.names.right_eye
+        return [(self.chain(self.moving(eye), eye), self.indices(self.moving(eye))) for eye in eyes]
 
     def chain(self, joints: tuple[str, ...], frame: str, q_base: ArrayLike | None = None) -> Chain:
         """Return the chain of the named joints that ends at `frame`, with the other joints at `q_base` (default zero).
@@ -224,12 +222,13 @@ class Robot:
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """The URDF's visuals; of any other shape than sphere, cylinder and box, such as a mesh, the bounding box."""
+        """The URDF's visuals; of meshes and other shapes the bounding box."""
         return tuple(self._body(geometry) for geometry in self.geometry.geometryObjects)
 
     def _body(self, obj: Any) -> Body:
-        frame, shape = self.model.frames[obj.parentFrame], obj.geometry
-        # pinocchio places visuals relative to the moving joint; we want the link they were written in
+        frame = self.model.frames[obj.parentFrame]
+        shape = obj.geometry
+        # Pinocchio places visuals relative to the moving joint, not to their link
         T_frame_body = (frame.placement.inverse() * obj.placement).homogeneous
         color = (float(obj.meshColor[0]), float(obj.meshColor[1]), float(obj.meshColor[2]))
         kind = type(shape).__name__.lower()
@@ -247,7 +246,8 @@ def _box(obj: pin.GeometryObject) -> None:
     if isinstance(obj.geometry, coal.Sphere | coal.Cylinder | coal.Box):
         return
     obj.geometry.computeLocalAABB()
-    low, high = obj.geometry.aabb_local.min_, obj.geometry.aabb_local.max_
+    low = obj.geometry.aabb_local.min_
+    high = obj.geometry.aabb_local.max_
     obj.placement = obj.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
     obj.geometry = coal.Box(*(high - low).tolist())
 
@@ -264,7 +264,7 @@ class Posture:
         pin.framesForwardKinematics(robot.model, self._data, q_rad)
 
     def __del__(self) -> None:
-        """Leave Pinocchio's data to a later posture."""
+        """Return Pinocchio's data for reuse by a later posture."""
         self.robot.spare_data.append(self._data)
 
     def _frame_id(self, frame: str) -> int:

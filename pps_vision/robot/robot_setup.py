@@ -1,4 +1,4 @@
-"""A robot as the programs use it: kinematics, cameras, skin, home posture, and what its encoders report."""
+"""A robot as the programs use it: kinematics, cameras, skin, home posture and encoders."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from pps_vision.types import Array
 
 @dataclass(frozen=True)
 class RobotSetup:
-    """The iCub (`icub.icub_setup`), or what a robot.toml describes (`recordings.robot_file.read_robot`)."""
+    """The iCub (`icub.icub_setup`), or a robot described by a robot.toml (`recordings.robot_file.read_robot`)."""
 
     robot: Robot
     """Kinematics and bodies."""
@@ -28,13 +28,13 @@ class RobotSetup:
     """(n_joints,) posture at rest."""
     ports: Mapping[str, tuple[str, ...]]
     """The joints in the order of each port's encoders; also "version" and "vergence" of eyes that pan (their mean and
-    their difference), and "-" for what is no joint of the model."""
+    their difference), and "-" for encoders without a joint in the model."""
     required: tuple[str, ...]
-    """Ports without which a recording is of no use; the others read 0 where they were not recorded."""
+    """Ports that a recording must have; the others read 0 where they were not recorded."""
 
     @property
     def side(self) -> Literal["left", "right"]:
-        """The "left" arm, or the "right" one of a robot without; InputError without arms."""
+        """The "left" arm, or the "right" one of a robot without a left arm; InputError without arms."""
         if self.robot.names.left_arm:
             return "left"
         if self.robot.names.right_arm:
@@ -46,7 +46,7 @@ class RobotSetup:
         return tuple(self.home_rad[self.robot.indices(self.robot.names.arm(side))].tolist())
 
     def encoders(self, q_rad: ArrayLike) -> dict[str, Array]:
-        """What each port's encoders read at a configuration (n_joints,), degrees; "-" reads 0."""
+        """Readings of each port's encoders at a configuration (n_joints,), degrees; "-" reads 0."""
         value = dict(zip(self.robot.joint_names, np.rad2deg(np.asarray(q_rad, dtype=float)), strict=True))
         if gaze := self.robot.names.gaze_joints:
             left, right = value[gaze[3]], value[gaze[4]]
@@ -60,7 +60,7 @@ class RobotSetup:
         for port, reading in encoders.items():
             value.update(zip(self.ports[port], np.asarray(reading, dtype=float), strict=True))
         if "vergence" in value:
-            version, vergence = value["version"], value["vergence"]
             left, right = self.robot.names.gaze_joints[3:]
-            value[left], value[right] = version + vergence / 2, version - vergence / 2
+            value[left] = value["version"] + value["vergence"] / 2
+            value[right] = value["version"] - value["vergence"] / 2
         return np.deg2rad([value[name] for name in self.robot.joint_names])

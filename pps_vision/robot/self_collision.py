@@ -12,23 +12,24 @@ from numpy.typing import ArrayLike
 from pps_vision.robot.model import Body, Robot
 from pps_vision.types import Array, Mask
 
-_SHORTEST_STEP = 1 / 512  # of a motion; a shorter one is not checked
+_SHORTEST_STEP = 1 / 512  # smallest checked share of a motion
 _MOST_STEPS = 10  # bounds the time of a check
-_ACCURACY_M = 1e-5  # a distance must exceed the smallest allowed one by so much; coal repeats itself within 1e-6 m
+_ACCURACY_M = 1e-5  # margin of distances above the smallest allowed one; coal repeats itself within 1e-6 m
 _AXIS_M = 5e-5  # coal's directions give its distances within this (2.3e-5 at most for cylinders that are apart)
 _NO_MOTION_M = 1e-12  # bodies that move by less are taken to rest
 
 
 class SelfCollision:
-    """Measures the distances between the bodies of the left arm, the right arm and the trunk.
+    """Distances between the bodies of the left arm, the right arm and the trunk.
 
-    Bodies of one limb are not compared, nor adjacent ones: a body and the next body towards the root (upper arm and
-    chest) touch by construction.
+    Bodies of the same limb are not compared, nor adjacent bodies (upper arm and chest), which touch by construction.
     """
 
     def __init__(self, robot: Robot, ignored: tuple[str, ...] = ()) -> None:
         """Compare all `robot.bodies` but those named in `ignored`."""
-        self._model, self._data, self._bodies = robot.model, robot.model.createData(), robot.bodies
+        self._model = robot.model
+        self._data = robot.model.createData()
+        self._bodies = robot.bodies
         self._geometry = robot.geometry.copy()
         self._geometry.removeAllCollisionPairs()
         bodies = [(i, body) for i, body in enumerate(robot.geometry.geometryObjects) if body.name not in ignored]
@@ -42,8 +43,9 @@ class SelfCollision:
             """The next joint towards the root that has bodies, or the root."""
             return max((j for j in robot.model.supports[joint] if j in bodied and j != joint), default=0)
 
-        for (i, one), (j, other) in combinations(bodies, 2):
-            a, b = one.parentJoint, other.parentJoint
+        for (i, first), (j, second) in combinations(bodies, 2):
+            a = first.parentJoint
+            b = second.parentJoint
             if limb(a) != limb(b) and carrier(max(a, b)) != min(a, b):  # Pinocchio numbers parents before children
                 self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         self._distances = pin.GeometryData(self._geometry)
@@ -76,9 +78,11 @@ class SelfCollision:
         near = [k for k in moved if results[k].min_distance < within_m]
         rates = np.empty((len(near), len(joints)))
         for row, k in enumerate(near):
-            n, p, pair = results[k].normal, results[k].getNearestPoint1(), self._geometry.collisionPairs[k]
-            one, other = (self._spatial_jacobian(body)[:, joints] for body in (pair.first, pair.second))
-            rates[row] = np.concatenate([n, pin.skew(p) @ n]) @ (other - one)
+            n = results[k].normal
+            p = results[k].getNearestPoint1()
+            pair = self._geometry.collisionPairs[k]
+            J_first, J_second = (self._spatial_jacobian(body)[:, joints] for body in (pair.first, pair.second))
+            rates[row] = np.concatenate([n, pin.skew(p) @ n]) @ (J_second - J_first)
         return np.array([results[k].min_distance for k in near]), rates
 
     def _spatial_jacobian(self, body: int) -> Array:
@@ -130,20 +134,23 @@ class SelfCollision:
         v = float(turn @ self._lever_m)
         kappa = float(turn.sum()) * v
         shortest = max(_SHORTEST_STEP, 50 * _ACCURACY_M / v)
-        done, longest = 0.0, 1.0
+        share = 0.0
+        longest = 1.0
         for _ in range(_MOST_STEPS):
-            to_graze = 2 * sqrt(d0**2 - least**2) / v  # a step after which the same distance again would do
-            h = min(max(to_graze, shortest), longest, 1.0 - done)
-            d1 = self.distance_m(q_rad + (done + h) * change_rad)
+            to_graze = 2 * sqrt(d0**2 - least**2) / v  # a step that is free if the distance after it is again d0
+            h = min(max(to_graze, shortest), longest, 1.0 - share)
+            d1 = self.distance_m(q_rad + (share + h) * change_rad)
             if d1 >= least + _ACCURACY_M and _smallest_squared(d0, d1, h, v, kappa) >= least**2:
-                done, d0, longest = done + h, d1, 1.0
-                if done >= 1.0:
+                share += h
+                if share >= 1.0:
                     return 1.0
+                d0 = d1
+                longest = 1.0
             elif h <= shortest:
                 break
             else:
                 longest = 0.5 * h
-        return done
+        return share
 
     def _leaving_share(self, q_rad: Array, change_rad: Array, least: Mapping[int, float]) -> float:
         """The share in [0, 1] of a motion along which the pairs of these numbers stay at `least` or more.
@@ -155,45 +162,48 @@ class SelfCollision:
         lowest = np.array(list(least.values()))
         turns = np.array([np.abs(change_rad) * self._pairs[k].turn for k in least])
         kappa = turns.sum(axis=1) * (turns @ self._lever_m)
-        done, h = 0.0, 1.0
+        share = 0.0
+        h = 1.0
         axes = self._axes(q_rad, least)
         s0 = self._separations(q_rad, axes)
         for _ in range(2 * _MOST_STEPS):
-            h = min(h, 1.0 - done)
-            q1 = q_rad + (done + h) * change_rad
+            h = min(h, 1.0 - share)
+            q1 = q_rad + (share + h) * change_rad
             s1 = self._separations(q1, axes)
             start = np.where(s0 >= lowest - _AXIS_M, np.minimum(s0, lowest), lowest)
             if np.all(s1 >= lowest) and np.all(_lowest(s0, s1, kappa * h**2) >= start):
-                done += h
-                if done >= 1.0:
+                share += h
+                if share >= 1.0:
                     return 1.0
-                axes, h = self._axes(q1, least), 2 * h
+                h *= 2
+                axes = self._axes(q1, least)
                 s0 = self._separations(q1, axes)
             elif h <= _SHORTEST_STEP:
                 break
             else:
                 h *= 0.5
-        return done
+        return share
 
     def _axes(self, q_rad: Array, pairs: Iterable[int]) -> dict[int, Array]:
         """By pair, the direction (3,) in which its bodies are apart, in the frame of the joint that carries both."""
         self.distance_m(q_rad)
-        results, placements = self._distances.distanceResults, self._data.oMi
-        return {k: results[k].normal @ placements[self._pairs[k].carrier].rotation for k in pairs}
+        results = self._distances.distanceResults
+        return {k: results[k].normal @ self._data.oMi[self._pairs[k].carrier].rotation for k in pairs}
 
     def _separations(self, q_rad: Array, axes: Mapping[int, Array]) -> Array:
         """(n,) m, the separations of pairs along their axes: lower bounds of their distances."""
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._distances, q_rad)
-        found = []
+        separations = []
         for k, axis in axes.items():
             pair = self._pairs[k]
             n = self._data.oMi[pair.carrier].rotation @ axis
-            a, b = self._distances.oMg[pair.first], self._distances.oMg[pair.second]
+            a = self._distances.oMg[pair.first]
+            b = self._distances.oMg[pair.second]
             extent = _extent(self._bodies[pair.first], n @ a.rotation) + _extent(
                 self._bodies[pair.second], n @ b.rotation
             )
-            found.append(n @ (b.translation - a.translation) - extent)
-        return np.array(found)
+            separations.append(n @ (b.translation - a.translation) - extent)
+        return np.array(separations)
 
     def _pair(self, first: int, second: int) -> "_Pair":
         joints = [self._geometry.geometryObjects[i].parentJoint for i in (first, second)]

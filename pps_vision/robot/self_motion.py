@@ -1,9 +1,9 @@
-"""Second stage of inverse kinematics: the best of the postures that keep the hand where it is, by any measure (J).
+"""Second stage of inverse kinematics: the best posture on the self-motion manifold, by any measure (J).
 
-An arm with one joint more than the task asks for moves without its hand along a closed curve, its self-motion
-manifold.  It is followed all around from a posture that reaches the target, beyond the joints' limits too, since what
-lies within them may be several stretches; only there a posture counts.  Other curves (a shoulder turned over) need
-other starts.
+An arm with one joint more than the task needs can move along a closed curve, its self-motion manifold, while the hand
+stays in place.  The curve is followed all around from a posture that reaches the target, also beyond the joint limits,
+since the part within them may be disconnected; only postures within the limits count.  Other curves (a shoulder turned
+over) need other starts.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ import numpy as np
 from pps_vision.robot.inverse_kinematics import ForwardModel, damped_step, length
 from pps_vision.types import Array, Mask
 
-_DAMPING = 1e-9  # of the steps along the curve and back to the target; keeps JJᵀ invertible
+_DAMPING = 1e-9  # keeps JJᵀ invertible in all steps
 
 Measure = Callable[[Array, Array], Array]
 """q (N, k), ∂x/∂q (N, m, k) → quality of a posture (N,), 1 at best."""
@@ -22,16 +22,16 @@ Measure = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True)
 class WalkParams:
-    """How the self-motion manifold is sampled."""
+    """Sampling of the self-motion manifold."""
 
     step_rad: float = 0.3
     """Length of a step along the curve."""
     steps: int = 16
     """Steps in each direction."""
     tolerance: float = 1e-4
-    """Distance of the hand from its target that counts as reached, in units of x."""
+    """Largest distance of the hand from its target, in units of x."""
     finer: int = 8
-    """The surroundings of the best posture are searched again in steps this many times smaller."""
+    """Factor by which the steps of the second search, around the best posture, are smaller."""
 
 
 def walk(
@@ -39,14 +39,16 @@ def walk(
 ) -> tuple[Array, Array]:
     """The best posture (N, k) within the limits on the curve through each `q` (N, k), and its quality (N,).
 
-    `targets` (N, m) are what the postures `q` reach; limits (k,) rad.
+    `targets` (N, m) are the positions of the postures `q`; limits (k,) rad.
     """
-    best_q, best = q, measure(q, forward(q)[1])
+    best_q = q
+    best = measure(q, forward(q)[1])
     for step, n in ((params.step_rad, params.steps), (params.step_rad / params.finer, params.finer)):
-        for here, J, valid in _visited(forward, targets, best_q, lower, upper, step, n, params.tolerance):
-            quality = np.where(valid, measure(here, J), -np.inf)
+        for posture, J, valid in _visited(forward, targets, best_q, lower, upper, step, n, params.tolerance):
+            quality = np.where(valid, measure(posture, J), -np.inf)
             better = quality > best
-            best_q, best = np.where(better[:, None], here, best_q), np.where(better, quality, best)
+            best_q = np.where(better[:, None], posture, best_q)
+            best = np.where(better, quality, best)
     return best_q, best
 
 
@@ -60,15 +62,18 @@ def covered_directions(
     coverage: "DirectionCoverage",
     params: WalkParams,
 ) -> Mask:
-    """(N, n) which directions the hand's normal takes within the limits on the curve through each `q` (N, k).
+    """(N, n) directions that the hand's normal takes within the limits on the curve through each `q` (N, k).
 
-    `targets` (N, m) are what the postures `q` reach; `normals` q (N, k) → unit normals (N, 3); limits (k,) rad.
+    `targets` (N, m) are the positions of the postures `q`; `normals` q (N, k) → unit normals (N, 3); limits (k,) rad.
     """
-    min_cosine, directions = np.cos(coverage.within_rad), coverage.directions
-    met: Mask = normals(q) @ directions.T >= min_cosine
-    for here, _, valid in _visited(forward, targets, q, lower, upper, params.step_rad, params.steps, params.tolerance):
-        met |= valid[:, None] & (normals(here) @ directions.T >= min_cosine)
-    return met
+    directions = coverage.directions
+    min_cosine = np.cos(coverage.within_rad)
+    covered: Mask = normals(q) @ directions.T >= min_cosine
+    for posture, _, valid in _visited(
+        forward, targets, q, lower, upper, params.step_rad, params.steps, params.tolerance
+    ):
+        covered |= valid[:, None] & (normals(posture) @ directions.T >= min_cosine)
+    return covered
 
 
 def _visited(
@@ -86,19 +91,20 @@ def _visited(
     Yields postures, their Jacobians, and which of them reach the target within the limits.
     """
     for way in (-1.0, 1.0):
-        here, heading = begin, np.full_like(begin, way)
-        J = forward(here)[1]
+        q = begin
+        heading = np.full_like(begin, way)
+        J = forward(q)[1]
         for _ in range(n):
             # the unit direction nearest to the heading in the null space of J
             heading = heading - damped_step(J, (J @ heading[..., None])[..., 0], _DAMPING)
             heading = heading / np.maximum(length(heading), 1e-12)[:, None]
-            here = here + step * heading
+            q = q + step * heading
             for _ in range(2):  # Newton steps that bring the hand back to its target
-                x, J = forward(here)
-                here = here + damped_step(J, targets - x, _DAMPING)
-            x, J = forward(here)
-            within = np.all((here >= lower) & (here <= upper), axis=1)
-            yield here, J, within & (length(targets - x) <= tolerance)
+                x, J = forward(q)
+                q = q + damped_step(J, targets - x, _DAMPING)
+            x, J = forward(q)
+            within = np.all((q >= lower) & (q <= upper), axis=1)
+            yield q, J, within & (length(targets - x) <= tolerance)
 
 
 @dataclass(frozen=True)
@@ -125,7 +131,7 @@ class Manipulability:
     largest: float = 1.0
     """Manipulability that counts as 1 (m³ for a position)."""
     isotropy: bool = False
-    """Instead of the manipulability, the smallest singular value of J over the largest: 0 at a singular posture."""
+    """Use the smallest singular value of J over the largest instead: 0 at a singular posture."""
 
     def __call__(self, q: Array, J: Array) -> Array:
         """(N,) of Jacobians (N, m, k)."""
@@ -136,15 +142,15 @@ class Manipulability:
 
 @dataclass(frozen=True)
 class DirectionCoverage:
-    """Share of directions from which the hand can come to a place, the wrist kept still (Zacharias' capability map).
+    """Share of directions from which the hand can approach a place, with a fixed wrist (Zacharias' capability map).
 
-    Over all postures that reach the place; so it is no `Measure` of one posture.
+    Over all postures that reach the place, so it is no `Measure` of one posture.
     """
 
     n: int = 200
     """Directions, spread evenly over the sphere."""
     within_rad: float = np.deg2rad(20)
-    """Angle between a direction and the hand's normal that counts as taking it."""
+    """Largest angle between a covered direction and the hand's normal."""
 
     @property
     def directions(self) -> Array:

@@ -7,7 +7,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.robot.model import Body, Robot
 from pps_vision.types import Array, Mask
 
-_FAR_PX = 1e4  # beyond any image; points beside the eye project without bounds
+_MAX_PX = 1e4  # clips the unbounded projections of points beside the eye
 _ROUND = 12  # points around a circle; its polygon is widened to enclose it
 
 
@@ -17,7 +17,8 @@ class Silhouette:
     def __init__(self, robot: Robot, margin_px: int = 4) -> None:
         if margin_px < 0:
             raise ValueError(f"silhouette margin {margin_px} px; expected 0 or more")
-        self.robot, self.margin_px = robot, margin_px
+        self.robot = robot
+        self.margin_px = margin_px
         # (frame, points (n, 3) in that frame) of every body
         self._bodies = [
             (b.frame, _hull_points(b) @ b.T_frame_body[:3, :3].T + b.T_frame_body[:3, 3]) for b in robot.bodies
@@ -31,9 +32,9 @@ class Silhouette:
         pixels = view.project(points)
         ends = np.cumsum([len(shape) for _, shape in self._bodies])
         for outline in np.split(pixels, ends[:-1]):
-            seen = np.clip(outline[np.isfinite(outline).all(axis=1)], -_FAR_PX, _FAR_PX)
-            if len(seen) and np.all(seen.max(axis=0) >= 0) and np.all(seen.min(axis=0) < mask.shape[::-1]):
-                cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(seen).astype(np.int32)), (1,))
+            visible = np.clip(outline[np.isfinite(outline).all(axis=1)], -_MAX_PX, _MAX_PX)
+            if len(visible) and np.all(visible.max(axis=0) >= 0) and np.all(visible.min(axis=0) < mask.shape[::-1]):
+                cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(visible).astype(np.int32)), (1,))
         if mask.any():
             mask = np.asarray(cv2.dilate(mask, np.ones((2 * self.margin_px + 1,) * 2, np.uint8)), dtype=np.uint8)
         return mask.view(bool)

@@ -1,4 +1,4 @@
-"""The artificial skin as data: virtual taxels, their frames, and what a touch is.
+"""The artificial skin: virtual taxels, their frames, and touch.
 
 A virtual taxel represents one triangular module (R, "Pressure-sensitive skin").
 """
@@ -76,7 +76,7 @@ class Skin:
 
     @cached_property
     def part_index(self) -> NDArray[np.intp]:
-        """(n,) which part each taxel belongs to."""
+        """(n,) number of each taxel's part."""
         return np.repeat(np.arange(len(self.parts)), [len(part.ids) for part in self.parts])
 
     def index(self, taxel_id: str) -> int:
@@ -101,7 +101,8 @@ class Skin:
 
         Normals turn with the body; they are directions and are not translated.
         """
-        positions, normals = [], []
+        positions = []
+        normals = []
         for part in self.parts:
             T = posture.T_root(part.frame)
             positions.append(part.positions_m @ T[:3, :3].T + T[:3, 3])
@@ -110,11 +111,12 @@ class Skin:
 
     def jacobians(self, posture: Posture, joints: list[int]) -> Array:
         """Velocities (n, 3, k) m/rad of all taxels in the root frame for the rates of k joints."""
-        found = []
+        jacobians = []
         for part in self.parts:
-            J, levers = posture.jacobian(part.frame)[:, joints], part.positions_m @ posture.T_root(part.frame)[:3, :3].T
-            found.append(J[:3].T + np.cross(J[3:].T[None], levers[:, None]))
-        return np.concatenate(found).transpose(0, 2, 1)
+            J = posture.jacobian(part.frame)[:, joints]
+            levers = part.positions_m @ posture.T_root(part.frame)[:3, :3].T
+            jacobians.append(J[:3].T + np.cross(J[3:].T[None], levers[:, None]))
+        return np.concatenate(jacobians).transpose(0, 2, 1)
 
 
 def icub_skin(
@@ -153,13 +155,13 @@ def taxel_frame(position: ArrayLike, normal: ArrayLike) -> Array:
     y = np.array([-z[2] / nx, 0.0, 1.0])
     y /= np.linalg.norm(y)
     T = np.eye(4)
-    T[:3, 0], T[:3, 1], T[:3, 2] = -np.cross(z, y), y, z
+    T[:3, :3] = np.column_stack([-np.cross(z, y), y, z])
     T[:3, 3] = position
     return T
 
 
 def touched_taxels(positions_root: Array, center_root: ArrayLike, radius_m: float) -> Mask:
-    """(n,) which taxels a ball of `radius_m` about `center_root` touches: its surface comes
-    within 20 mm of the taxel's centre (R)."""
+    """(n,) taxels that a ball of `radius_m` about `center_root` touches: its surface is within 20 mm of the taxel's
+    centre (R)."""
     gap = np.linalg.norm(positions_root - np.asarray(center_root, dtype=float), axis=1) - radius_m
     return np.asarray(gap <= TOUCH_RADIUS_M)

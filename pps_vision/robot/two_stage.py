@@ -1,4 +1,4 @@
-"""Inverse kinematics in two stages (J): reach the target, then find the best of the postures that do."""
+"""Inverse kinematics in two stages (J): reach the target, then find the best posture that reaches it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ class TwoStageParams:
 
 @dataclass(frozen=True)
 class TwoStage:
-    """The best posture found for each of N targets."""
+    """The best posture for each of N targets."""
 
     q_rad: Array
     """(N, k)."""
@@ -50,7 +50,7 @@ def two_stage(
 ) -> TwoStage:
     """Solve both stages as one batch.
 
-    `targets` (N, m); `starts` (S, N, k), all of which are tried; limits (k,).  ValueError for shapes that do not fit.
+    `targets` (N, m); all `starts` (S, N, k) are tried; limits (k,).  ValueError for shapes that do not fit.
     """
     params = params or TwoStageParams()
     return best_of_starts(
@@ -63,7 +63,9 @@ def two_stage(
 
 def best_of_starts(reach: ReachStage, improve: ImproveStage, targets: Array, starts: Array) -> TwoStage:
     """Run both stages from every start (S, N, k) and keep the best posture of each target (N, m)."""
-    best_q, best_error, best = starts[0].copy(), np.full(len(targets), np.inf), np.full(len(targets), -np.inf)
+    best_q = starts[0].copy()
+    best_error = np.full(len(targets), np.inf)
+    best = np.full(len(targets), -np.inf)
     for start in starts:
         first = reach(targets, start)
         nearer = (first.error < best_error) & (best == -np.inf)

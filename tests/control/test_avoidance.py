@@ -415,7 +415,7 @@ def test_the_elbow_which_has_no_taxels_gives_way_to_what_comes_and_not_to_what_p
     way, elbow, gaps, moved = np.array([0.0, -1.0, 0.0]), robot.at(q).point("left_lower_arm"), [], False
     for k in range(120):
         center = elbow + [0.0, 0.0, -aside_m] + (0.25 - 0.1 * min(k * DT, 2.0)) * way
-        gaps.append(min(link.distance_m for link in links.near(robot.at(q), center, BALL_M)))
+        gaps.append(min(link.distance_m for link in links.nearest_points(robot.at(q), center, BALL_M)))
         track = track_at(center, -0.1 * way * (k * DT < 2.0), radius_m=BALL_M)
         arm = arm_input(robot, q, stamp_s=k * DT, hold_s=DT, track=track, bare_links=links)
         state, response = step(PARAMS, state, arm)
@@ -455,14 +455,16 @@ def test_links_keep_three_centimetres_from_the_object(robot: Robot) -> None:
     posture = arm.posture
     elbow = posture.point("left_lower_arm")
     center = elbow + np.array([0.0, -0.12, 0.02])
-    near = links.near(posture, center, BALL_M)
+    near = links.nearest_points(posture, center, BALL_M)
     rows, largest = clearance_rows(arm, [*near, near[0]._replace(distance_m=np.inf)])
     distances = np.array([link.distance_m for link in near])
     np.testing.assert_allclose(largest, np.maximum(distances - 0.03, 0.0) / 0.2)
     dq = np.linspace(-1, 1, robot.n_joints)
-    later = np.array([link.distance_m for link in links.near(robot.at(posture.q_rad + 1e-3 * dq), center, BALL_M)])
+    later = np.array(
+        [link.distance_m for link in links.nearest_points(robot.at(posture.q_rad + 1e-3 * dq), center, BALL_M)]
+    )
     np.testing.assert_allclose(rows @ dq, (distances - later) / 1e-3, atol=2e-3)
-    beside = links.near(posture, elbow + np.array([0.0, -0.08, 0.0]), BALL_M)
+    beside = links.nearest_points(posture, elbow + np.array([0.0, -0.08, 0.0]), BALL_M)
     assert clearance_rows(arm, beside)[1].min() == 0.0
 
 
