@@ -139,12 +139,12 @@ class MotionTrigger:
             own: Returns the pixels (H, W) of the robot's own body, which is ignored; called only when needed.
             confirm: Drop regions that flow does not confirm.
         """
-        now = self._next(image, view, stamp_s, own)
-        then = self._reference(now)
-        regions = self._regions(then, now)[: self.params.max_regions] if then else []
-        if then and regions and self.params.flow:
-            regions = self._confirmed(then, now, regions, confirm)
-        self._past.append(now)
+        current = self._next(image, view, stamp_s, own)
+        reference = self._reference(current)
+        regions = self._regions(reference, current)[: self.params.max_regions] if reference else []
+        if reference and regions and self.params.flow:
+            regions = self._confirmed(reference, current, regions, confirm)
+        self._past.append(current)
         return regions
 
     def remember(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None) -> None:
@@ -187,42 +187,42 @@ class MotionTrigger:
         self._is_slow = not self._is_slow
         return _Frame(image.copy(), view, stamp_s, own)
 
-    def _newest(self, now: _Frame) -> _Frame | None:
+    def _newest(self, current: _Frame) -> _Frame | None:
         """Newest image that is `_FLOW_INTERVAL_S` old."""
         min_age_s = _FLOW_INTERVAL_S - JITTER_S
-        return next((frame for frame in reversed(self._past) if now.stamp_s - frame.stamp_s > min_age_s), None)
+        return next((frame for frame in reversed(self._past) if current.stamp_s - frame.stamp_s > min_age_s), None)
 
-    def _reference(self, now: _Frame) -> _Frame | None:
+    def _reference(self, current: _Frame) -> _Frame | None:
         """Oldest image within the interval for which the head's motion causes little parallax."""
         p = self.params
         max_age_s = p.slow_interval_s if self._is_slow else p.interval_s
         for frame in self._past:  # oldest first
-            if now.stamp_s - frame.stamp_s > max_age_s + 1e-6:
+            if current.stamp_s - frame.stamp_s > max_age_s + 1e-6:
                 continue
-            if self._ego.parallax_px_m(frame.view, now.view) / p.near_m <= p.max_parallax_px:
+            if self._ego.parallax_px_m(frame.view, current.view) / p.near_m <= p.max_parallax_px:
                 return frame
         return None
 
-    def _regions(self, then: _Frame, now: _Frame) -> list[Region2D]:
+    def _regions(self, reference: _Frame, current: _Frame) -> list[Region2D]:
         """Regions of the residual: coarse, then around the coarse residual in all pixels and colours."""
-        height = now.image.shape[0] // _COARSE
-        width = now.image.shape[1] // _COARSE
+        height = current.image.shape[0] // _COARSE
+        width = current.image.shape[1] // _COARSE
         margin = (1 - self.params.central) / 2
         mx = round(margin * width)
         my = round(margin * height)
-        coarse = Residual(self.params, self._coarse_ego, then, now, _COARSE)
-        coarse_residual = coarse(then.coarse, now.coarse, (mx, my, width - mx, height - my))
+        coarse = Residual(self.params, self._coarse_ego, reference, current, _COARSE)
+        coarse_residual = coarse(reference.coarse, current.coarse, (mx, my, width - mx, height - my))
         if coarse_residual is None:
             return []
-        fine = Residual(self.params, self._ego, then, now, 1)
+        fine = Residual(self.params, self._ego, reference, current, 1)
         field = (_COARSE * mx, _COARSE * my, _COARSE * (width - mx), _COARSE * (height - my))
         regions: list[Region2D] = []
         for box in _surroundings(*coarse_residual, field, coarse.min_area_px):
-            residual = fine(then.smooth, now.smooth, box)
+            residual = fine(reference.smooth, current.smooth, box)
             regions += self._split(*residual) if residual else []
         return sorted(regions, key=lambda region: -region.evidence)
 
-    def _confirmed(self, then: _Frame, now: _Frame, regions: list[Region2D], confirm: bool) -> list[Region2D]:
+    def _confirmed(self, reference: _Frame, current: _Frame, regions: list[Region2D], confirm: bool) -> list[Region2D]:
         """Regions that move by their flow, with their flow; all regions unless `confirm`.
 
         Flow is measured since the newest image that is `_FLOW_INTERVAL_S` old, and for slower regions since the
@@ -230,16 +230,16 @@ class MotionTrigger:
         match either.
         """
         p = self.params
-        newest = self._newest(now) or then
-        matches = self._matches(newest, now, regions)
+        newest = self._newest(current) or reference
+        matches = self._matches(newest, current, regions)
         confirmed = {
             k: replace(regions[k], flow=result.flow)
             for k, result in enumerate(matches)
             if self._moves(result) or result.unmatched > 1 - p.min_moving
         }
         slow = [k for k in range(len(regions)) if k not in confirmed]
-        if slow and newest is not then:
-            slow_matches = self._matches(then, now, [regions[k] for k in slow])
+        if slow and newest is not reference:
+            slow_matches = self._matches(reference, current, [regions[k] for k in slow])
             for k, result in zip(slow, slow_matches, strict=True):
                 if result.moving >= p.min_moving:
                     confirmed[k] = replace(regions[k], flow=result.flow)
@@ -253,9 +253,9 @@ class MotionTrigger:
         """
         return region.flow is not None and region.moving >= self.params.min_moving * (1 - region.unmatched)
 
-    def _matches(self, then: _Frame, now: _Frame, regions: list[Region2D]) -> list[Match]:
+    def _matches(self, reference: _Frame, current: _Frame, regions: list[Region2D]) -> list[Match]:
         boxes = [(region.box_px, region.mask) for region in regions]
-        return match(self._ego, then.grey, now.grey, ROOM_M, self.params.tolerance_px, boxes)
+        return match(self._ego, reference.grey, current.grey, ROOM_M, self.params.tolerance_px, boxes)
 
     def _split(self, box: Box, residual: Pixels) -> list[Region2D]:
         """Connected regions of a residual in `box`, without strips one pixel wide: an error of the pose beyond the
@@ -282,15 +282,15 @@ class Residual:
     that static objects may have.
     """
 
-    def __init__(self, params: TriggerParams, ego: EgoMotion, then: _Frame, now: _Frame, scale: int) -> None:
+    def __init__(self, params: TriggerParams, ego: EgoMotion, reference: _Frame, current: _Frame, scale: int) -> None:
         self._params = params
         self._ego = ego
-        self._then = then
-        self._now = now
+        self._reference = reference
+        self._current = current
         self._scale = scale
         self._tolerance_px = params.tolerance_px / scale
         self.min_area_px = -(-params.min_area_px // scale**2)
-        self._is_still = ego.is_still(then.view, now.view)
+        self._is_still = ego.is_still(reference.view, current.view)
         self._levels: tuple[float, float] | None = None
 
     def __call__(self, old: Pixels, new: Pixels, box: Box) -> tuple[Box, Pixels] | None:
@@ -310,7 +310,9 @@ class Residual:
     def _inverse_distances(self) -> list[float]:
         """1/m: the room's first, then from the nearest to infinity in steps that the tolerance covers."""
         p = self._params
-        spread_px = 0.0 if self._is_still else self._ego.parallax_px_m(self._then.view, self._now.view) / p.near_m
+        spread_px = (
+            0.0 if self._is_still else self._ego.parallax_px_m(self._reference.view, self._current.view) / p.near_m
+        )
         steps = int(np.ceil(spread_px / (2 * self._tolerance_px)))
         return [1 / ROOM_M, *(np.linspace(1 / p.near_m, 0, steps + 1) if steps else [])]
 
@@ -355,11 +357,11 @@ class Residual:
         """The box of the older image, warped to the present view; 0 where it has no pixels."""
         if self._is_still:
             return _cut(old, box)
-        return self._ego.warp(old, self._then.view, self._now.view, inverse_distance, box)
+        return self._ego.warp(old, self._reference.view, self._current.view, inverse_distance, box)
 
-    def _measure_levels(self, then: Pixels, now: Pixels) -> tuple[float, float]:
+    def _measure_levels(self, reference: Pixels, current: Pixels) -> tuple[float, float]:
         """Change of the exposure, and noise threshold of the residual, grey levels."""
-        difference = now[::6, ::6].astype(np.int16) - then[::6, ::6]
+        difference = current[::6, ::6].astype(np.int16) - reference[::6, ::6]
         exposure = _median(difference)
         noise = 1.4826 * _median(np.abs(difference - exposure))  # standard deviation, from the absolute deviation
         return exposure, max(self._params.noise_factor * noise, self._params.min_contrast)
@@ -367,10 +369,10 @@ class Residual:
     def _without_body(self, residual: Pixels, box: Box) -> Pixels:
         """The residual without the robot's own body, present and past; evaluated last, because it costs most."""
         step = np.s_[:: self._scale, :: self._scale]
-        if self._now.body is not None:
-            residual[_cut(self._now.body[step], box)] = 0
-        if self._then.body is not None and self._then.body.any():
-            old_body = self._warped(self._then.body[step].view(np.uint8), 1 / ROOM_M, box)
+        if self._current.body is not None:
+            residual[_cut(self._current.body[step], box)] = 0
+        if self._reference.body is not None and self._reference.body.any():
+            old_body = self._warped(self._reference.body[step].view(np.uint8), 1 / ROOM_M, box)
             residual[old_body.view(bool)] = 0
         return residual
 

@@ -40,7 +40,7 @@ class Flow2D:
         cov: (2, 2) px²/s²: spread of the points' flow, and their common error.
         now_px: (2,) mean position of the points, without ego-motion compensation.
         then_px: (2,) their position in the older image.
-        then: View of the older image.
+        reference_view: View of the older image.
         interval_s: Age of the older image.
     """
 
@@ -48,7 +48,7 @@ class Flow2D:
     cov: Array
     now_px: Array
     then_px: Array
-    then: View
+    reference_view: View
     interval_s: float
 
 
@@ -70,8 +70,8 @@ class GreyImage(NamedTuple):
 
 def match(
     ego: EgoMotion,
-    then: GreyImage,
-    now: GreyImage,
+    reference: GreyImage,
+    current: GreyImage,
     room_m: float,
     tolerance_px: float,
     regions: Sequence[tuple[Box, Mask]],
@@ -81,11 +81,11 @@ def match(
     The older image is warped to the present view as if everything were `room_m` away.  A point moves if its flow
     differs from that of the surroundings by more than `tolerance_px` and three of their standard deviations.
     """
-    box = _surroundings([box for box, _ in regions], now.pixels.shape)
-    old = _cut(then.pixels, box) if ego.is_still(then.view, now.view) else None
+    box = _surroundings([box for box, _ in regions], current.pixels.shape)
+    old = _cut(reference.pixels, box) if ego.is_still(reference.view, current.view) else None
     if old is None:
-        old = ego.warp(then.pixels, then.view, now.view, 1 / room_m, box)
-    new = _cut(now.pixels, box)
+        old = ego.warp(reference.pixels, reference.view, current.view, 1 / room_m, box)
+    new = _cut(current.pixels, box)
     outside = np.ones(new.shape, bool)
     grids = []
     for (x, y, w, h), mask in regions:
@@ -100,9 +100,9 @@ def match(
     flow, matched = _lucas_kanade(new, old, np.concatenate(grids).astype(np.float32))
     static, spread = _median(flow[ends[-2] :][matched[ends[-2] :]])
     threshold = max(tolerance_px, 3 * spread)
-    parallax = ego.parallax_px_m(then.view, now.view) / room_m  # of surroundings at another distance than `room_m`
+    parallax = ego.parallax_px_m(reference.view, current.view) / room_m  # of surroundings at another distance
     common_var = _COMMON_STD_PX**2 + (0.4 * parallax) ** 2
-    dt = now.stamp_s - then.stamp_s
+    dt = current.stamp_s - reference.stamp_s
     matches = []
     for points, end in zip(grids[:-1], ends[:-1], strict=True):
         part = np.s_[end - len(points) : end]
@@ -114,8 +114,8 @@ def match(
             mean = np.median(relative[alike], axis=0)
             cov = np.cov(relative[alike].T) + common_var * np.eye(2)
             now_px = points[alike].mean(axis=0) + box[:2]
-            then_px = then.view.project(now.view.center + room_m * now.view.rays(now_px - mean))
-            measured = Flow2D(mean / dt, cov / dt**2, now_px, then_px, then.view, dt)
+            then_px = reference.view.project(current.view.center + room_m * current.view.rays(now_px - mean))
+            measured = Flow2D(mean / dt, cov / dt**2, now_px, then_px, reference.view, dt)
         matches.append(Match(float(alike.mean()), 1 - float(matched[part].mean()), measured))
     return matches
 
@@ -157,8 +157,8 @@ def velocity(
     cov = np.zeros((2, 2))
     for flow, eye in measured:
         q = eye.center + float(np.linalg.norm(position - eye.center)) * eye.rays(flow.now_px)
-        J += flow.then.project_jacobian(q) / n
-        rate += (flow.then.project(q) - flow.then_px) / flow.interval_s / n
+        J += flow.reference_view.project_jacobian(q) / n
+        rate += (flow.reference_view.project(q) - flow.then_px) / flow.interval_s / n
         cov += flow.cov / n**2
     prior = np.eye(3) / prior_std[0] ** 2
     weights = J.T @ np.linalg.inv(cov)

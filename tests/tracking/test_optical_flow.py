@@ -193,7 +193,14 @@ def test_the_covariance_of_the_velocity_by_sampling(rig: StereoRig, robot: Robot
     p, view, errors, cov = np.array([-0.45, 0.02, 0.35]), rig.view(home(robot)), [], np.eye(3)
     for v in 0.1 * rng.standard_normal((500, 3)):
         left, right = (
-            Flow2D(one.velocity_px_s, one.cov, one.now_px, one.then_px + 0.3 * rng.standard_normal(2), one.then, DT)
+            Flow2D(
+                one.velocity_px_s,
+                one.cov,
+                one.now_px,
+                one.then_px + 0.3 * rng.standard_normal(2),
+                one.reference_view,
+                DT,
+            )
             for one in flows_of(rig, robot, p, v, 0.3)
         )
         found = velocity((left, right), view, p, (0.1, 0.0))

@@ -1,6 +1,6 @@
 """The command line: every command is a frozen dataclass with a `run`; bad input ends in one line.
 
-A command's file holds only what its `--help` needs; what it works with is imported when it runs.
+A command's file imports only the modules that its `--help` needs; `run` imports the others.
 """
 
 import sys
@@ -17,14 +17,16 @@ COMMANDS = (
     *("render", "info", "calibrate", "track", "track2d", "batch", "evaluate", "truth", "learn", "joints"),
     *("report", "show", "convert-taxels", "reach", "demo", "bench"),
 )
-_WHAT = "Stereo vision for robots that feel what is about to touch them. `pps-vision --version` says which version."
+_DESCRIPTION = (
+    "Stereo vision for robots that feel what is about to touch them. `pps-vision --version` says which version."
+)
 
 
 class Command(Protocol):
     """One command with its options."""
 
     def run(self) -> None:
-        """Do it; InputError or OSError for what cannot be used."""
+        """Run the command; InputError or OSError for unusable input."""
         ...
 
 
@@ -45,29 +47,31 @@ def main(args: list[str] | None = None) -> None:
 
 
 def _parsed(args: list[str]) -> Command:
-    """The command that is asked for; only its own parser is built, and all of them for an overview."""
-    asked: Any
+    """Parse the arguments; only the parser of the given command is built, for an overview the parsers of all."""
+    config = (OmitSubcommandPrefixes,)
+    command: Command
     if args and args[0] in COMMANDS:
-        asked, prog, what, args = _class(args[0]), f"pps-vision {args[0]}", None, args[1:]
+        command = tyro.cli(_class(args[0]), prog=f"pps-vision {args[0]}", args=args[1:], config=config)
     else:
-        asked, prog, what = Union[*(Annotated[_class(n), subcommand(n)] for n in COMMANDS)], "pps-vision", _WHAT
-    command: Command = tyro.cli(asked, prog=prog, description=what, args=args, config=(OmitSubcommandPrefixes,))
+        commands: Any = Union[*(Annotated[_class(name), subcommand(name)] for name in COMMANDS)]
+        command = tyro.cli(commands, prog="pps-vision", description=_DESCRIPTION, args=args, config=config)
     return command
 
 
 def _class(name: str) -> type[Command]:
-    """The dataclass of a command, in the file of the same name: "convert-taxels" is convert_taxels.ConvertTaxels."""
+    """Import the dataclass of a command: "convert-taxels" is convert_taxels.ConvertTaxels."""
     words = name.split("-")
-    found: type[Command] = getattr(import_module(f"{__name__}.{'_'.join(words)}"), "".join(map(str.capitalize, words)))
-    return found
+    module = import_module(f"{__name__}.{'_'.join(words)}")
+    command: type[Command] = getattr(module, "".join(map(str.capitalize, words)))
+    return command
 
 
 def _refuse_python_control() -> None:
-    """python-control installs a top-level `control` over ours; working with the wrong one would be worse."""
-    for place in filter(Path.is_dir, map(Path, sys.path)):
-        if next(place.glob("control-*.*-info"), None):  # importlib.metadata says the same and takes 60 ms to load
+    """Raise InputError if python-control is installed, whose top-level package `control` hides ours."""
+    for folder in filter(Path.is_dir, map(Path, sys.path)):
+        if next(folder.glob("control-*.*-info"), None):  # importlib.metadata takes 60 ms to load
             raise InputError(
-                place,
+                folder,
                 "python-control is installed here and hides our package `control`; give pps-vision an environment of "
                 "its own",
             )

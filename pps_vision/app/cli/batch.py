@@ -19,13 +19,12 @@ LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urd
 
 @dataclass(frozen=True)
 class Batch:
-    """Track many recordings, or learn from them, each in a process of its own, into OUT/NAME; batch.csv has a row for
-    each.
+    """Track many recordings, or learn from them, each in its own process, into OUT/NAME; batch.csv has a row for each.
 
-    Run again, it does what is left to do: finished recordings are kept, failed ones tried again.  A manifest is a CSV
-    file with a column `name`, and of the columns rec, left, right, calib, times, fps, unit_m, joints, max_skew_s (with
-    --learn of rec, calib, taxels, joints, max_skew_s, robot, urdf, skin) those that are needed (several files in a
-    field separated by ';', paths from the manifest's folder); a row's values go before the options for all.
+    A second run keeps finished recordings and retries failed ones.  A manifest is a CSV file with a column `name` and
+    any of the columns rec, left, right, calib, times, fps, unit_m, joints, max_skew_s (with --learn: rec, calib,
+    taxels, joints, max_skew_s, robot, urdf, skin).  Several files in a field are separated by ';', paths start at the
+    manifest's folder, and a row's values override the options.
     """
 
     recordings: Positional[tuple[str, ...]]
@@ -33,7 +32,7 @@ class Batch:
     out: Path
     """Folder for the results: new, or of a batch with the same options."""
     workers: int = 1
-    """Recordings that are tracked at once; the results do not depend on it."""
+    """Number of parallel processes; the results do not depend on it."""
     scheduler: str | None = None
     """Instead of --workers: a Dask cluster, by its scheduler's address (tcp://host:8786) or scheduler file; its workers
     see the same files."""
@@ -63,13 +62,14 @@ class Batch:
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Do what is left to do, and print what failed; exit code 1 if some failed, 2 if all did."""
+        """Process the unfinished recordings and print the failures; exit code 1 if some failed, 2 if all failed."""
         from pps_vision.app.batch import Task, jobs_of, run_batch
         from pps_vision.app.versions import versions
         from pps_vision.recordings import BATCH, SUMMARY
         from pps_vision.recordings.outputs import whole_file, write_json
 
-        started, begun_s = datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic()
+        started = datetime.now(UTC).isoformat(timespec="seconds")
+        start_s = time.monotonic()
         jobs = jobs_of(
             self.recordings, LEARN_COLUMNS if self.learn else [field.name for field in fields(SourceOptions)]
         )
@@ -78,14 +78,14 @@ class Batch:
         task = Task("learn" if self.learn else "track", tuple(self._options()), self.out)
         rows = run_batch(jobs, task, self.workers, self.scheduler, self.parquet)
         failed = [row for row in rows if row["status"] == "failed"]
-        rest = command_line("batch", self, fields(self)[1:]).removeprefix("pps-vision batch ")
+        options = command_line("batch", self, fields(self)[1:]).removeprefix("pps-vision batch ")
         summary = {
-            "command": f"pps-vision batch {shlex.join(self.recordings)} {rest}",
+            "command": f"pps-vision batch {shlex.join(self.recordings)} {options}",
             "settings": {field.name: getattr(self, field.name) for field in fields(self)[2:]},
             "recordings": len(rows),
             "failed": len(failed),
             "started": started,
-            "seconds": round(time.monotonic() - begun_s, 1),
+            "seconds": round(time.monotonic() - start_s, 1),
             "versions": versions(),
         }
         with whole_file(self.out / SUMMARY) as partial:
@@ -96,24 +96,23 @@ class Batch:
             write_batch_report(self.out)
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")
-        done = "learned" if self.learn else "tracked"
-        print(f"{len(rows) - len(failed)} of {len(rows)} recordings {done} → {self.out / BATCH}")
+        result = "learned" if self.learn else "tracked"
+        print(f"{len(rows) - len(failed)} of {len(rows)} recordings {result} → {self.out / BATCH}")
         if len(failed) == len(rows):
-            raise InputError("batch", f"none of {len(rows)} recordings could be {done}")
+            raise InputError("batch", f"none of {len(rows)} recordings could be {result}")
         if failed:
             sys.exit(1)
 
     def _options(self) -> list[str]:
-        """What the command is given for every recording."""
+        """Return the options of `track` or `learn` for every recording."""
         words = [f"--mode={self.mode}", f"--seed={self.seed}"]
         words += [f"--max-skew-s={self.max_skew_s}"] if self.max_skew_s != SourceOptions.max_skew_s else []
         calib = ["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else []
         if self.learn:
-            tracking = ("fps", "unit_m", "order", "smooth", "also", "report")
-            if given := [
-                one.name for one in fields(self) if one.name in tracking and getattr(self, one.name) != one.default
-            ]:
-                raise InputError("batch", f"--learn with --{given[0].replace('_', '-')}; expected it without")
+            for field in fields(self):
+                is_of_track = field.name in ("fps", "unit_m", "order", "smooth", "also", "report")
+                if is_of_track and getattr(self, field.name) != field.default:
+                    raise InputError("batch", f"--learn with --{field.name.replace('_', '-')}; expected it without")
             return words + calib
         words += [f"--order={self.order}", f"--unit-m={self.unit_m}"]
         words += [f"--fps={self.fps}"] if self.fps is not None else []

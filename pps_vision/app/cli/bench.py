@@ -20,7 +20,7 @@ class Bench:
     n: int | None = None
     """Number of recordings, where a study has this parameter (as have the next ones)."""
     seed: int | None = None
-    """Seed of whatever is random."""
+    """Seed of the random numbers."""
     seconds: float | None = None
     """Length of a recording."""
     scenes: Literal["rendered", "independent", "both"] | None = None
@@ -34,7 +34,7 @@ class Bench:
     json: Path | None = None
     """File for a row of every encounter of `encounters`."""
     workers: int | None = None
-    """How many studies run at once; of `encounters` alone, its encounters."""
+    """Number of studies that run in parallel; of `encounters` alone, number of its encounters."""
     out: Path = Path("docs")
     """Folder of results and figures; with another than docs, the documents with their tables go there too."""
     short: bool = False
@@ -45,12 +45,12 @@ class Bench:
     """Measure nothing; draw charts and fill tables from the results that are there."""
 
     def run(self) -> None:
-        """Run what is asked for."""
+        """Run the studies, or list them."""
         from pps_vision.experiments.bench import bench, listing
 
         if not self.names:
             print(listing())
             return
-        given = "n", "seed", "seconds", "scenes", "parts", "data", "controller", "json", "workers"
-        overrides = {name: getattr(self, name) for name in given if getattr(self, name) is not None}
+        parameters = ("n", "seed", "seconds", "scenes", "parts", "data", "controller", "json", "workers")
+        overrides = {name: getattr(self, name) for name in parameters if getattr(self, name) is not None}
         bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw, short=self.short)

@@ -35,7 +35,7 @@ class Calibrate:
     """Frames of two videos further apart in time are no pair."""
 
     def run(self) -> None:
-        """Find the board, calibrate, write, and print how well it fits."""
+        """Find the board, calibrate, write the results, and print the residuals."""
         from pps_vision.app.calibrate import Board, board_pairs, calibrate, find_views
         from pps_vision.app.progress import progress
         from pps_vision.app.versions import versions
@@ -49,13 +49,15 @@ class Calibrate:
             pairs = board_pairs(self.left, self.right, self.fps, self.max_skew_s, problems)
             size, views, skipped = find_views(board, progress(pairs, desc="calibrate", unit="pair"))
             print_skipped([*problems, *skipped])
-            found = calibrate(size, views)
-            found.write(folder / "calibration.yml")
-            found.figure().savefig(folder / "reprojection.png", dpi=130)
-            write_json(folder / SUMMARY, found.summary() | {"skipped": skipped, "versions": versions()})
+            result = calibrate(size, views)
+            result.write(folder / "calibration.yml")
+            result.figure().savefig(folder / "reprojection.png", dpi=130)
+            write_json(folder / SUMMARY, result.summary() | {"skipped": skipped, "versions": versions()})
+        baseline_mm = 1000 * float((result.T @ result.T) ** 0.5)
+        focal_lengths = " and ".join(
+            f"{K[0, 0]:.1f} ± {std_px:.1f}" for K, std_px in zip(result.K, result.focal_std_px, strict=True)
+        )
         print(
-            f"{len(views)} of {len(pairs)} pairs; RMS left {found.rms_of(0):.3f}, right {found.rms_of(1):.3f}, stereo "
-            f"{found.rms_px:.3f} px; baseline {1000 * float((found.T @ found.T) ** 0.5):.2f} mm, focal lengths "
-            f"{found.K[0, 0, 0]:.1f} ± {found.focal_std_px[0]:.1f} and {found.K[1, 0, 0]:.1f} ± "
-            f"{found.focal_std_px[1]:.1f} px → {self.out}"
+            f"{len(views)} of {len(pairs)} pairs; RMS left {result.rms_of(0):.3f}, right {result.rms_of(1):.3f}, "
+            f"stereo {result.rms_px:.3f} px; baseline {baseline_mm:.2f} mm, focal lengths {focal_lengths} px → {self.out}"
         )

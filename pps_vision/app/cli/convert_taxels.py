@@ -10,11 +10,10 @@ from pps_vision.errors import InputError
 
 @dataclass(frozen=True)
 class ConvertTaxels:
-    """Convert between our memory (.npz) and the robot's map (taxels*.ini); the suffixes say which way.
+    """Convert between our memory (.npz) and the robot's map (taxels*.ini); the suffixes give the direction.
 
-    Counts, ranges, bins and taxels are carried exactly.  The .ini has no place for the width of the Parzen
-    window: the robot has its own, and a memory read from it gets the paper's.  Both take D to the surface of
-    what they track.
+    Counts, ranges, bins and taxels are converted exactly.  The .ini does not hold the width of the Parzen window: the
+    robot has its own, and a memory read from it gets the paper's.  In both, D is the distance to the object's surface.
     """
 
     input: Positional[Path]
@@ -22,15 +21,15 @@ class ConvertTaxels:
     out: Positional[Path]
     """OUT, the other."""
     like: Path | None = None
-    """To .ini: a map of the same robot, whose assignment of physical to virtual taxels is taken over."""
+    """To .ini: a map of the same robot, whose assignment of physical to virtual taxels is copied."""
     parts: tuple[str, ...] = ()
     """From .ini: only these body parts, such as l_forearm (default: all, which must have the same bins)."""
     own_skin: bool = False
-    """From .ini: exactly the taxels of the skin here, as `learn --into` wants them; others are left out, and
-    those the file does not know stay empty."""
+    """From .ini: exactly the taxels of our skin, as `learn --into` expects them; others are left out, and taxels that
+    are missing in the file stay empty."""
 
     def run(self) -> None:
-        """Convert and say what was carried."""
+        """Convert and print the number of taxels."""
         way = (self.input.suffix.lower(), self.out.suffix.lower())
         if way == (".npz", ".ini"):
             self._to_robot()
@@ -78,10 +77,11 @@ class ConvertTaxels:
                 raise InputError(self.input, f"no {unknown[0]}; expected one of {', '.join(names)}")
             memory = from_maps([part for part in maps if not self.parts or part.name in self.parts], self.input)
             if self.own_skin:
-                found, memory = memory.taxel_ids, onto(memory, icub_skin())
-                common = len(set(found) & set(memory.taxel_ids))
+                ids_of_file = memory.taxel_ids
+                memory = onto(memory, icub_skin())
+                common = len(set(ids_of_file) & set(memory.taxel_ids))
                 print(
-                    f"{common} of {len(found)} taxels are on this skin, the others left out; "
+                    f"{common} of {len(ids_of_file)} taxels are on this skin, the others left out; "
                     f"{len(memory.taxel_ids) - common} of its stay empty"
                 )
             save_memory(partial, memory)

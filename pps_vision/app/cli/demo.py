@@ -1,4 +1,4 @@
-"""`pps-vision demo`: learn which approaches touch, then avoid an object that was never seen."""
+"""`pps-vision demo`: learn which approaches touch, then avoid an unknown object."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +19,9 @@ class Demo:
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
     seed: int = 0
-    """Seed of everything left to chance."""
+    """Seed of the random numbers."""
     encounters: int | None = None
-    """Meet so many objects instead, without and with avoidance."""
+    """Run this number of encounters instead, without and with avoidance."""
 
     def run(self) -> None:
         """Train, run the episodes, and write the report."""

@@ -19,7 +19,7 @@ class Evaluate:
 
     Paths are trajectory.csv of `track`, truth.csv, any CSV with the columns stamp_s, x_m, y_m and z_m, TUM's form
     (stamp x y z …), or Anipose's table of one point.  Coverage and NEES need the covariance columns of trajectory.csv.
-    Boxes are those of `track2d`, MOTChallenge's rows, or a true box a row (OTB: x, y, w, h; VOT: polygons).
+    Boxes are in the form of `track2d`, MOTChallenge, OTB (x, y, w, h) or VOT (polygons).
     """
 
     files: Positional[tuple[Path, ...]]
@@ -30,7 +30,7 @@ class Evaluate:
     """Coordinate of the first pixel in boxes without a header; by default 1 (MOTChallenge, OTB), 0 for polygons
     (VOT)."""
     lag: bool = False
-    """Estimate by how much the stamps of each path are late, and correct it."""
+    """Estimate the delay of each path's stamps and correct it."""
     align: bool = False
     """Rotate and shift each path onto the truth first: for another root frame."""
     fps: float | None = None
@@ -70,7 +70,7 @@ class Evaluate:
             print("  ".join([row[0].ljust(widths[0]), *(f.rjust(w) for f, w in zip(row[1:], widths[1:], strict=True))]))
 
     def _score(self, drawn: bool) -> "tuple[list[dict[str, object]], Figure | None]":
-        """The rows of the table, and the figure."""
+        """Return the rows of the table, and the figure."""
         if self.boxes:
             from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
 

@@ -7,10 +7,9 @@ from pps_vision.app.cli.options import RecordingOptions
 
 @dataclass(frozen=True)
 class Joints(RecordingOptions):
-    """Learn the offsets of an iCub's encoders: the place where a touch is seen must be that where it is felt.
+    """Learn the offsets of an iCub's encoders (neck, eyes, arms): a touch must be seen where it is felt.
 
-    Encoders of neck, eyes and arms.  The table (.csv: joint,offset_deg) is for --joints of track and learn.  A dozen
-    touches in several postures suffice.
+    The table (.csv: joint,offset_deg) is for --joints of track and learn.  A dozen touches in several postures suffice.
     """
 
     def run(self) -> None:
@@ -29,13 +28,19 @@ class Joints(RecordingOptions):
         robot, skin = load_icub(), icub_skin()
         touches: list[TouchTrial] = []
         with whole_file(self.out, self.inputs) as partial:
-            used = self.use_each("joints", lambda one: touches.extend(tracked_touches(one, skin, self.mode, self.seed)))
+            used = self.use_each(
+                "joints",
+                lambda recording: touches.extend(tracked_touches(recording, skin, self.mode, self.seed)),
+            )
             learned = joint_offsets(robot, icub_rig(robot), skin, touches)
             n = len(learned.before_m)
             if not n:
                 names = ", ".join(map(str, self.recordings))
                 raise InputError("joints", f"no touch by a tracked object in {names}; expected one or more")
             write_joint_offsets(partial, robot.joint_names, learned.offsets_rad)
-        before, after = (1000 * float(np.median(missed)) for missed in (learned.before_m, learned.after_m))
-        print(f"{n} touches, seen {before:.0f} mm from where they were felt, {after:.0f} with offsets → {self.out}")
+        without_mm = 1000 * float(np.median(learned.before_m))
+        with_mm = 1000 * float(np.median(learned.after_m))
+        print(
+            f"{n} touches, seen {without_mm:.0f} mm from where they were felt, {with_mm:.0f} with offsets → {self.out}"
+        )
         used.raise_bugs()

@@ -21,7 +21,7 @@ class Learn(RobotOptions, RecordingOptions):
     """Offsets to add to the encoders, as `pps-vision joints` writes them."""
 
     def run(self) -> None:
-        """Learn from each recording in turn."""
+        """Learn from the recordings in turn."""
         from learning.pps.memory import PPSMemory, load_memory, save_memory
         from pps_vision.app.learn import learn_from
         from pps_vision.app.pipeline import check_memory
@@ -34,7 +34,7 @@ class Learn(RobotOptions, RecordingOptions):
             nonlocal memory
             learned = learn_from(recording, memory, self.mode, self.seed, setup)
             memory = learned.memory
-            rejected = ", ".join(f"{n} {what}" for what, n in learned.rejected.items() if n)
+            rejected = ", ".join(f"{n} {reason}" for reason, n in learned.rejected.items() if n)
             print(
                 f"{recording.name}: {learned.samples} samples learned, {recording.skipped} problems skipped"
                 + (f"; rejected: {rejected}" if rejected else "")
@@ -44,10 +44,10 @@ class Learn(RobotOptions, RecordingOptions):
             if self.into:
                 memory = load_memory(self.into)
                 check_memory(memory, setup.skin, self.into)
-            before = memory
+            initial_memory = memory
             used = self.use_each("learn", use, self.joints, setup)
             save_memory(partial, memory)
-        if memory is before:
+        if memory is initial_memory:
             print("nothing learned: no recording has a touch by a tracked object", file=sys.stderr)
         print(f"{used.n} of {len(self.recordings)} recordings learned → {self.out}")
         used.raise_bugs()

@@ -1,4 +1,4 @@
-"""What several commands share: options of recordings of a robot, and how problems are printed."""
+"""Options and messages that several commands share."""
 
 import shlex
 import sys
@@ -40,12 +40,12 @@ class SourceOptions:
     unit_m: float = 1.0
     """Metres per length unit of the calibration (0.01 if its board was measured in cm)."""
     joints: Path | None = None
-    """What to add to the encoders of REC, as `pps-vision joints` writes it."""
+    """Offsets to add to the encoders of REC, as `pps-vision joints` writes them."""
     max_skew_s: float = MAX_SKEW_S
     """Left and right images further apart in time are no pair."""
 
     def open(self) -> "Recording":
-        """The recording; InputError if it cannot be used."""
+        """Open the recording; InputError if it is unusable."""
         from pps_vision.recordings.open import open_recording
 
         return open_recording(
@@ -54,7 +54,7 @@ class SourceOptions:
 
 
 def command_line(name: str, options: object, chosen: "Sequence[Field[Any]] | None" = None) -> str:
-    """The command that gives these options, but for those at their defaults; `chosen` fields, or all."""
+    """Return the command line with these options, without defaults; of the `chosen` fields, or of all."""
     words = ["pps-vision", name]
     for field in chosen or fields(options):  # type: ignore[arg-type]
         value = getattr(options, field.name)
@@ -67,7 +67,7 @@ def command_line(name: str, options: object, chosen: "Sequence[Field[Any]] | Non
 
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
-    """Whose skin, eyes and arms; by default the iCub's."""
+    """The robot; by default the iCub."""
 
     robot: Path | None = None
     """robot.toml of another robot: its URDF, skin, cameras and joints; default: the iCub."""
@@ -77,20 +77,20 @@ class RobotOptions:
     """Skin instead of the robot's: a table part,frame,taxel,x_m,y_m,z_m,nx,ny,nz (.csv), or the iCub's own .ini."""
 
     def setup(self) -> "RobotSetup":
-        """The robot; InputError for files that do not describe one."""
+        """Read the robot; InputError for files that do not describe a robot."""
         from pps_vision.recordings.robot_file import robot_setup
 
         return robot_setup(self.robot, self.urdf, self.skin)
 
     @property
     def files(self) -> tuple[Path | None, ...]:
-        """What is read, and must not be written over."""
+        """Input files, which must not be overwritten."""
         return self.robot, self.urdf, self.skin
 
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """Recordings of a robot in which its skin is touched, and how they are read and tracked."""
+    """Recordings of a robot whose skin is touched, with the options to read and track them."""
 
     recordings: Positional[tuple[Path, ...]]
     """Recording folders REC …, used in this order."""
@@ -109,7 +109,7 @@ class RecordingOptions:
 
     @property
     def inputs(self) -> tuple[Path | None, ...]:
-        """What is read, and must not be written over."""
+        """Input files, which must not be overwritten."""
         return (*self.recordings, self.calib, self.taxels)
 
     def use_each(
@@ -119,11 +119,11 @@ class RecordingOptions:
         joints: Path | None = None,
         robot: "RobotSetup | None" = None,
     ) -> "Used":
-        """Open and use every recording, and print what was skipped; one that fails does not stop the others.
+        """Open and use every recording and print skipped rows and images; a failure does not stop the others.
 
         Raises:
-            InputError: There is no recording, or none can be used.
-            ExceptionGroup: None can be used, and some for a bug.
+            InputError: There is no recording, or none is usable.
+            ExceptionGroup: None is usable, some because of a bug.
         """
         from pps_vision.app.progress import progress
         from pps_vision.recordings.open import open_recording
@@ -163,19 +163,19 @@ class RecordingOptions:
 
 @dataclass(frozen=True)
 class Used:
-    """How many recordings were used, and the bugs that kept others from it."""
+    """Number of used recordings, and the bugs that prevented others."""
 
     n: int
     bugs: list[Exception]
 
     def raise_bugs(self) -> None:
-        """Show the bugs' tracebacks; to be called when the others' result is written."""
+        """Raise the bugs with their tracebacks; call it after the result of the others is written."""
         if self.bugs:
             raise ExceptionGroup("bugs of pps-vision; the recordings are left out", self.bugs)
 
 
 def print_skipped(problems: Iterable[object], warnings: Iterable[str] = ()) -> None:
-    """Print what was skipped, and what is suspicious, on the error stream."""
+    """Print skipped items and warnings on the error stream."""
     for problem in problems:
         print(f"skipped: {problem}", file=sys.stderr)
     for warning in warnings:

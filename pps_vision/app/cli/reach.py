@@ -1,4 +1,4 @@
-"""`pps-vision reach`: learn which fixated points a hand can get to, ask that map, draw it."""
+"""`pps-vision reach`: learn which fixated points a hand can reach, query the map, draw it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from pps_vision.robot.robot_setup import RobotSetup
 
 _TEST_POSTURES = 10_000  # of a map without --max-error: they bound an error of 0.02 % by 0.06 %
-_LEAST_BUDGET = 200  # labels, below which what is left to test with says nothing of the error
+_LEAST_BUDGET = 200  # labels: with fewer, the test set is too small to bound the error
 
 
 @dataclass(frozen=True)
 class Train(RobotOptions):
-    """Learn the map of an arm, or of what both reach at once, by inverse kinematics with the robot's own model.
+    """Learn the map of an arm, or of both arms at once, by inverse kinematics with the robot's own model.
 
     Torso, neck roll, eye tilt, version and wrist at 0; the hand is the origin of the palm's frame; yaw, pitch and
     vergence within ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.; of another robot's arm
@@ -29,26 +29,26 @@ class Train(RobotOptions):
     """
 
     arm: Literal["left", "right", "both"]
-    """Whose reach."""
+    """Arm, or both."""
     out: Path
     """Where to write the map (.npz)."""
     max_error: float = 0.0
-    """Stop as soon as a test by the robot's own model shows, with 95 % confidence, that no larger share of all gaze
+    """Stop when a test by the robot's own model shows, with 95 % confidence, that at most this share of all gaze
     postures is misjudged."""
     ik_budget: int = 24_000
-    """At most so many inverse-kinematics problems an arm to learn from; those of the tests are not counted."""
+    """Largest number of inverse-kinematics problems per arm to learn from, tests not counted."""
     end_point: str = "palm"
-    """What is to get there: palm, or a taxel of the arm, such as left_forearm:27."""
+    """Point that reaches: palm, or a taxel of the arm, such as left_forearm:27."""
     measure: MeasureName = "joint-limits"
-    """What makes a posture good: far from the joints' limits; hand velocities large for the joints' (manipulability) or
+    """Measure of a posture: far from the joints' limits; hand velocities large for the joints' (manipulability) or
     the same in all directions (isotropy: far from singularities); or from how many sides the skin can approach."""
     into: Path | None = None
     """An earlier map of the same arm to continue from."""
     seed: int = 0
-    """Seed of the postures that are asked for."""
+    """Seed of the sampled postures."""
 
     def run(self) -> None:
-        """Learn, and print the number of problems learned from and the upper bound of the error."""
+        """Learn, and print the number of problems and the upper bound of the error."""
         from learning.reach.map import both
         from learning.reach.params import MapParams
         from pps_vision.app.progress import progress
@@ -64,7 +64,7 @@ class Train(RobotOptions):
             MapParams(),
             n_labels=self.ik_budget,
             round_labels=rounds,
-            max_error=self.max_error / len(sides),  # of both hands the errors, and the risks, add up
+            max_error=self.max_error / len(sides),  # the errors and the risks of both hands add up
             n_test=0 if self.max_error else _TEST_POSTURES,
             confidence=1 - 0.05 / len(sides),
         )
@@ -76,26 +76,26 @@ class Train(RobotOptions):
             ]
             learned = both(*maps) if len(maps) == 2 else maps[0]
             learned.save(partial)
-        asked = sum(len(one.labels.gaze_rad) + one.unanswered for one in maps)
+        n_problems = sum(len(arm_map.labels.gaze_rad) + arm_map.unanswered for arm_map in maps)
         print(
-            f"{asked} inverse-kinematics problems, {learned.unanswered} without an answer, "
+            f"{n_problems} inverse-kinematics problems, {learned.unanswered} without an answer, "
             f"at most {100 * learned.error_bound:.2g} % misjudged, with 95 % confidence → {self.out}"
         )
         if learned.error_bound > self.max_error > 0:
             print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")
 
     def _earlier(self) -> "ReachableMap | None":
-        """The map to continue from, which must be of the same arm, end point, measure and limits."""
+        """Load the map to continue from, which must be of the same arm, end point, measure and limits."""
         from learning.reach.map import ReachableMap
         from learning.reach.params import MapParams
 
         if self.into is None:
             return None
         into = ReachableMap.load(self.into)
-        asked = (self.arm, self.end_point, self.measure, MapParams().gaze_limits)
-        for value, there in zip(asked, (into.side, into.end_point, into.measure, into.limits), strict=True):
-            if value != there:
-                raise InputError(self.into, f"is a map of {there}; expected one of {value} to continue from")
+        options = (self.arm, self.end_point, self.measure, MapParams().gaze_limits)
+        for option, value in zip(options, (into.side, into.end_point, into.measure, into.limits), strict=True):
+            if option != value:
+                raise InputError(self.into, f"is a map of {value}; expected one of {option} to continue from")
         return into
 
     def _learn(
@@ -121,7 +121,7 @@ class Train(RobotOptions):
 
 @dataclass(frozen=True)
 class Query:
-    """Ask a map about gaze postures; outside its limits nothing is known: 0, and probability and degree are empty."""
+    """Query a map for gaze postures; outside its limits the verdict is 0, and probability and degree are empty."""
 
     map: Positional[Path]
     """The map (.npz)."""
@@ -130,12 +130,12 @@ class Query:
     out: Path
     """CSV to write: the same with reachable, probability and degree."""
     max_fp: float | None = None
-    """Call no more than this share of the unreachable postures reachable; default: what is likelier than not."""
+    """Largest share of unreachable postures that are called reachable; default: probability above one half."""
     device: str | None = None
     """Compute with torch on this device (cpu, cuda, cuda:1), for very many postures; default: without torch."""
 
     def run(self) -> None:
-        """Answer every line."""
+        """Write the verdict of every row."""
         import numpy as np
 
         from learning.reach.map import ReachableMap
@@ -145,7 +145,8 @@ class Query:
 
         with whole_file(self.out, [self.map, self.gaze]) as partial:
             device = None if self.device is None else str(torch_device(self.device))
-            reachable_map, gaze = ReachableMap.load(self.map), read_gaze(self.gaze)
+            reachable_map = ReachableMap.load(self.map)
+            gaze = read_gaze(self.gaze)
             threshold = 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp)
             verdict = reachable_map.query(gaze, threshold, device)
             columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
@@ -164,7 +165,7 @@ class Show(RobotOptions):
     """The figure to write (.png, .svg or .pdf)."""
 
     def run(self) -> None:
-        """Draw it."""
+        """Draw the map."""
         from learning.reach.map import ReachableMap
         from pps_vision.app.report import figures
         from pps_vision.app.report.figure_file import save
@@ -178,14 +179,14 @@ class Show(RobotOptions):
 
 @dataclass(frozen=True)
 class Reach:
-    """Which fixated points a hand can get to, and how well."""
+    """Learn, query or draw which fixated points a hand can reach."""
 
-    what: (
+    subcommand: (
         Annotated[Train, subcommand("train")]
         | Annotated[Query, subcommand("query")]
         | Annotated[Show, subcommand("show")]
     )
 
     def run(self) -> None:
-        """Do it."""
-        self.what.run()
+        """Run the subcommand."""
+        self.subcommand.run()

@@ -1,4 +1,4 @@
-"""`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
+"""`pps-vision render`: render the recording of an iCub that watches a moving object, with its truth."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ class Render(RenderParams):
     """Write a recording in yarpdatadumper layout, with calibration, touches, truth.csv and settings (summary.json)."""
 
     def run(self) -> None:
-        """Render, and print what was written."""
+        """Render, and print the number of pairs and touches."""
         from pps_vision.app.render import record
 
         pairs, touches = record(self)

@@ -1,4 +1,4 @@
-"""`pps-vision report`: a page for what was tracked."""
+"""`pps-vision report`: an HTML page for the results of `track` or `batch`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +8,9 @@ from tyro.conf import Positional
 
 @dataclass(frozen=True)
 class Report:
-    """Write report.html into a folder of `track`, or into one of `batch` and all its recordings.
+    """Write report.html into a folder of `track`, or into a folder of `batch` and of all its recordings.
 
-    A page holds everything it shows; nothing is fetched.
+    The pages are self-contained.
     """
 
     folder: Positional[Path]

@@ -1,4 +1,4 @@
-"""`pps-vision show`: a figure of a memory."""
+"""`pps-vision show`: draw a memory."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +10,9 @@ from pps_vision.app.cli.options import RobotOptions
 
 @dataclass(frozen=True)
 class Show(RobotOptions):
-    """Draw the landscapes a memory holds: probability of touch over distance and time to contact.
+    """Draw the landscapes of a memory: probability of touch over distance and time to contact.
 
-    With --robot or --skin the memory must be one of that skin.
+    With --robot or --skin the memory must be of that skin.
     """
 
     memory: Positional[Path]
@@ -21,7 +21,7 @@ class Show(RobotOptions):
     """The figure to write (.png, .svg or .pdf)."""
 
     def run(self) -> None:
-        """Draw every taxel that has ever been stimulated; all of them if none has."""
+        """Draw every stimulated taxel; all taxels if there is none."""
         from learning.pps.memory import load_memory
         from pps_vision.app.pipeline import check_memory
         from pps_vision.app.report import figures

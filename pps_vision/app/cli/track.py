@@ -66,7 +66,7 @@ class Track(SourceOptions):
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Track the recording, write all files at once, and print the headline and what was skipped."""
+        """Track the recording, write all files at once, and print the main results and skipped items."""
         from tqdm import tqdm
 
         from pps_vision.app.progress import progress

@@ -45,9 +45,9 @@ class Track2d:
             elif self.form == "mot":
                 write_mot(partial, boxes)
             else:
-                seen = {box.frame: box for box in boxes}
+                box_of_frame = {box.frame: box for box in boxes}
                 with open_coco(partial, sequence.image_size) as add:
                     for frame, file in enumerate(sequence.files, start=1):
-                        add("", frame, file.path, [seen[frame]] if frame in seen else [])
+                        add("", frame, file.path, [box_of_frame[frame]] if frame in box_of_frame else [])
         print_skipped(sequence.problems)
         print(f"found in {sum(score > 0 for _, _, score in rows)} of {len(rows)} frames → {self.out}")

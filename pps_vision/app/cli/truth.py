@@ -8,7 +8,7 @@ from tyro import MISSING
 
 from pps_vision.app.cli.options import SourceOptions, print_skipped
 
-_SIDE_OFF = 0.05  # of its stated length, by which the measured side of a tag shows a wrong unit or calibration
+_SIDE_TOLERANCE = 0.05  # relative error of the tag's measured side, above which unit or calibration is wrong
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,10 @@ class Truth(SourceOptions):
 
         with whole_file(self.out, [self.rec]) as partial:
             recording = self.open()
-            found = tag_path(
-                recording, self.aruco, self.tag_mm / 1000, np.array(self.offset_mm) / 1000, self.dictionary
-            )
-            write_tum_rows(partial, found.stamps_s, found.position)
+            path = tag_path(recording, self.aruco, self.tag_mm / 1000, np.array(self.offset_mm) / 1000, self.dictionary)
+            write_tum_rows(partial, path.stamps_s, path.position)
         print_skipped(recording.problems, recording.warnings)
-        side_mm = 1000 * float(np.median(found.sides_m))
-        if abs(side_mm / self.tag_mm - 1) > _SIDE_OFF:
+        side_mm = 1000 * float(np.median(path.sides_m))
+        if abs(side_mm / self.tag_mm - 1) > _SIDE_TOLERANCE:
             print(f"warning: the tag measures {side_mm:.1f} mm, not {self.tag_mm:g}: wrong unit?", file=sys.stderr)
-        print(f"tag {self.aruco} in {len(found.stamps_s)} of {len(recording)} pairs, {side_mm:.2f} mm → {self.out}")
+        print(f"tag {self.aruco} in {len(path.stamps_s)} of {len(recording)} pairs, {side_mm:.2f} mm → {self.out}")
