@@ -1,5 +1,6 @@
 """`learn` and `show`, and touches beside frames."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -43,7 +44,10 @@ def test_one_bad_recording_does_not_stop_the_others(
     memory_file: Path, approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["learn", str(tmp_path / "gone"), str(approach), "--out", str(tmp_path / "m.npz")])
-    assert "gone" in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert "gone" in printed.err
+    assert re.search(r": [1-9]\d* samples learned, 0 problems skipped", printed.out)
+    assert printed.out.endswith(f"1 of 2 recordings learned → {tmp_path / 'm.npz'}\n")
     np.testing.assert_array_equal(load_memory(tmp_path / "m.npz").counts, load_memory(memory_file).counts)
 
 
@@ -104,8 +108,11 @@ def test_nothing_learned_is_said(approach: Path, tmp_path: Path, capsys: pytest.
     assert "nothing learned" in capsys.readouterr().err
 
 
-def test_show_draws_a_picture(memory_file: Path, tmp_path: Path) -> None:
+def test_show_draws_a_picture(memory_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["show", str(memory_file), "--out", str(tmp_path / "landscape.png")])
+    memory = load_memory(memory_file)
+    n = int(memory.counts.any(axis=(1, 2, 3)).sum())
+    assert f"{n} of {len(memory.taxel_ids)} taxels were stimulated" in capsys.readouterr().out
     picture = matplotlib.image.imread(tmp_path / "landscape.png")
     assert picture.shape[0] > 200
     assert len(np.unique(picture.reshape(-1, picture.shape[-1]), axis=0)) > 100

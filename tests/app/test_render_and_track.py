@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 from data import SEED
-from tracks import track_at
 
 from learning.pps.memory import PPSMemory, save_memory
 from learning.reach.labels import Labels
@@ -19,13 +18,11 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
 from pps_vision.app.render import scene
 from pps_vision.app.render_params import RenderParams
-from pps_vision.app.track_statistics import errors_against
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.robot_file import robot_setup
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Status, Track3D, Truth
 
 
 def table(file: Path) -> dict[str, np.ndarray]:
@@ -196,35 +193,6 @@ def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:
     assert smooth["tracked_share"] == causal["tracked_share"]
 
 
-def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> None:
-    """The first ten rows do not count; the object moves at 1 m/s along x, its truth every 10 ms."""
-    truth = [
-        Truth(t, np.array([t, 0, 0]), np.array([1.0, 0, 0]), 0.03, np.zeros(2), np.zeros(2), True, True)
-        for t in np.arange(0, 2, 0.01)
-    ]
-
-    def row(t: float, error_m: float, status: Status) -> Track3D:
-        velocity = 1.0, 0, 0.1 if status == Status.TRACKING else 0.5
-        return track_at((t, error_m, 0), velocity, t, status=status)
-
-    warm_up = [row(0.1 * k, 9.0, Status.TRACKING) for k in range(10)]
-    later = [
-        row(1.004, 0.003, Status.TRACKING),
-        row(1.1, 0.004, Status.TRACKING),
-        row(1.15, 0.012, Status.TRACKING),
-        row(1.2, 0.05, Status.COASTING),
-        Track3D.unknown(1.3),
-        row(2.1, 9.0, Status.TRACKING),  # 0.1 s after the last row of the truth
-    ]
-    errors = errors_against(truth, warm_up + later)
-    assert errors["tracked_share"] == pytest.approx(3 / 6)
-    assert errors["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16 + 144) / 3))
-    assert errors["position_rms_all_mm"] == pytest.approx(np.sqrt((9 + 16 + 144 + 2500) / 4))
-    assert errors["position_median_mm"] == pytest.approx(4.0)
-    assert errors["velocity_rms_m_s"] == pytest.approx(0.1)
-    assert np.isnan(errors_against(truth, warm_up)["position_rms_all_mm"])
-
-
 @pytest.mark.parametrize("reduction", [1, 2])
 def test_detections_are_where_the_centre_truly_projects(
     reduction: int, tracked: Path, approach: Path, tmp_path: Path
@@ -241,24 +209,6 @@ def test_detections_are_where_the_centre_truly_projects(
         du = seen["u_px"][of_camera].astype(float) - truth[f"u_{camera}_px"][frame].astype(float)
         dv = seen["v_px"][of_camera].astype(float) - truth[f"v_{camera}_px"][frame].astype(float)
         assert np.median(np.hypot(du, dv)) < 0.3 * reduction
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("stimulus", ["ball", "marker"])
-def test_numbers_on_fresh_seeds(stimulus: str, tmp_path: Path) -> None:
-    """The goals: tracked on ≥ 99 % of frames after the first ten, 3D RMS ≤ 5 mm (ball) and 2 mm (marker)."""
-    mode = "marker" if stimulus == "marker" else "generic"
-    shares, rms = [], []
-    for k, motion in enumerate(("circle", "linear")):
-        words = f"--stimulus {stimulus} --motion {motion} --seconds 3 --noise 2 --seed {SEED + k}"
-        main(["render", *words.split(), "--out", str(tmp_path / motion)])
-        main(["track", str(tmp_path / motion), "--mode", mode, "--out", str(tmp_path / f"{motion}_out")])
-        errors = json.loads((tmp_path / f"{motion}_out" / "summary.json").read_text())["errors"]
-        shares.append(errors["tracked_share"])
-        rms.append(errors["position_rms_mm"])
-    print(f"{stimulus}, seed {SEED}: tracked {shares}, 3D RMS {rms} mm")
-    assert np.mean(shares) >= 0.99
-    assert max(rms) <= (2 if stimulus == "marker" else 5)
 
 
 def test_what_is_bad_in_one_frame_does_not_stop_the_others(

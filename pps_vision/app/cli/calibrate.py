@@ -59,5 +59,6 @@ class Calibrate:
         )
         print(
             f"{len(views)} of {len(pairs)} pairs; RMS left {result.rms_of(0):.3f}, right {result.rms_of(1):.3f}, "
-            f"stereo {result.rms_px:.3f} px; baseline {baseline_mm:.2f} mm, focal lengths {focal_lengths} px → {self.out}"
+            f"stereo {result.rms_px:.3f} px; baseline {baseline_mm:.2f} mm, focal lengths {focal_lengths} px "
+            f"→ {self.out}"
         )
