@@ -7,8 +7,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
 MUTABLE = {
-    "kinematic.py": {"Watch"},
-    "controllers.py": {"Home"},
+    "controllers.py": {"HomeReturn"},
     "yaml_subset.py": {"_Row"},
     "renderer.py": {"Node", "_Uploaded"},
 }

@@ -109,12 +109,12 @@ def of_r() -> Iterator[tuple[str, str]]:
     mean = [np.mean(of) for name, of in result("pps_landscapes")["fig9"].items() if name.endswith(", 53 trials")]
     yield "Fig 9", "{:.3f}, of its neighbour {:.3f}".format(*mean)
     yield "Fig 9", f"rank correlation {result('pps_landscapes')['wrist']['rank_correlation']}"
-    ended = result("encounters_sessions")
+    ended = result("encounters")["sessions"]
     avoided, reached = ended["avoidance"], ended["reaching"]
     yield "Fig 10", f"{avoided['touched']} of {avoided['approaches']} approaches touch"
     yield "Fig 11", f"{reached['touched']} of {reached['approaches']}"
     yield "Fig 11", f"{reached['by the part aimed at']} by the part aimed at"
-    met = result("encounters")
+    met = result("encounters")["controllers"]
     still = {name: of["still"]["harmless_receding"][0] for name, of in met["controllers"].items() if of}
     n = met["encounters"]["harmless_receding"]
     assert still["distance only"] == 0
@@ -131,7 +131,7 @@ def of_r() -> Iterator[tuple[str, str]]:
 
 def spans(side: str, key: str) -> list[float]:
     """Ranges over avoidance and reaching together."""
-    both = [result("encounters_sessions")[name]["arms"][side][key] for name in ("avoidance", "reaching")]
+    both = [result("encounters")["sessions"][name]["arms"][side][key] for name in ("avoidance", "reaching")]
     lower, upper = (zip(*(of[k] for of in both), strict=True) for k in (0, 1))
     return [round(max(high) - min(low), 3) for low, high in zip(lower, upper, strict=True)]
 

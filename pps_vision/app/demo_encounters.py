@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import get_args
 
 from pps_vision.app.demo import THRESHOLD, drawn, write_side_by_side
-from pps_vision.app.encounters.encounter import HAZARDS, Arena, Encounter, draw
+from pps_vision.app.encounters.encounter import HAZARDS, Encounter, EncounterScene, draw
 from pps_vision.app.encounters.rendered import open_encounter
 from pps_vision.app.encounters.training import learn
 from pps_vision.app.progress import progress
@@ -21,7 +21,7 @@ from pps_vision.robot.skin import TOUCH_RADIUS_M
 
 
 @dataclass(frozen=True)
-class Met:
+class DemoEncounter:
     """A rendered encounter without and with avoidance."""
 
     title: str
@@ -54,15 +54,15 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
     """
     if n < 1:
         raise InputError("demo", f"--encounters {n}; expected at least 1")
-    arena = Arena()
+    scene = EncounterScene()
     with whole_folder(out) as folder, TemporaryDirectory() as videos:
-        memories = {side: learn(arena, side, seed, share).of_both for side in get_args(Side)}
+        memories = {side: learn(scene, side, seed, share).of_both for side in get_args(Side)}
         met = []
         for k in progress(range(n), desc="encounters", unit="encounter", after_s=0.0):
-            encounter = draw(arena, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
+            encounter = draw(scene, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
             runs = []
             for avoid in (False, True):
-                with open_encounter(arena, encounter, noise, seed + k) as world:
+                with open_encounter(scene, encounter, noise, seed + k) as world:
                     pipeline = new_pipeline(world, memories[encounter.side])
                     title = "avoidance on" if avoid else "avoidance off"
                     episode = Episode(title, encounter.stimulus, encounter.motion, encounter.seconds)
@@ -72,7 +72,7 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             (off, images_off), (on, images_on) = runs
             video = Path(videos) / f"{k}.mp4"
             write_side_by_side(video, (images_off, images_on))
-            met.append(Met(_title(encounter), (off, on), video))
+            met.append(DemoEncounter(_title(encounter), (off, on), video))
         rows = [{"encounter": one.title, "touched": one.is_touched, "left_mm": 1000 * one.left_m} for one in met]
         given = {"versions": versions(), "seed": seed, "noise_grey_levels": noise}
         write_json(folder / SUMMARY, {**given, "encounters": rows})
@@ -85,7 +85,7 @@ def _title(encounter: Encounter) -> str:
     return f"{encounter.condition} {encounter.number}: {encounter.stimulus}, {speed}, {encounter.side} {encounter.part}"
 
 
-def chosen(met: Sequence[Met]) -> list[tuple[str, Met]]:
+def chosen(met: Sequence[DemoEncounter]) -> list[tuple[str, DemoEncounter]]:
     """Return what the report shows: the best, the median by the distance left, and all that were touched."""
     by_distance = sorted(met, key=lambda one: one.left_m)
     shown = {"Best": by_distance[-1], "Median": by_distance[(len(met) - 1) // 2]}
@@ -93,7 +93,7 @@ def chosen(met: Sequence[Met]) -> list[tuple[str, Met]]:
     return [*shown.items(), *failed] if len(met) > 1 else [("Only one", met[0])]
 
 
-def _page(met: Sequence[Met], noise: float, seed: int) -> str:
+def _page(met: Sequence[DemoEncounter], noise: float, seed: int) -> str:
     touched = sum(one.is_touched for one in met)
     rows = [[one.title, "touched" if one.is_touched else "", f"{1000 * one.left_m:.0f}"] for one in met]
     sections = [

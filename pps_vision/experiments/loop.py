@@ -1,4 +1,4 @@
-"""The closed loop, many times: who is touched, and who moves without cause."""
+"""Many episodes of the rendered closed loop: touched, commanded, and the time of a frame."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,9 +25,8 @@ from pps_vision.app.simulation import (
 from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.experiments.timing import timed
-from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.skin import INNER_FOREARM
-from pps_vision.types import Mask, Status, StereoFrame
+from pps_vision.types import Mask, StereoFrame
 
 LoopCase = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
 LOOP_CASES: dict[LoopCase, tuple[Kind, bool]] = {
@@ -37,15 +36,13 @@ LOOP_CASES: dict[LoopCase, tuple[Kind, bool]] = {
     "static": ("static", True),
     "own arm": ("own_arm", True),
 }
-
-_MOST_MS = 8.0, 20.0
+GOALS_MS = 8.0, 20.0
 """Goals of a frame's processor time: median and 99th percentile."""
 
 
 @dataclass(frozen=True)
 class Loop(SampledStudy):
-    """Episodes with an octopus at 5–15 cm/s after learning from ball and cube: who is touched, who moves
-    without cause.
+    """Episodes with an octopus at 5–15 cm/s after learning from ball and cube.
 
     Cases: approach with avoidance on and off, receding, standing still, own arm moving with nothing near.
     """
@@ -57,84 +54,54 @@ class Loop(SampledStudy):
     training_trials: int = 24
     """Approaches that end in a touch, learned from before the episodes."""
 
-    def run(self) -> dict[str, object]:
-        """Counts by case, with what the tracker was worth meanwhile."""
+    def run(self) -> dict[str, Any]:
+        """Return the counts by case."""
         with open_world(NOISE_SIGMA, self.seed) as world:
             memory = train(world, self.training_trials)
-            counts: dict[str, object] = {}
+            cases: dict[str, Any] = {}
             for case in LOOP_CASES:
                 ms: list[float] = []
                 logs = [self.episode(world, memory, case, k, ms) for k in tqdm(range(self.n), case, disable=None)]
-                counts[case] = (
-                    _counts(logs) | _seen(world.rig, logs) | {"ms": np.percentile(ms, (50, 99)).round(2).tolist()}
-                )
-        return {"seed": self.seed, "n": self.n, **counts}
+                gaps_m = [log.surface_gap_m for log in logs]
+                cases[case] = {
+                    "episodes": len(logs),
+                    "touched": sum(log.was_touched for log in logs),
+                    "commanded": sum(log.was_commanded for log in logs),
+                    "smallest_gap_mm": [1000 * float(np.nanmin(g)) if np.isfinite(g).any() else None for g in gaps_m],
+                    "ms": np.percentile(ms, (50, 99)).round(2).tolist(),
+                }
+        return {"n": self.n, **cases}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one row a case."""
         rows = []
         for case in LOOP_CASES:
-            counts = numbers[case]
-            gaps = [gap for gap in counts["smallest_gap_mm"] if np.isfinite(gap)]
-            n = counts["episodes"]
-            both = ((counts[key], estimate(percent_of(counts[key], n))) for key in ("touched", "commanded"))
-            shares = (f"{counted} of {n}: {percentage} %" for counted, percentage in both)
-            ms = (judged(f"{ms:.1f}", ms > most) for ms, most in zip(counts["ms"], _MOST_MS, strict=True))
-            least = (f"{np.median(gaps):.0f}", f"{min(gaps):.0f}") if gaps else ("–", "–")
-            rows.append([case, *shares, *least, *ms])
-        gap = "smallest gap (mm), median", "smallest"
-        time = f"ms a frame, median (≤ {_MOST_MS[0]:g})", f"99th percentile (≤ {_MOST_MS[1]:g})"
-        avoiding = {case: numbers[case]["seen_percent"] for case in LOOP_CASES if "seen_percent" in numbers[case]}
-        seen = [[case, *(f"{share:.1f}" for share in shares)] for case, shares in avoiding.items()]
-        return {
-            "": Table(["case", "touched", "arm commanded", *gap, *time], rows),
-            "view": Table(["frames in which the arm avoids", "in the images of both eyes (%)", "tracked (%)"], seen),
-        }
+            cell = numbers[case]
+            shares = (estimate(percent_of(cell[key], cell["episodes"])) for key in ("touched", "commanded"))
+            gaps_mm = [gap for gap in cell["smallest_gap_mm"] if np.isfinite(gap)]
+            ms = (judged(f"{ms:.1f}", ms > goal) for ms, goal in zip(cell["ms"], GOALS_MS, strict=True))
+            rows.append([case, *shares, f"{min(gaps_mm):.0f}" if gaps_mm else "–", *ms])
+        time = f"ms, median (≤ {GOALS_MS[0]:g})", f"99 % (≤ {GOALS_MS[1]:g})"
+        return {"": Table(["case", "touched (%)", "commanded (%)", "smallest gap (mm)", *time], rows)}
 
     def episode(
         self, world: World, memory: PPSMemory, case: LoopCase, number: int, ms: list[float] | None = None
     ) -> EpisodeLog:
-        """One episode; approaches of the same number are the same with avoidance on and off.
+        """Run one episode; approaches of the same number are the same with avoidance on and off.
 
-        To `ms` come the processor times of the frames: perception, prediction and control, without rendering.
+        Appends to `ms` the processor times of the frames: perception, prediction and control, without rendering.
         """
         kind, avoid = LOOP_CASES[case]
-        rng = np.random.default_rng((self.seed, number, sorted({k for k, _ in LOOP_CASES.values()}).index(kind)))
+        kinds = sorted({kind for kind, _ in LOOP_CASES.values()})
+        rng = np.random.default_rng((self.seed, number, kinds.index(kind)))
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
         episode = make_episode(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
         pipeline = new_pipeline(world, memory)
 
         def step(frame: StereoFrame, touched: Mask) -> PipelineStep:
-            result, spent = timed(partial(pipeline.step, frame, touched))
+            result, frame_ms = timed(partial(pipeline.step, frame, touched))
             if ms is not None:
-                ms.append(spent)
+                ms.append(frame_ms)
             return result
 
         return log_of(world, episode, simulate(world, episode, step, avoid), avoid)
-
-
-def _seen(rig: StereoRig, logs: list[EpisodeLog]) -> dict[str, list[float]]:
-    """Of the frames in which the arm avoids: the share in which the object's centre is in the images of both eyes, and
-    the share in which it is tracked, which it is not where the arm hides it; nothing without such frames."""
-    seen: list[tuple[bool, bool]] = []
-    for log in logs:
-        for k in np.flatnonzero(log.speed_m_s > 0):
-            view, p = rig.view(log.q_rad[k]), log.truth_m[k]
-            seen.append((view.left.sees(p) and view.right.sees(p), log.status[k] is Status.TRACKING))
-    return {"seen_percent": (100 * np.mean(seen, axis=0)).tolist()} if seen else {}
-
-
-def _counts(logs: list[EpisodeLog]) -> dict[str, object]:
-    errors = np.concatenate([np.linalg.norm(log.track_m - log.truth_m, axis=1) for log in logs])
-    known = np.isfinite(errors)
-    return {
-        "episodes": len(logs),
-        "touched": sum(log.was_touched for log in logs),
-        "commanded": sum(log.was_commanded for log in logs),
-        "smallest_gap_mm": [
-            round(1000 * float(np.nanmin(log.surface_gap_m)), 1) if np.isfinite(log.surface_gap_m).any() else None
-            for log in logs
-        ],
-        "highest_activation": [round(float(log.activations.max()), 3) for log in logs],
-        "track_rms_mm": 1000 * float(np.sqrt(np.mean(errors[known] ** 2))) if known.any() else None,
-    }

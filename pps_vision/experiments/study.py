@@ -6,17 +6,14 @@ from `Study`. `pps-vision bench` finds it there by the module's name; the summar
 
 import hashlib
 import inspect
-import json
 import os
 import pkgutil
-import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from tempfile import gettempdir
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -27,7 +24,6 @@ from tqdm import tqdm
 from pps_vision import experiments
 from pps_vision.errors import InputError
 from pps_vision.experiments.timing import timed
-from pps_vision.recordings.outputs import whole_file, write_json
 from pps_vision.types import Array, Mask
 
 if TYPE_CHECKING:
@@ -397,35 +393,6 @@ def catalogue() -> dict[str, type[Study]]:
 
 def _is_study(value: Any) -> bool:
     return inspect.isclass(value) and issubclass(value, Study) and not inspect.isabstract(value)
-
-
-def run_parts(study: Study, tasks: Mapping[str, Callable[[], Any]]) -> dict[str, Any]:
-    """Do the tasks in turn and return their results by name, as JSON holds them.
-
-    Finished parts are kept in the system's folder for temporary files until all are, so that an interrupted run of the
-    same study by the same code goes on there.
-    """
-    kept = kept_folder(study)
-    parts = {name: part(kept / f"{name}.json", do) for name, do in tqdm(tasks.items(), disable=None)}
-    shutil.rmtree(kept)
-    return parts
-
-
-def part(file: Path, do: Callable[[], Any]) -> Any:
-    """Return what a file holds; where there is none, do it first and write it down as JSON."""
-    if not file.exists():
-        found = do()
-        with whole_file(file) as partial_file:
-            write_json(partial_file, found)
-    return json.loads(file.read_text())
-
-
-def kept_folder(study: Study) -> Path:
-    """Return the folder, among the system's temporary ones, of the parameters on which a study's numbers depend and of
-    all code."""
-    params = {name: value for name, value in vars(study).items() if name not in ("workers", "json")}
-    digest = hashlib.sha256(f"{type(study).__name__} {params}".encode() + code_digest())
-    return Path(gettempdir()) / f"pps-vision-{digest.hexdigest()[:16]}"
 
 
 @cache

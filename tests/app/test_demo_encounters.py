@@ -14,16 +14,16 @@ from episodes import episode_log
 
 from pps_vision.app import demo_encounters as module
 from pps_vision.app.demo import write_side_by_side
-from pps_vision.app.demo_encounters import Met, _page, chosen, demo_encounters
+from pps_vision.app.demo_encounters import DemoEncounter, _page, chosen, demo_encounters
 from pps_vision.app.encounters.encounter import HAZARDS
 from pps_vision.app.report import page
 from pps_vision.app.simulation import Episode, EpisodeLog
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
 
-def met(title: str, gap_m: float) -> Met:
+def met(title: str, gap_m: float) -> DemoEncounter:
     logs = [SimpleNamespace(surface_gap_m=np.array([[g, 1.0]]), was_touched=g <= 0.02) for g in (0.0, gap_m)]
-    return Met(title, tuple(logs), Path("none"))  # type: ignore[arg-type]
+    return DemoEncounter(title, tuple(logs), Path("none"))  # type: ignore[arg-type]
 
 
 def test_the_best_the_median_and_every_touched_one_are_shown_once() -> None:
@@ -67,7 +67,7 @@ def test_the_report_lists_all_encounters_and_shows_the_chosen(tmp_path: Path, mo
         write_side_by_side(tmp_path / f"{k}.mp4", (black, black))
         gaps = np.full_like(log.surface_gap_m, gap_m)
         on = replace(log, surface_gap_m=gaps, touched=gaps <= TOUCH_RADIUS_M)
-        some.append(Met(f"encounter {k}", (log, on), tmp_path / f"{k}.mp4"))
+        some.append(DemoEncounter(f"encounter {k}", (log, on), tmp_path / f"{k}.mp4"))
     text = _page(some, 2.0, 7)
     assert "3 encounters, 1 touched" in text
     assert text.count("<video") == 3  # best, median, touched
@@ -85,10 +85,10 @@ def test_every_encounter_is_met_without_and_with_avoidance(
     met_with: list[tuple[object, ...]] = []
 
     @contextmanager
-    def opened(arena: object, encounter: SimpleNamespace, noise: float, seed: int) -> Iterator[SimpleNamespace]:
+    def opened(scene: object, encounter: SimpleNamespace, noise: float, seed: int) -> Iterator[SimpleNamespace]:
         yield SimpleNamespace(encounter=encounter, noise=noise, seed=seed)
 
-    def drawn_lots(arena: object, condition: str, number: int, seed: int) -> SimpleNamespace:
+    def drawn_lots(scene: object, condition: str, number: int, seed: int) -> SimpleNamespace:
         of = {"condition": condition, "number": number, "side": "right" if number else "left", "part": "palm"}
         return SimpleNamespace(**of, stimulus="ball", speed_m_s=0.1, motion=None, seconds=2.0, seed=seed)
 
@@ -105,8 +105,8 @@ def test_every_encounter_is_met_without_and_with_avoidance(
         return iter((1, 2))
 
     replaced = {
-        "Arena": lambda: None,
-        "learn": lambda arena, side, seed, share: SimpleNamespace(of_both=f"memory of {side} {seed} {share}"),
+        "EncounterScene": lambda: None,
+        "learn": lambda scene, side, seed, share: SimpleNamespace(of_both=f"memory of {side} {seed} {share}"),
         "draw": drawn_lots,
         "open_encounter": opened,
         "new_pipeline": lambda world, memory: SimpleNamespace(step=memory),

@@ -8,10 +8,10 @@ from control.limits import MAX_HOLD_S
 from pps_vision.app.encounters.controllers import (
     RADIUS_M,
     SPEED_M_S,
+    ArmScene,
     Controller,
-    Home,
-    Numbers,
-    Setting,
+    ControllerParams,
+    HomeReturn,
     move_point,
     on_arm,
     room,
@@ -25,19 +25,19 @@ _SAMPLES = 24  # points of the object's surface
 _FIBONACCI = np.pi * (3 - np.sqrt(5))
 
 
-def potential_field(setting: Setting, numbers: Numbers) -> Controller:
+def potential_field(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return Khatib's (1986) potential field: every taxel nearer to the object than ρ₀ is pushed away from it.
 
     f = (1/ρ − 1/ρ₀)/ρ² along the distance ρ of surface and taxel, q̇ ∝ Σ Jᵀf towards and an attraction home; the
     fastest taxel moves at most at 10 cm/s. `numbers`: range_m (ρ₀), gain, home_per_s.
     """
-    range_m, home = numbers["range_m"], Home(setting, numbers["home_per_s"])
+    range_m, home = numbers["range_m"], HomeReturn(scene, numbers["home_per_s"])
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         pull = home.pull(posture)
         if not track.is_known:
             return pull
-        positions, _ = setting.skin.at(posture)
+        positions, _ = scene.skin.at(posture)
         d = positions - track.position
         distance = np.linalg.norm(d, axis=1)
         rho = np.maximum(distance - track.radius_m, 0.005)
@@ -45,17 +45,17 @@ def potential_field(setting: Setting, numbers: Numbers) -> Controller:
         if not force.any():
             return pull
         home.left = True
-        J = setting.skin.jacobians(posture, setting.arm)
+        J = scene.skin.jacobians(posture, scene.arm)
         rates = numbers["gain"] * np.einsum("ndk,nd->k", J, force)
         fastest = float(np.linalg.norm(J @ rates, axis=1).max())
         rates = rates * min(1.0, SPEED_M_S / max(fastest, 1e-9))
-        rates = rates + pull[setting.arm] * max(0.0, 1 - fastest / SPEED_M_S)
-        return on_arm(setting, np.clip(rates, *room(setting, posture)))
+        rates = rates + pull[scene.arm] * max(0.0, 1 - fastest / SPEED_M_S)
+        return on_arm(scene, np.clip(rates, *room(scene, posture)))
 
     return act
 
 
-def depth_space(setting: Setting, numbers: Numbers) -> Controller:
+def depth_space(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return the repulsion of Flacco et al. (2012) in the left eye's depth space.
 
     The object occupies what it hides: a point of its surface before a taxel counts as at the taxel's depth. The taxel
@@ -66,14 +66,14 @@ def depth_space(setting: Setting, numbers: Numbers) -> Controller:
     k = np.arange(_SAMPLES) + 0.5
     polar, azimuth = np.arccos(1 - 2 * k / _SAMPLES), _FIBONACCI * k
     sphere = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
-    range_m, home = numbers["range_m"], Home(setting)
+    range_m, home = numbers["range_m"], HomeReturn(scene)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         pull = home.pull(posture)
         if not track.is_known:
             return pull
-        T = posture.T_root(setting.robot.names.left_eye)
-        taxels = (setting.skin.at(posture)[0] - T[:3, 3]) @ T[:3, :3]
+        T = posture.T_root(scene.robot.names.left_eye)
+        taxels = (scene.skin.at(posture)[0] - T[:3, 3]) @ T[:3, :3]
         center = (track.position - T[:3, 3]) @ T[:3, :3]
         seen = center + max(track.radius_m, 0.001) * sphere
         seen = seen[(seen - center) @ center < 0]
@@ -91,45 +91,45 @@ def depth_space(setting: Setting, numbers: Numbers) -> Controller:
         if direction @ track.velocity > 0:
             across = direction - (direction @ track.velocity) * track.velocity / float(track.velocity @ track.velocity)
             direction = _unit((1 - numbers["aside"]) * direction + numbers["aside"] * _unit(across))
-        frame = setting.skin.parts[setting.skin.part_index[most]].frame
-        point = np.concatenate([part.positions_m for part in setting.skin.parts])[most]
-        rates = move_point(setting, posture, frame, point, SPEED_M_S * strength[most] * direction)[setting.arm]
+        frame = scene.skin.parts[scene.skin.part_index[most]].frame
+        point = np.concatenate([part.positions_m for part in scene.skin.parts])[most]
+        rates = move_point(scene, posture, frame, point, SPEED_M_S * strength[most] * direction)[scene.arm]
         closest = away[np.arange(len(away)), distance.argmin(axis=1)] @ T[:3, :3].T
-        towards = -np.einsum("ndk,nd->nk", setting.skin.jacobians(posture, setting.arm), closest)
+        towards = -np.einsum("ndk,nd->nk", scene.skin.jacobians(posture, scene.arm), closest)
         slowed = 1 - strength[:, None]
-        slowest, fastest = room(setting, posture)
+        slowest, fastest = room(scene, posture)
         slowest = np.where(towards < 0, slowed * slowest, slowest).max(axis=0)
         fastest = np.where(towards > 0, slowed * fastest, fastest).min(axis=0)
         rates = np.clip(rates, np.minimum(slowest, fastest), np.maximum(slowest, fastest))
-        return on_arm(setting, rates)
+        return on_arm(scene, rates)
 
     return act
 
 
-def taxel_constraints(setting: Setting, numbers: Numbers) -> Controller:
+def taxel_constraints(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return a quadratic programme after HARMONIOUS (Rozlivek et al. 2023): every taxel is a constraint.
 
     Joint rates nearest to those that lead home, such that no taxel moves outwards faster than V·(θ − a)/θ along its
     normal; above the threshold θ it has to withdraw. `numbers`: threshold, gain (of the withdrawal), home_per_s.
     """
-    threshold, arm, home = numbers["threshold"], ArmParams(), Home(setting, numbers["home_per_s"])
+    threshold, arm, home = numbers["threshold"], ArmParams(), HomeReturn(scene, numbers["home_per_s"])
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         home.left = home.left or bool((activations > threshold).any())
         if not home.left:
-            return np.zeros(setting.robot.n_joints)
+            return np.zeros(scene.robot.n_joints)
         pull = home.pull(posture)
-        _, normals = setting.skin.at(posture)
-        outwards = np.einsum("ndk,nd->nk", setting.skin.jacobians(posture, setting.arm), normals)
+        _, normals = scene.skin.at(posture)
+        outwards = np.einsum("ndk,nd->nk", scene.skin.jacobians(posture, scene.arm), normals)
         margin = (threshold - activations) / threshold
         most = SPEED_M_S * np.clip(np.where(margin < 0, numbers["gain"] * margin, margin), -1.0, 1.0)
-        distance, parting = setting.self_collision.parting(posture.q_rad, arm.near_m, setting.arm)
-        sphere = KeepIn(setting.palm, setting.palm_home, RADIUS_M)
-        out, out_m_s = sphere.row(posture, setting.arm)
+        distance, parting = scene.self_collision.parting(posture.q_rad, arm.near_m, scene.arm)
+        sphere = KeepIn(scene.palm, scene.palm_home, RADIUS_M)
+        out, out_m_s = sphere.row(posture, scene.arm)
         rows = np.vstack([outwards, -parting, out])
         limits = np.concatenate([most, (distance - arm.clearance_m) / MAX_HOLD_S, [out_m_s]])
-        rates = nearest_rates(pull[setting.arm], room(setting, posture), rows, limits)
-        return on_arm(setting, np.where(np.abs(rates) < 1e-6, 0.0, rates))
+        rates = nearest_rates(pull[scene.arm], room(scene, posture), rows, limits)
+        return on_arm(scene, np.where(np.abs(rates) < 1e-6, 0.0, rates))
 
     return act
 

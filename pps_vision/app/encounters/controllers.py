@@ -2,7 +2,7 @@
 
 A controller is one function of (activations (n,) of the arm's taxels, track, posture) that returns joint rates
 (n_joints,) rad/s. `pps-vision bench encounters --controller MODULE:FUNCTION` adds another one: FUNCTION is given a
-`Setting` at the start of each encounter and returns the controller for it.
+`ArmScene` at the start of each encounter and returns the controller for it.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,7 +31,7 @@ from pps_vision.types import Array, Track3D
 
 Controller = Callable[[Array, Track3D, Posture], Array]
 """Joint rates (n_joints,) rad/s of activations (n,), track and posture."""
-Numbers = Mapping[str, float]
+ControllerParams = Mapping[str, float]
 """Parameters of a controller by name."""
 SPEED_M_S = 0.10
 """Speed of the control point (R), the same for all controllers."""
@@ -41,7 +41,7 @@ _DAMPING_M, _RETURN_PER_S, _AT_HOME_RAD = 0.003, 3.0, np.deg2rad(0.2)  # as of o
 
 
 @dataclass(frozen=True)
-class Setting:
+class ArmScene:
     """What a controller may know beforehand."""
 
     robot: Robot
@@ -77,16 +77,16 @@ class Setting:
         return self.robot.at(self.home_rad).point(self.palm)
 
 
-def ours(setting: Setting, resting: int = 0, numbers: Numbers | None = None) -> Controller:
+def ours(scene: ArmScene, resting: int = 0, numbers: ControllerParams | None = None) -> Controller:
     """Return what the closed loop runs: R eq. 6 for what comes near, a quadratic programme with all limits.
 
     `resting`: how many of the arm's last joints stay at rest; `numbers`: other parameters than the defaults.
     """
-    home = tuple(setting.home_rad[setting.arm].tolist())
-    params_of = ReachingParams if setting.behaviour == "reach" else AvoidanceParams
-    params = params_of(home, setting.side, radius_m=RADIUS_M, arm=ArmParams(resting=resting))
+    home = tuple(scene.home_rad[scene.arm].tolist())
+    params_of = ReachingParams if scene.behaviour == "reach" else AvoidanceParams
+    params = params_of(home, scene.side, radius_m=RADIUS_M, arm=ArmParams(resting=resting))
     params = replace(params, **(numbers or {}))  # type: ignore[arg-type]
-    bare_links = BareLinks(setting.robot, setting.skin, setting.side)
+    bare_links = BareLinks(scene.robot, scene.skin, scene.side)
     state = ArmState()
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
@@ -94,14 +94,14 @@ def ours(setting: Setting, resting: int = 0, numbers: Numbers | None = None) -> 
         arm = ArmInput(
             track.stamp_s,
             posture,
-            setting.skin,
+            scene.skin,
             activations,
             track,
-            self_collision=setting.self_collision,
+            self_collision=scene.self_collision,
             bare_links=bare_links,
         )
         if isinstance(params, ReachingParams):
-            may_reach = setting.reachability is None or setting.reachability(posture.q_rad, track).is_reachable
+            may_reach = scene.reachability is None or scene.reachability(posture.q_rad, track).is_reachable
             state, response = reaching.step(params, state, arm, may_reach)
         else:
             state, response = avoidance.step(params, state, arm)
@@ -110,47 +110,47 @@ def ours(setting: Setting, resting: int = 0, numbers: Numbers | None = None) -> 
     return act
 
 
-def wrist_at_rest(setting: Setting) -> Controller:
+def wrist_at_rest(scene: ArmScene) -> Controller:
     """Return ours with the three joints of the wrist at rest, as R's robot had them."""
-    return ours(setting, resting=3)
+    return ours(scene, resting=3)
 
 
-def none(setting: Setting) -> Controller:
+def none(scene: ArmScene) -> Controller:
     """Return what never moves: the lower bound."""
-    rest = np.zeros(setting.robot.n_joints)
+    rest = np.zeros(scene.robot.n_joints)
     return lambda activations, track, posture: rest
 
 
-def paper(setting: Setting, numbers: Numbers) -> Controller:
+def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return R's own controller: eq. 6, a Cartesian controller, the response lasting and the arm going home.
 
     An activation of 1 gives 10 cm/s (R Fig 10). `numbers`: threshold; confirmation_s, persist_s.
     """
-    sign = 1.0 if setting.behaviour == "reach" else -1.0
-    active_since_s, home = np.inf, Home(setting)
+    sign = 1.0 if scene.behaviour == "reach" else -1.0
+    active_since_s, home = np.inf, HomeReturn(scene)
     last: tuple[float, str, Array, Array] | None = None
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal active_since_s, last
         t = track.stamp_s
-        point = control_point(numbers["threshold"], posture, setting.skin, activations)
+        point = control_point(numbers["threshold"], posture, scene.skin, activations)
         active_since_s = np.inf if point is None else min(active_since_s, t)
         if point is not None and t - active_since_s >= numbers["confirmation_s"] - 1e-9:
             last = t, point.frame, point.point, sign * SPEED_M_S * point.direction
         if last is not None and t - last[0] <= numbers["persist_s"] + 1e-9:
             home.left = True
-            return move_point(setting, posture, *last[1:])
+            return move_point(scene, posture, *last[1:])
         return home.pull(posture)
 
     return act
 
 
-def distance_only(setting: Setting, numbers: Numbers) -> Controller:
+def distance_only(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return R's controller on activations of a memory that knows D only (R S2 Fig)."""
-    of_activations = paper(setting, numbers)
+    of_activations = paper(scene, numbers)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
-        return of_activations(felt_by_distance(setting.skin, setting.of_distance, track, posture), track, posture)
+        return of_activations(felt_by_distance(scene.skin, scene.of_distance, track, posture), track, posture)
 
     return act
 
@@ -161,24 +161,24 @@ def felt_by_distance(skin: Skin, of_distance: PPSMemory, track: Track3D, posture
     return activation_by(FIELD, of_distance, track, Taxels(taxels, normals, np.zeros_like(taxels)))
 
 
-def move_point(setting: Setting, posture: Posture, frame: str, point: Array, velocity: Array) -> Array:
+def move_point(scene: ArmScene, posture: Posture, frame: str, point: Array, velocity: Array) -> Array:
     """Return the joint rates that move a point of a frame, by damped least squares within the joints' limits.
 
     The palm's velocity out of its sphere is taken away first.
     """
-    offset = posture.point(setting.palm) - setting.palm_home
+    offset = posture.point(scene.palm) - scene.palm_home
     distance = float(np.linalg.norm(offset))
     if distance >= RADIUS_M and offset @ velocity > 0:
         velocity = velocity - (offset @ velocity) * offset / distance**2
-    J = posture.jacobian(frame, point)[:3, setting.arm]
-    return on_arm(setting, solve_rates(J, velocity, np.zeros(len(setting.arm)), _DAMPING_M, room(setting, posture)))
+    J = posture.jacobian(frame, point)[:3, scene.arm]
+    return on_arm(scene, solve_rates(J, velocity, np.zeros(len(scene.arm)), _DAMPING_M, room(scene, posture)))
 
 
 @dataclass
-class Home:
+class HomeReturn:
     """The way back to the posture at the start, for an arm that has left it by a response."""
 
-    setting: Setting
+    scene: ArmScene
     """Robot and arm."""
     per_s: float = _RETURN_PER_S
     """Rate of the return, of the angles left."""
@@ -187,24 +187,24 @@ class Home:
 
     def pull(self, posture: Posture) -> Array:
         """Return joint rates (n_joints,) towards home, the palm at most at the speed of a response."""
-        setting = self.setting
-        away = setting.home_rad[setting.arm] - posture.q_rad[setting.arm]
+        scene = self.scene
+        away = scene.home_rad[scene.arm] - posture.q_rad[scene.arm]
         self.left = self.left and bool(np.abs(away).max() > _AT_HOME_RAD)
         if not self.left:
-            return np.zeros(setting.robot.n_joints)
+            return np.zeros(scene.robot.n_joints)
         rates = self.per_s * away
-        speed = np.linalg.norm(posture.jacobian(setting.palm)[:3, setting.arm] @ rates)
-        return on_arm(setting, rates / max(speed / SPEED_M_S, np.abs(rates).max() / LimitParams().joint_rad_s, 1.0))
+        speed = np.linalg.norm(posture.jacobian(scene.palm)[:3, scene.arm] @ rates)
+        return on_arm(scene, rates / max(speed / SPEED_M_S, np.abs(rates).max() / LimitParams().joint_rad_s, 1.0))
 
 
-def room(setting: Setting, posture: Posture) -> tuple[Array, Array]:
+def room(scene: ArmScene, posture: Posture) -> tuple[Array, Array]:
     """Return the lowest and highest rates (k,) of the arm's joints."""
-    lower, upper = setting.robot.lower_rad[setting.arm], setting.robot.upper_rad[setting.arm]
-    return rate_limits(posture.q_rad[setting.arm], lower, upper, LimitParams().joint_rad_s, 1 / MAX_HOLD_S)
+    lower, upper = scene.robot.lower_rad[scene.arm], scene.robot.upper_rad[scene.arm]
+    return rate_limits(posture.q_rad[scene.arm], lower, upper, LimitParams().joint_rad_s, 1 / MAX_HOLD_S)
 
 
-def on_arm(setting: Setting, rates: Array) -> Array:
+def on_arm(scene: ArmScene, rates: Array) -> Array:
     """Return the rates (k,) of the arm's joints as those of all joints (n_joints,)."""
-    dq = np.zeros(setting.robot.n_joints)
-    dq[setting.arm] = rates
+    dq = np.zeros(scene.robot.n_joints)
+    dq[scene.arm] = rates
     return dq

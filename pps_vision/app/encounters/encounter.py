@@ -110,7 +110,7 @@ class Encounter:
         return {"harmless_own_arm": "arm", "harmless_head": "head"}.get(self.condition, "")  # type: ignore[return-value]
 
 
-class Arena:
+class EncounterScene:
     """The robot and its skin, as the encounters of one process share them."""
 
     def __init__(self) -> None:
@@ -176,22 +176,22 @@ class Arena:
 
 Path = tuple[Motion, float, float]
 """A motion, the length of the encounter and the time of the would-be contact."""
-DrawPath = Callable[[Arena, Skin, Array, int, float, float, np.random.Generator], Path]
-"""Draws one of: arena, skin, joints (n_joints,), number of the taxel aimed at, radius, speed."""
+DrawPath = Callable[[EncounterScene, Skin, Array, int, float, float, np.random.Generator], Path]
+"""Draws one of: scene, skin, joints (n_joints,), number of the taxel aimed at, radius, speed."""
 
 
-def draw(arena: Arena, condition: Condition, number: int, seed: int) -> Encounter:
+def draw(scene: EncounterScene, condition: Condition, number: int, seed: int) -> Encounter:
     """Return encounter `number` of a condition: parts, sides and objects in turn, the rest at random."""
     rng = np.random.default_rng((seed, get_args(Condition).index(condition), number))
     part: Part = get_args(Part)[number % 3]
     side: Side = get_args(Side)[number // 3 % 2]
     stimulus = OBJECTS[number // 6 % len(OBJECTS)]
     speed = float(rng.uniform(*(FAST_M_S if condition == "through_fast" else SPEED_M_S)))
-    return draw_one(arena, condition, side, part, stimulus, speed, rng, number)
+    return draw_one(scene, condition, side, part, stimulus, speed, rng, number)
 
 
 def draw_one(
-    arena: Arena,
+    scene: EncounterScene,
     condition: Condition,
     side: Side,
     part: Part,
@@ -207,42 +207,42 @@ def draw_one(
     `path`: other paths than those of the condition.
     """
     drawn = path or draw_path(condition)
-    radius, skin = make_stimulus(stimulus, fineness=0).radius_m, arena.skins[side]
+    radius, skin = make_stimulus(stimulus, fineness=0).radius_m, scene.skins[side]
     ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
     taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
     while True:
-        q = draw_posture(arena, side, part, rng)
-        if condition == "harmless_own_arm" and not arena.may_swing(q, side):
+        q = draw_posture(scene, side, part, rng)
+        if condition == "harmless_own_arm" and not scene.may_swing(q, side):
             continue
         for _ in range(_DRAWS):
-            motion, seconds, contact_s = drawn(arena, skin, q, skin.index(taxel), radius, speed_m_s, rng)
+            motion, seconds, contact_s = drawn(scene, skin, q, skin.index(taxel), radius, speed_m_s, rng)
             if contact_s <= _LEAST_S:
                 continue
-            q_start, until_s = gaze_at(arena.robot, q, motion(0.0)[0]), min(seconds, contact_s)
-            shown = arena.shows(q_start, motion, radius, until_s)
-            if shown and can_follow(arena.robot, arena.rig, q_start, motion, until_s, 3):
+            q_start, until_s = gaze_at(scene.robot, q, motion(0.0)[0]), min(seconds, contact_s)
+            shown = scene.shows(q_start, motion, radius, until_s)
+            if shown and can_follow(scene.robot, scene.rig, q_start, motion, until_s, 3):
                 found = side, part, taxel, stimulus, radius, speed_m_s, motion, seconds, contact_s, q_start
                 return Encounter(number, condition, *found)
 
 
-def draw_posture(arena: Arena, side: Side, part: Part, rng: np.random.Generator) -> Array:
+def draw_posture(scene: EncounterScene, side: Side, part: Part, rng: np.random.Generator) -> Array:
     """Return joints (n_joints,) about those in which R's robot awaited touches of the part; torso and neck turned."""
-    robot, arm = arena.robot, arena.arm(side)
+    robot, arm = scene.robot, scene.arm(side)
     other: Side = "right" if side == "left" else "left"
     base = start_posture(robot, _SESSION[part])
     carrier = _CARRIER[part]
-    awaiting, hanging = (start_posture(robot, "palm")[arena.arm(s)] for s in ("right", "left"))
+    awaiting, hanging = (start_posture(robot, "palm")[scene.arm(s)] for s in ("right", "left"))
     if part != "palm":
-        awaiting = base[arena.arm(carrier)]
+        awaiting = base[scene.arm(carrier)]
     turned = robot.indices(("torso_yaw", "torso_pitch", "torso_roll", "neck_pitch", "neck_roll", "neck_yaw"))
     while True:
         q = base.copy()
-        q[arena.arm(other)] = hanging
+        q[scene.arm(other)] = hanging
         q[arm] = awaiting + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, len(arm))
         q[turned] += rng.uniform(-_TURN_RAD, _TURN_RAD, len(turned))
         q[arm] = np.clip(q[arm], robot.lower_rad[arm] + _MARGIN_RAD, robot.upper_rad[arm] - _MARGIN_RAD)
         q = robot.clamp(q)
-        if arena.self_collision.distance_m(q) > _CLEARANCE_M:
+        if scene.self_collision.distance_m(q) > _CLEARANCE_M:
             return q
 
 
@@ -270,9 +270,9 @@ def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
     for `dwell_s`."""
 
     def path(
-        arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+        scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
     ) -> Path:
-        posture = arena.robot.at(q)
+        posture = scene.robot.at(q)
         taxels, _ = skin.at(posture)
         visit = make_approach(rng, at_taxel(skin, posture, taxel, radius + REACH_M["approach"]), speed)
         ahead = (visit.end - visit.start) / np.linalg.norm(visit.end - visit.start)
@@ -287,9 +287,9 @@ def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
 
 
 def _recede(
-    arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+    scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
 ) -> Path:
-    aim = at_taxel(skin, arena.robot.at(q), taxel, radius + REACH_M["recede"])
+    aim = at_taxel(skin, scene.robot.at(q), taxel, radius + REACH_M["recede"])
     visit = make_approach(rng, aim, speed)
     return Recede(visit.end, visit.start, speed), visit.contact_s + 0.5, np.inf
 
@@ -298,9 +298,9 @@ def _rest(rest_m: tuple[float, float]) -> DrawPath:
     """Return what draws objects that move 5 cm away from the skin, so that they are seen to move, and rest."""
 
     def path(
-        arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+        scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
     ) -> Path:
-        posture = arena.robot.at(q)
+        posture = scene.robot.at(q)
         (positions, normals), distance = skin.at(posture), radius + rng.uniform(*rest_m)
         away = in_cap(rng, normals[taxel])
         start = positions[taxel] + (distance + START_M[1]) * away
@@ -311,10 +311,10 @@ def _rest(rest_m: tuple[float, float]) -> DrawPath:
 
 
 def _pass(
-    arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+    scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
 ) -> Path:
     """Straight past the arm: where it is nearest to the skin, it is `PASS_M` away."""
-    taxels, normals = skin.at(arena.robot.at(q))
+    taxels, normals = skin.at(scene.robot.at(q))
     distance = rng.uniform(*PASS_M)
     out = in_cap(rng, normals[taxel])
     sideways = rotation_to(out)[:, :2] @ _unit(rng.standard_normal(2))

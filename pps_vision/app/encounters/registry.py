@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from pps_vision.app.encounters.baselines import depth_space, potential_field, taxel_constraints
 from pps_vision.app.encounters.controllers import (
+    ArmScene,
     Controller,
-    Numbers,
-    Setting,
+    ControllerParams,
     distance_only,
     none,
     ours,
@@ -20,7 +20,7 @@ from pps_vision.app.encounters.controllers import (
 from pps_vision.app.encounters.tuned import TUNED
 from pps_vision.errors import InputError
 
-NewController = Callable[[Setting], Controller]
+NewController = Callable[[ArmScene], Controller]
 OURS, TRUE, NONE = "ours", "true positions", "no avoidance"
 """Ours; the upper bound, ours on tracks without error; the lower bound."""
 WRIST_AT_REST = "ours, wrist at rest"
@@ -34,7 +34,7 @@ REACHING = (OURS, ASKING, "R eq. 6", "distance only", TRUE)
 class Baseline(NamedTuple):
     """A baseline and the ranges that its parameters are drawn from; `TUNED` has their values."""
 
-    new: Callable[[Setting, Numbers], Controller]
+    new: Callable[[ArmScene, ControllerParams], Controller]
     ranges: Mapping[str, tuple[float, float]]
     """Uniform; of `gain` the logarithm is."""
 
@@ -60,26 +60,26 @@ _OURS_RANGES = {
     "escape_clearance_m": (0.0, 0.1),
     "persist_s": (0.0, 0.6),
 }
-TUNABLE = {**BASELINES, OURS: Baseline(lambda setting, numbers: ours(setting, numbers=numbers), _OURS_RANGES)}
+TUNABLE = {**BASELINES, OURS: Baseline(lambda scene, numbers: ours(scene, numbers=numbers), _OURS_RANGES)}
 """All that random search is done for; of ours the defaults are measured, whatever it finds."""
 NAMES = (OURS, *BASELINES, TRUE, NONE)
 
 
-def new_controller(name: str, numbers: Numbers | None = None) -> NewController:
+def new_controller(name: str, numbers: ControllerParams | None = None) -> NewController:
     """Return what makes a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION".
 
     Raises:
         InputError: There is no such controller.
     """
     if name in (OURS, ASKING, TRUE):
-        return lambda setting: ours(setting, numbers=numbers)
+        return lambda scene: ours(scene, numbers=numbers)
     if name == WRIST_AT_REST:
         return wrist_at_rest
     if name == NONE:
         return none
     if name in BASELINES:
         baseline, given = BASELINES[name], numbers or TUNED[name]
-        return lambda setting: baseline.new(setting, given)
+        return lambda scene: baseline.new(scene, given)
     module, _, function = name.partition(":")
     here = str(Path.cwd())
     if here not in sys.path:

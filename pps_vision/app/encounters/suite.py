@@ -16,9 +16,9 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import MapParams
 from learning.reach.track_reachability import TrackReachability
 from learning.reach.training import train_reachable_map
-from pps_vision.app.encounters.controllers import Numbers
-from pps_vision.app.encounters.encounter import Arena, Condition, draw
-from pps_vision.app.encounters.kinematic import can_touch, meet
+from pps_vision.app.encounters.controllers import ControllerParams
+from pps_vision.app.encounters.encounter import Condition, EncounterScene, draw
+from pps_vision.app.encounters.kinematic import can_touch, simulate_encounter
 from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, new_controller
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.app.encounters.training import Memories, learn
@@ -42,7 +42,7 @@ class Task(NamedTuple):
     seed: int
     controllers: tuple[str, ...]
     """Names, of a baseline perhaps with `#` and the number of its parameters among `numbers`."""
-    numbers: Mapping[str, Numbers] = {}
+    numbers: Mapping[str, ControllerParams] = {}
     """Other parameters than the tuned ones."""
 
 
@@ -53,7 +53,7 @@ def run_suite(
     controllers: Sequence[str],
     workers: int,
     share: float,
-    numbers: Mapping[str, Numbers] | None = None,
+    numbers: Mapping[str, ControllerParams] | None = None,
 ) -> Rows:
     """Return a row for each encounter and controller; they do not depend on the number of `workers`.
 
@@ -92,12 +92,12 @@ def _train(kept: Path, seed: int, share: float, needs_map: bool) -> None:
     for side in get_args(Side):
         files = _files(kept, side)
         if not files[1].exists():
-            for file, memory in zip(files, learn(_arena(), side, seed, share), strict=True):
+            for file, memory in zip(files, learn(_scene(), side, seed, share), strict=True):
                 save_memory(file, memory)
         if needs_map and not _map_file(kept, side).exists():
             n = max(round(share * _LABELS), 100)
             params, rng = MapParams(_GAZE, n_labels=n, round_labels=min(1500, n // 2)), np.random.default_rng(seed)
-            train_reachable_map(_arena().robot, side, rng, params).save(_map_file(kept, side))
+            train_reachable_map(_scene().robot, side, rng, params).save(_map_file(kept, side))
 
 
 def _run(task: Task, file: Path) -> Rows:
@@ -112,19 +112,19 @@ def _run(task: Task, file: Path) -> Rows:
 
 def _rows(task: Task, number: int, kept: Path) -> Rows:
     """One encounter with every controller, all with the same track errors; whether one to reach for can be touched."""
-    arena = _arena()
-    encounter = draw(arena, task.condition, number, task.seed)
-    seen = track_of(arena, encounter, track_rng(task.seed, task.condition, number))
+    scene = _scene()
+    encounter = draw(scene, task.condition, number, task.seed)
+    seen = track_of(scene, encounter, track_rng(task.seed, task.condition, number))
     true, found = true_track_of(encounter), []
     reaches = encounter.condition == "reach"
-    reachable = can_touch(arena, encounter, track_rng(task.seed, task.condition, number)) if reaches else None
+    reachable = can_touch(scene, encounter, track_rng(task.seed, task.condition, number)) if reaches else None
     for name in task.controllers:
         if name not in (*REACHING, NONE) if reaches else name == ASKING:
             continue
         new = new_controller(name.partition("#")[0], task.numbers.get(name))
         track = true if name == TRUE else seen
         asked = _maps(kept)[encounter.side] if name == ASKING else None
-        outcome = meet(arena, _memories(kept)[encounter.side], encounter, name, new, track, None, asked)
+        outcome = simulate_encounter(scene, _memories(kept)[encounter.side], encounter, name, new, track, None, asked)
         found.append({**asdict(outcome), "reachable": reachable})
     return found
 
@@ -135,8 +135,8 @@ def track_rng(seed: int, condition: Condition, number: int) -> np.random.Generat
 
 
 @cache
-def _arena() -> Arena:
-    return Arena()
+def _scene() -> EncounterScene:
+    return EncounterScene()
 
 
 @cache
@@ -146,7 +146,7 @@ def _memories(kept: Path) -> dict[Side, Memories]:
 
 @cache
 def _maps(kept: Path) -> dict[Side, TrackReachability]:
-    return {s: TrackReachability(_arena().robot, ReachableMap.load(_map_file(kept, s))) for s in get_args(Side)}
+    return {s: TrackReachability(_scene().robot, ReachableMap.load(_map_file(kept, s))) for s in get_args(Side)}
 
 
 def _map_file(kept: Path, side: str) -> Path:

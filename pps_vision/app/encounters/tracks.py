@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pps_vision.app.encounters.encounter import Arena, Encounter
+from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.app.simulation import PERIOD_S
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array, Status, Track3D
@@ -41,11 +41,11 @@ _KNOWN_TO_LAST = 0.2
 _RADIUS_STD = 0.05  # of the tracked radius, relative
 
 
-def track_of(arena: Arena, encounter: Encounter, rng: np.random.Generator) -> Sequence[Track3D]:
+def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generator) -> Sequence[Track3D]:
     """Return the track of every frame of an encounter, unknown until it is confirmed."""
     params, kalman_params = TrackerParams(), KalmanParams()
     lasting_m, new_m = (np.array(rms_m)[[1, 1, 0]] for rms_m in ERRORS[encounter.stimulus])
-    cov, head = np.diag(lasting_m**2 + new_m**2), arena.head(encounter.q_rad)
+    cov, head = np.diag(lasting_m**2 + new_m**2), scene.head(encounter.q_rad)
     lasting = lasting_m * rng.standard_normal(3)
     is_angular = encounter.stimulus in ("cube", "octopus")
     radius = encounter.radius_m * (1 + _RADIUS_STD * is_angular * rng.standard_normal())

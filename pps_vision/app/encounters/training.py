@@ -10,7 +10,7 @@ from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.receptive_field import ReceptiveField, perceive
-from pps_vision.app.encounters.encounter import OBJECTS, Arena, Encounter, Part, approach, draw_one
+from pps_vision.app.encounters.encounter import OBJECTS, Encounter, EncounterScene, Part, approach, draw_one
 from pps_vision.app.encounters.postures import TRIALS
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
@@ -40,28 +40,28 @@ class Memories(NamedTuple):
     """From D alone."""
 
 
-def learn(arena: Arena, side: Side, seed: int, share: float = 1.0) -> Memories:
+def learn(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> Memories:
     """Return the memories after a share of R's numbers of approaches (Table 5) by ball and cube at 5–15 cm/s."""
-    skin = arena.skins[side]
+    skin = scene.skins[side]
     states = [LearnerState(PPSMemory.empty(skin, p), EventBuffer()) for p in (MemoryParams(), BY_DISTANCE)]
     for j, (part, n) in enumerate(_APPROACHES.items()):
         for k in range(max(round(share * n), 1)):
             rng = np.random.default_rng((seed, _STREAM, side == "right", j, k))
             speed = float(rng.uniform(*SPEED_M_S))
-            touching = draw_one(arena, "press", side, part, OBJECTS[k % _LEARNED_OBJECTS], speed, rng, k, _TOUCH)
+            touching = draw_one(scene, "press", side, part, OBJECTS[k % _LEARNED_OBJECTS], speed, rng, k, _TOUCH)
             states = [LearnerState(state.memory, EventBuffer()) for state in states]
-            for events in _events(arena, touching, rng):
+            for events in _events(scene, touching, rng):
                 states = [learner.step(state, events) for state in states]
             states = [learner.finish(state) for state in states]
     return Memories(states[0].memory, states[1].memory)
 
 
-def _events(arena: Arena, touching: Encounter, rng: np.random.Generator) -> Iterator[TaxelEvents]:
+def _events(scene: EncounterScene, touching: Encounter, rng: np.random.Generator) -> Iterator[TaxelEvents]:
     """Yield what the skin at rest perceives of an approach until 0.7 s after the touch."""
-    skin = arena.skins[touching.side]
-    taxels, normals = skin.at(arena.robot.at(touching.q_rad))
+    skin = scene.skins[touching.side]
+    taxels, normals = skin.at(scene.robot.at(touching.q_rad))
     D, ttc = np.full((2, len(taxels)), np.nan)
-    for track in track_of(arena, touching, rng):
+    for track in track_of(scene, touching, rng):
         if track.stamp_s > touching.contact_s + _CONTACT_S:
             return
         touched = touched_taxels(taxels, touching.motion(track.stamp_s)[0], touching.radius_m)

@@ -1,4 +1,4 @@
-"""Parameters of the baseline controllers: the best of docs/results/encounters_tuning.json."""
+"""Parameters of the baseline controllers: the best of the part `tuning` of `bench encounters`."""
 
 TUNED: dict[str, dict[str, float]] = {
     "R eq. 6": {"threshold": 0.4203, "confirmation_s": 0.1306, "persist_s": 0.3889},

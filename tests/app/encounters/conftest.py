@@ -2,16 +2,16 @@
 
 import pytest
 
-from pps_vision.app.encounters.encounter import Arena
+from pps_vision.app.encounters.encounter import EncounterScene
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
 
 
 @pytest.fixture(scope="session")
-def arena() -> Arena:
-    return Arena()
+def scene() -> EncounterScene:
+    return EncounterScene()
 
 
 @pytest.fixture(scope="session")
-def memories(arena: Arena) -> dict[Side, Memories]:
-    return {"left": learn(arena, "left", 3, share=0.1)}
+def memories(scene: EncounterScene) -> dict[Side, Memories]:
+    return {"left": learn(scene, "left", 3, share=0.1)}

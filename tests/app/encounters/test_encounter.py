@@ -14,9 +14,9 @@ from pps_vision.app.encounters.encounter import (
     HAZARDS,
     PASS_M,
     PRESS_M,
-    Arena,
     Condition,
     Encounter,
+    EncounterScene,
     Part,
     draw,
     draw_one,
@@ -49,19 +49,21 @@ def test_the_would_be_contact_of_a_straight_path_by_hand() -> None:
     assert would_touch(start, 0 * down, taxels, RADIUS_M) == np.inf
 
 
-def gaps(arena: Arena, encounter: Encounter) -> tuple[Array, Array]:
+def gaps(scene: EncounterScene, encounter: Encounter) -> tuple[Array, Array]:
     """Times, and the object's distance left until it touches the arm at rest."""
     times = np.arange(0, encounter.seconds, 0.002)
-    taxels, _ = arena.skins[encounter.side].at(arena.robot.at(encounter.q_rad))
+    taxels, _ = scene.skins[encounter.side].at(scene.robot.at(encounter.q_rad))
     path = np.array([encounter.motion(t)[0] for t in times])
     return times, np.linalg.norm(path[:, None] - taxels, axis=2).min(axis=1) - encounter.radius_m - TOUCH_RADIUS_M
 
 
 @pytest.mark.parametrize("condition", HAZARDS)
 @pytest.mark.parametrize("number", [1, 5])
-def test_an_arm_at_rest_is_touched_when_the_encounter_says(arena: Arena, condition: Condition, number: int) -> None:
-    encounter = draw(arena, condition, number, seed=3)
-    times, left = gaps(arena, encounter)
+def test_an_arm_at_rest_is_touched_when_the_encounter_says(
+    scene: EncounterScene, condition: Condition, number: int
+) -> None:
+    encounter = draw(scene, condition, number, seed=3)
+    times, left = gaps(scene, encounter)
     assert times[np.argmax(left <= 0)] == pytest.approx(encounter.contact_s, abs=0.003)
     if condition == "stop":
         assert -0.004 < left.min() < 0
@@ -73,10 +75,10 @@ def test_an_arm_at_rest_is_touched_when_the_encounter_says(arena: Arena, conditi
 
 
 @pytest.mark.parametrize("condition", HARMLESS)
-def test_harmless_objects_touch_nothing(arena: Arena, condition: Condition) -> None:
+def test_harmless_objects_touch_nothing(scene: EncounterScene, condition: Condition) -> None:
     for number in (0, 4):
-        encounter = draw(arena, condition, number, seed=3)
-        left = gaps(arena, encounter)[1] + TOUCH_RADIUS_M
+        encounter = draw(scene, condition, number, seed=3)
+        left = gaps(scene, encounter)[1] + TOUCH_RADIUS_M
         assert encounter.contact_s == np.inf
         assert left.min() > TOUCH_RADIUS_M
         if condition == "harmless_passing":
@@ -84,42 +86,42 @@ def test_harmless_objects_touch_nothing(arena: Arena, condition: Condition) -> N
             assert left.min() < left[[0, -1]].min() - 0.02, "it comes nearer and leaves"
 
 
-def test_what_can_be_touched_is_found_by_its_distance(arena: Arena) -> None:
+def test_what_can_be_touched_is_found_by_its_distance(scene: EncounterScene) -> None:
     """An object a little before the palm can be touched, one a metre above it cannot."""
-    encounter = draw(arena, "reach", 2, 1)
-    palm = arena.robot.at(encounter.q_rad).point(f"{encounter.side}_palm")
+    encounter = draw(scene, "reach", 2, 1)
+    palm = scene.robot.at(encounter.q_rad).point(f"{encounter.side}_palm")
     for above_m, expected in ((0.07, True), (1.0, False)):
         waiting = replace(encounter, part="palm", motion=lambda t, z=above_m: (palm + np.array([0, 0, z]), np.zeros(3)))
-        assert can_touch(arena, waiting, np.random.default_rng(0)) == expected
+        assert can_touch(scene, waiting, np.random.default_rng(0)) == expected
 
 
-def test_what_a_forearm_cannot_touch_the_palm_can(arena: Arena) -> None:
+def test_what_a_forearm_cannot_touch_the_palm_can(scene: EncounterScene) -> None:
     """So of the objects to reach for none is out of the arm's reach (docs/avoidance.md)."""
-    encounter = draw(arena, "reach", 1, 9960)
+    encounter = draw(scene, "reach", 1, 9960)
     assert encounter.part.endswith("forearm")
     found = [
-        can_touch(arena, replace(encounter, part=part), np.random.default_rng(0)) for part in (encounter.part, "palm")
+        can_touch(scene, replace(encounter, part=part), np.random.default_rng(0)) for part in (encounter.part, "palm")
     ]
     assert found == [False, True]
 
 
-def test_an_encounter_depends_on_its_seed_and_number_alone(arena: Arena) -> None:
-    first, other = draw(arena, "press", 7, seed=3), draw(arena, "press", 8, seed=3)
-    again = draw(Arena(), "press", 7, seed=3)
+def test_an_encounter_depends_on_its_seed_and_number_alone(scene: EncounterScene) -> None:
+    first, other = draw(scene, "press", 7, seed=3), draw(scene, "press", 8, seed=3)
+    again = draw(EncounterScene(), "press", 7, seed=3)
     np.testing.assert_array_equal(first.q_rad, again.q_rad)
     np.testing.assert_array_equal(first.motion(0.3)[0], again.motion(0.3)[0])
     assert (first.side, first.part, first.stimulus) != (other.side, other.part, other.stimulus)
-    assert draw(arena, "press", 7, seed=4).speed_m_s != first.speed_m_s
+    assert draw(scene, "press", 7, seed=4).speed_m_s != first.speed_m_s
 
 
-def test_what_a_body_hides_is_counted_ray_by_ray(arena: Arena) -> None:
+def test_what_a_body_hides_is_counted_ray_by_ray(scene: EncounterScene) -> None:
     """A ball above, beside and behind the left forearm: the share hidden by the sphere at its end, by ray casting."""
-    posture = arena.robot.at(draw(arena, "stop", 0, 3).q_rad)
-    body = next(one for one in arena.robot.bodies if one.name == "left_forearm_1")
+    posture = scene.robot.at(draw(scene, "stop", 0, 3).q_rad)
+    body = next(one for one in scene.robot.bodies if one.name == "left_forearm_1")
     middle, (size,) = (posture.T_root(body.frame) @ body.T_frame_body)[:3, 3], body.size_m
-    eye = arena.head(posture.q_rad)
+    eye = scene.head(posture.q_rad)
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
-    assert arena.hidden_share(posture, eye, middle - 0.1 * ahead, 0.03) == 0, "before it"
+    assert scene.hidden_share(posture, eye, middle - 0.1 * ahead, 0.03) == 0, "before it"
     behind = middle + (0.01 + size + 0.03) * ahead
     balls = ball_row(middle, size)[None]
     angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
@@ -128,60 +130,62 @@ def test_what_a_body_hides_is_counted_ray_by_ray(arena: Arena) -> None:
     none = np.empty((0, PANEL_COLUMNS)), np.empty((0, CYLINDER_COLUMNS))
     hits = [first_hit(*eye, *(point - eye), balls, *none)[1] >= 0 for point in (behind, *rim)]
     assert np.mean(hits) > 0.5
-    assert arena.hidden_share(posture, eye, behind, 0.03) >= np.mean(hits)
+    assert scene.hidden_share(posture, eye, behind, 0.03) >= np.mean(hits)
 
 
-def test_bodies_that_are_left_out_hide_nothing(arena: Arena, monkeypatch: pytest.MonkeyPatch) -> None:
-    posture = arena.robot.at(draw(arena, "stop", 0, 3).q_rad)
-    eye, palm = arena.head(posture.q_rad), posture.point("left_palm")
+def test_bodies_that_are_left_out_hide_nothing(scene: EncounterScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    posture = scene.robot.at(draw(scene, "stop", 0, 3).q_rad)
+    eye, palm = scene.head(posture.q_rad), posture.point("left_palm")
     rng = np.random.default_rng(0)
     centers = [palm + rng.uniform(-0.15, 0.15, 3) for _ in range(40)]
-    found = [arena.hidden_share(posture, eye, center, 0.04) for center in centers]
-    monkeypatch.setattr(arena, "_sizes_m", np.full(len(arena.robot.bodies), 10.0))
-    assert found == [arena.hidden_share(posture, eye, center, 0.04) for center in centers]
+    found = [scene.hidden_share(posture, eye, center, 0.04) for center in centers]
+    monkeypatch.setattr(scene, "_sizes_m", np.full(len(scene.robot.bodies), 10.0))
+    assert found == [scene.hidden_share(posture, eye, center, 0.04) for center in centers]
     assert len(set(found)) > 3
 
 
-def test_an_object_behind_the_arm_is_not_drawn(arena: Arena) -> None:
+def test_an_object_behind_the_arm_is_not_drawn(scene: EncounterScene) -> None:
     """Of the suite's encounters none is hidden; without that demand some are: most with the right outer forearm."""
     for number in (10, 16):
-        encounter = draw(arena, "stop", number, 3)
-        assert arena.shows(encounter.q_rad, encounter.motion, encounter.radius_m, encounter.contact_s)
-    posture = arena.robot.at(draw(arena, "stop", 0, 3).q_rad)
-    eye, palm = arena.head(posture.q_rad), posture.point("left_palm")
+        encounter = draw(scene, "stop", number, 3)
+        assert scene.shows(encounter.q_rad, encounter.motion, encounter.radius_m, encounter.contact_s)
+    posture = scene.robot.at(draw(scene, "stop", 0, 3).q_rad)
+    eye, palm = scene.head(posture.q_rad), posture.point("left_palm")
     behind = palm + 0.06 * (palm - eye) / np.linalg.norm(palm - eye)
-    assert not arena.shows(posture.q_rad, lambda t: (behind, np.zeros(3)), 0.01, 1.0)
+    assert not scene.shows(posture.q_rad, lambda t: (behind, np.zeros(3)), 0.01, 1.0)
 
 
-def test_an_arm_that_swings_by_itself_stays_clear_of_the_body(arena: Arena) -> None:
+def test_an_arm_that_swings_by_itself_stays_clear_of_the_body(scene: EncounterScene) -> None:
     for number in range(4):
-        encounter, arm = draw(arena, "harmless_own_arm", number, 3), arena.arm(("left", "right")[number // 3 % 2])
+        encounter, arm = draw(scene, "harmless_own_arm", number, 3), scene.arm(("left", "right")[number // 3 % 2])
         q, clearest = encounter.q_rad.copy(), np.inf
         for k in range(round(encounter.seconds / 0.05)):
-            q = arena.robot.clamp(q + 0.05 * own_rate(arena.robot, "arm", arm, 0.05 * k))
-            clearest = min(clearest, arena.self_collision.distance_m(q))
+            q = scene.robot.clamp(q + 0.05 * own_rate(scene.robot, "arm", arm, 0.05 * k))
+            clearest = min(clearest, scene.self_collision.distance_m(q))
         assert clearest > 0.02
 
 
 @pytest.mark.parametrize("part", ["inner forearm", "outer forearm", "palm"])
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_the_arm_is_about_the_parts_posture_and_the_other_one_hangs(arena: Arena, side: Side, part: Part) -> None:
-    robot, rng = arena.robot, np.random.default_rng(0)
+def test_the_arm_is_about_the_parts_posture_and_the_other_one_hangs(
+    scene: EncounterScene, side: Side, part: Part
+) -> None:
+    robot, rng = scene.robot, np.random.default_rng(0)
     sessions = {"inner forearm": ("inner", "left"), "outer forearm": ("outer", "left"), "palm": ("palm", "right")}
     session, carrier = sessions[part]
-    arm, other = arena.arm(side), arena.arm("left" if side == "right" else "right")
-    awaiting = start_posture(robot, session)[arena.arm(carrier)]
-    hanging = start_posture(robot, "palm")[arena.arm("left")]
+    arm, other = scene.arm(side), scene.arm("left" if side == "right" else "right")
+    awaiting = start_posture(robot, session)[scene.arm(carrier)]
+    hanging = start_posture(robot, "palm")[scene.arm("left")]
     for _ in range(5):
-        q = draw_posture(arena, side, part, rng)
+        q = draw_posture(scene, side, part, rng)
         np.testing.assert_allclose(q[other], hanging)
         inside = np.clip(awaiting, robot.lower_rad[arm] + np.deg2rad(3), robot.upper_rad[arm] - np.deg2rad(3))
         assert 0.1 < np.abs(q[arm] - inside).max() < np.deg2rad(15) + 1e-9
         assert np.all(np.minimum(q - robot.lower_rad, robot.upper_rad - q)[arm] > np.deg2rad(3) - 1e-9)
-        assert arena.self_collision.distance_m(q) > 0.03
+        assert scene.self_collision.distance_m(q) > 0.03
 
 
-def test_after_six_paths_that_end_too_early_another_posture_is_drawn(arena: Arena) -> None:
+def test_after_six_paths_that_end_too_early_another_posture_is_drawn(scene: EncounterScene) -> None:
     tried, paths = [], drawing.draw_path("stop")
 
     def path(*given: Any) -> drawing.Path:
@@ -189,7 +193,7 @@ def test_after_six_paths_that_end_too_early_another_posture_is_drawn(arena: Aren
         motion, seconds, contact_s = paths(*given)
         return motion, seconds, 0.3 if len(tried) <= 7 else contact_s
 
-    found = draw_one(arena, "stop", "left", "palm", "ball", 0.1, np.random.default_rng(1), path=path)
+    found = draw_one(scene, "stop", "left", "palm", "ball", 0.1, np.random.default_rng(1), path=path)
     assert len(tried) > 7
     assert found.contact_s > 0.3
     same = [np.array_equal(a, b) for a, b in pairwise(tried[:7])]

@@ -1,0 +1,198 @@
+"""Every controller on the same encounters, without rendering."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import ceil
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pps_vision.app.encounters.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition
+from pps_vision.app.encounters.registry import ASKING, BASELINES, NAMES, NONE, OURS, REACHING, TRUE
+from pps_vision.app.encounters.suite import Rows, run_suite
+from pps_vision.experiments.charts import curves, panels
+from pps_vision.experiments.encounters.parameters import EncountersParameters
+from pps_vision.experiments.encounters.rates import MIN_SELF_DISTANCE_MM, SLOW_M_S, rate, unfinished_folder
+from pps_vision.experiments.study import interval, median
+from pps_vision.experiments.tables import Table, estimate, judged
+from pps_vision.recordings.outputs import whole_file, write_json
+from pps_vision.types import Array
+
+_BANDS_M_S = np.linspace(*SPEED_M_S, 6)
+_FAST_BANDS_M_S = np.linspace(*FAST_M_S, 4)
+_SHARES: dict[Condition, float] = {
+    **dict.fromkeys(HAZARDS, 1.0),
+    **dict.fromkeys(HARMLESS, 0.06),
+    "stop": 0.2,
+    "reach": 0.1,
+    "through_fast": 0.1,
+}
+_CONTROLLERS = {
+    "stop, ≤ 15 cm/s": "stop, slow",
+    "press, through": "press and through",
+    "15–30 cm/s": "fast",
+    "harmless: no command (%)": "still, all",
+}
+Row = dict[str, Any]
+
+
+def run(study: EncountersParameters) -> dict[str, Any]:
+    """Return rates by condition, speed and controller, and paired differences from ours."""
+    names = (*NAMES, study.controller) if study.controller else NAMES
+    numbers = {condition: ceil(share * study.n) for condition, share in _SHARES.items()}
+    folder = unfinished_folder(study, "controllers")
+    rows = run_suite(folder, numbers, study.seed, (*names, ASKING), study.workers, study.share)
+    if study.json is not None:
+        with whole_file(study.json) as partial:
+            write_json(partial, {"encounters": rows})
+    return summary(rows, names)
+
+
+def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
+    """Return the numbers of tables and chart from a row for each encounter and controller."""
+    by_name = {name: [row for row in rows if row["controller"] == name] for name in (*names, ASKING)}
+    faults = [row for row in rows if row["faults"] or not row["self_distance_m"] * 1000 >= MIN_SELF_DISTANCE_MM]
+    return {
+        "encounters": {c: len({row["number"] for row in rows if row["condition"] == c}) for c in (*HAZARDS, *HARMLESS)},
+        "controllers": {name: _of_controller(by_name[name], by_name[OURS]) for name in names},
+        "reaching": {name: _of_reaching(by_name[name]) for name in REACHING if name in by_name},
+        "limits": {
+            "encounters": len(rows),
+            "smallest_self_distance_mm": 1000 * min(row["self_distance_m"] for row in rows),
+            "left": len(faults),
+        },
+    }
+
+
+def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
+    hazards = [row for row in rows if row["condition"] in HAZARDS]
+    slow_stop = [row for row in hazards if row["condition"] == "stop" and row["speed_m_s"] <= SLOW_M_S]
+    hard = [row for row in hazards if row["condition"] != "stop"]
+    equal_n = min(sum(row["condition"] == c for row in hazards) for c in HAZARDS)
+    fast = [row for row in hazards if row["speed_m_s"] > SLOW_M_S and row["number"] < equal_n]
+    return {
+        "stop, slow": rate(slow_stop, is_untouched),
+        "stop, slow, distance_mm": _quartiles([1000 * row["distance_m"] for row in slow_stop]),
+        "stop, slow, lead_s": _quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
+        "untouched": {c: rate(_of_condition(hazards, c), is_untouched) for c in HAZARDS},
+        "by speed": {c: _by_speed(hazards, c, _BANDS_M_S) for c in HAZARDS},
+        "fast through, by speed": _by_speed(rows, "through_fast", _FAST_BANDS_M_S),
+        "press and through": rate(hard, is_untouched),
+        "press and through, beyond ours": _beyond(hard, ours),
+        "fast": rate(fast, is_untouched),
+        "fast, beyond ours": _beyond(fast, ours),
+        "still": {c: rate(_of_condition(rows, c), is_still) for c in HARMLESS},
+        "still, all": rate([row for row in rows if row["condition"] in HARMLESS], is_still),
+    }
+
+
+def _of_reaching(rows: Rows) -> dict[str, Any]:
+    """Rates of all objects to reach for, of those that the part aimed at can touch, and of the others."""
+    reaches = _of_condition(rows, "reach")
+    reachable = [row for row in reaches if row["reachable"]]
+    unreachable = [row for row in reaches if not row["reachable"]]
+    return {
+        "reachable": rate(reaches, lambda row: bool(row["reachable"])),
+        "touched": rate(reaches, lambda row: bool(row["touched"])),
+        "reachable: touched": rate(reachable, lambda row: bool(row["touched"])),
+        "reachable: by the part aimed at": rate(reachable, lambda row: row["touched_part"] == row["part"]),
+        "out of reach: attempted": rate(unreachable, lambda row: not is_still(row)),
+    }
+
+
+def _beyond(rows: Rows, ours: Rows) -> list[float]:
+    """Points by which fewer of the same encounters are touched than with ours, with the interval of the paired
+    difference."""
+    touched = {(row["condition"], row["number"]): row["touched"] for row in ours}
+    return interval([[100.0 * (touched[row["condition"], row["number"]] - row["touched"])] for row in rows])
+
+
+def _by_speed(rows: Rows, condition: Condition, bands_m_s: Array) -> list[list[float]]:
+    selected = _of_condition(rows, condition)
+    bands = ([row for row in selected if low <= row["speed_m_s"] < high] for low, high in pairwise(bands_m_s))
+    return [rate(band, is_untouched) for band in bands]
+
+
+def _of_condition(rows: Rows, condition: Condition) -> Rows:
+    return [row for row in rows if row["condition"] == condition]
+
+
+def is_untouched(row: Row) -> bool:
+    """Whether no taxel was touched."""
+    return not row["touched"]
+
+
+def is_still(row: Row) -> bool:
+    """Whether nothing was commanded."""
+    return not row["commands"]
+
+
+def _quartiles(values: Sequence[float]) -> list[float]:
+    """Median and quartiles."""
+    return [median(np.array(values)), *np.quantile(values, (0.25, 0.75))] if values else [np.nan] * 3
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Draw the share not touched against speed, by controller and condition."""
+    figure, axes = panels(len(HAZARDS))
+    bands = np.concatenate([_BANDS_M_S, _FAST_BANDS_M_S[1:]])
+    middle_cm_s = 50 * (bands[1:] + bands[:-1])
+    for axis, condition in zip(axes, HAZARDS, strict=True):
+        series = {name: cell["by speed"][condition] for name, cell in numbers["controllers"].items() if name != NONE}
+        if condition == "through":
+            series = {name: [*s, *numbers["controllers"][name]["fast through, by speed"]] for name, s in series.items()}
+        curves(axis, middle_cm_s[: len(series[OURS])], series, "speed (cm/s)", "not touched (%)")
+        axis.set_title(condition, fontsize=9)
+        axis.set_ylim(-2, 102)
+    axes[0].legend(fontsize=7)
+    return figure
+
+
+def tables(numbers: dict[str, Any]) -> dict[str, Table]:
+    """Return all controllers, and the goals of ours."""
+    rows = [
+        [name, *(estimate(cell[key]) for key in _CONTROLLERS.values())] for name, cell in numbers["controllers"].items()
+    ]
+    return {
+        "": Table(["not touched (%)", *_CONTROLLERS], rows),
+        "goals": Table(["ours", "goal", "measured"], _goals(numbers)),
+    }
+
+
+def _goals(numbers: dict[str, Any]) -> list[list[str]]:
+    """Goals of ours and the measured values; the value, not its interval, meets a goal."""
+    cells = numbers["controllers"]
+    ours = cells[OURS]
+    above = {name: _above(cells[name]["press and through, beyond ours"]) for name in (*BASELINES, TRUE)}
+    best = min(BASELINES, key=lambda name: above[name][0])
+    fast = _above(cells[TRUE]["fast, beyond ours"])
+    smallest_mm = [numbers["limits"]["smallest_self_distance_mm"]]
+    left = [numbers["limits"]["left"]]
+    reaching = numbers["reaching"]
+    goals: list[tuple[str, str, Sequence[float], Callable[[float], bool]]] = [
+        ("stop, ≤ 15 cm/s: not touched (%)", "≥ 99", ours["stop, slow"], lambda x: x >= 99),
+        ("distance left (mm), median", "≥ 20", ours["stop, slow, distance_mm"], lambda x: x >= 20),
+        ("lead (s), median", "≥ 0.4", ours["stop, slow, lead_s"], lambda x: x >= 0.4),
+        ("press, through: points above true positions", "≥ −3", above[TRUE], lambda x: x >= -3),
+        ("points above distance only", "≥ 15", above["distance only"], lambda x: x >= 15),
+        (f"points above the best baseline ({best})", "> 0", above[best], lambda x: x > 0),
+        ("15–30 cm/s: points above true positions", "≥ −5", fast, lambda x: x >= -5),
+        ("harmless: no command (%)", "≥ 99", ours["still, all"], lambda x: x >= 99),
+        (
+            "reached by the part aimed at (%)",
+            "≥ 98",
+            reaching[OURS]["reachable: by the part aimed at"],
+            lambda x: x >= 98,
+        ),
+        ("out of reach, attempted (%)", "0", reaching[ASKING]["out of reach: attempted"], lambda x: x == 0),
+        ("smallest self-collision distance (mm)", "≥ 20", smallest_mm, lambda x: x >= MIN_SELF_DISTANCE_MM),
+        ("encounters that left a limit", "0", left, lambda x: x == 0),
+    ]
+    return [[what, goal, judged(estimate(value), not is_met(value[0]))] for what, goal, value, is_met in goals]
+
+
+def _above(beyond: Sequence[float]) -> list[float]:
+    """Points by which ours is above another controller, from those by which the other is above ours."""
+    value, low, high = beyond
+    return [0.0 - value, 0.0 - high, 0.0 - low]

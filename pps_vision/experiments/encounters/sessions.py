@@ -1,0 +1,261 @@
+"""R's last sessions, simulated: an octopus approaches forearm and palm in turn, in avoidance and in reaching."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, get_args
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from control.fixation import gaze_at
+from pps_vision.app.encounters.controllers import RADIUS_M, felt_by_distance
+from pps_vision.app.encounters.encounter import Condition, Encounter, EncounterScene, Part, draw_path
+from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
+from pps_vision.app.encounters.postures import start_posture
+from pps_vision.app.encounters.registry import WRIST_AT_REST, new_controller
+from pps_vision.app.encounters.tracks import track_of
+from pps_vision.app.encounters.training import Memories, learn
+from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side, can_follow
+from pps_vision.experiments.charts import panels
+from pps_vision.experiments.encounters.parameters import EncountersParameters
+from pps_vision.experiments.study import percent_of
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import INNER_FOREARM
+from pps_vision.types import Array
+from rendering.stimuli import make_stimulus
+
+THRESHOLD = 0.4
+"""R: only frames in which some activation exceeds it were recorded."""
+_PARTS: tuple[tuple[Side, Part], ...] = (("left", "inner forearm"), ("right", "palm"))
+_DISTANCE_ONLY = "distance only"
+_SHOWN = 3  # approaches drawn of each part
+_EVERY = round(0.25 / PERIOD_S)  # frames between the kept positions of the palm
+_COLOURS = {"avoidance": "tab:red", "reaching": "tab:blue"}  # as R's
+_LINKS = {
+    "torso": (("root", "lower_torso", "chest", "neck_1", "head"), "0.5"),
+    "left arm": (("chest", "left_shoulder_1", "left_upper_arm", "left_lower_arm", "left_hand", "left_palm"), "pink"),
+    "right arm": (
+        ("chest", "right_shoulder_1", "right_upper_arm", "right_lower_arm", "right_hand", "right_palm"),
+        "lightblue",
+    ),
+    "left eye": (("head", "eyes", "left_eye"), "gold"),
+    "right eye": (("head", "eyes", "right_eye"), "gold"),
+}
+"""Frames from root to tip, and colours (R S1 Fig)."""
+
+
+def run(study: EncountersParameters) -> dict[str, Any]:
+    """Return counts and ranges of each session, the palms' paths, and the first approaches frame by frame."""
+    scene = EncounterScene()
+    memories = {side: learn(scene, side, study.seed, study.share) for side in get_args(Side)}
+    sessions: dict[str, tuple[Condition, str, float]] = {
+        "avoidance": ("stop", WRIST_AT_REST, study.avoidance_min),
+        "reaching": ("reach", WRIST_AT_REST, study.reaching_min),
+        "distance only": ("stop", _DISTANCE_ONLY, study.avoidance_min),
+    }
+    posture = scene.robot.at(_start(scene.robot))
+    rest = {name: [posture.point(f).round(3).tolist() for f in frames] for name, (frames, _) in _LINKS.items()}
+    return {"rest_m": rest} | {
+        name: session(scene, memories, condition, controller, 60 * study.share * minutes, study.seed)
+        for name, (condition, controller, minutes) in sessions.items()
+    }
+
+
+def session(
+    scene: EncounterScene,
+    memories: Mapping[Side, Memories],
+    condition: Condition,
+    controller: str,
+    seconds: float,
+    seed: int,
+) -> dict[str, Any]:
+    """Return counts and ranges of a session of approaches to both arms in turn."""
+    rng = np.random.default_rng((seed, condition == "reach"))
+    logs: dict[Side, list[list[FrameLog]]] = {"left": [], "right": []}
+    results: list[EncounterResult] = []
+    t = 0.0
+    while t < seconds:
+        side, part = _PARTS[len(results) % 2]
+        encounter = _approach(scene, condition, side, part, rng, len(results))
+        frames: list[FrameLog] = []
+        tracks = track_of(scene, encounter, rng)
+        new = new_controller(controller)
+        results.append(simulate_encounter(scene, memories[side], encounter, controller, new, tracks, frames))
+        if controller == _DISTANCE_ONLY:  # show the activations that move this arm, not those of D and TTC
+            q = encounter.q_rad
+            for k, track in enumerate(tracks):
+                felt = felt_by_distance(scene.skins[side], memories[side].of_distance, track, scene.robot.at(q))
+                q = frames[k].q_rad
+                frames[k] = frames[k]._replace(activations=felt)
+        logs[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
+        t += encounter.seconds
+    paths = {side: [_path(scene.robot, side, log) for log in logs[side]] for side in logs}
+    return {
+        "minutes": t / 60,
+        "approaches": len(results),
+        "answered": sum(result.commands > 0 for result in results),
+        "touched": sum(result.touched for result in results),
+        "by the part aimed at": sum(result.touched_part == result.part for result in results),
+        "limits left": sum(bool(result.faults) for result in results),
+        "arms": {side: ranges(scene, side, logs[side]) for side in logs},
+        "paths_mm": paths if controller == WRIST_AT_REST else {},
+        "frames": {side: [_shown(log) for log in logs[side][:_SHOWN]] for side in logs},
+    }
+
+
+def _approach(
+    scene: EncounterScene, condition: Condition, side: Side, part: Part, rng: np.random.Generator, number: int
+) -> Encounter:
+    """Draw the octopus's next approach to an arm that awaits it."""
+    robot = scene.robot
+    skin = scene.skins[side]
+    q = _start(robot)
+    radius_m = make_stimulus("octopus", fineness=0).radius_m
+    ids = skin.parts[1].ids if part == "palm" else INNER_FOREARM
+    while True:
+        taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
+        speed = float(rng.uniform(*SPEED_M_S))
+        motion, seconds, contact_s = draw_path(condition)(scene, skin, q, skin.index(taxel), radius_m, speed, rng)
+        q_start = gaze_at(robot, q, motion(0.0)[0])
+        until_s = min(seconds, contact_s)
+        is_in_view = can_follow(robot, scene.rig, q_start, motion, until_s, 3)
+        if is_in_view and scene.shows(q_start, motion, radius_m, until_s):
+            return Encounter(
+                number=number,
+                condition=condition,
+                side=side,
+                part=part,
+                taxel=taxel,
+                stimulus="octopus",
+                radius_m=radius_m,
+                speed_m_s=speed,
+                motion=motion,
+                seconds=seconds,
+                contact_s=contact_s,
+                q_rad=q_start,
+            )
+
+
+def _start(robot: Robot) -> Array:
+    """Posture (n_joints,) of both arms that awaits the octopus."""
+    q = start_posture(robot, "inner")
+    right = robot.indices(robot.names.arm("right"))
+    q[right] = start_posture(robot, "palm")[right]
+    return q
+
+
+def _path(robot: Robot, side: Side, frames: Sequence[FrameLog]) -> list[list[int]]:
+    """Positions of the palm (mm) four times a second while an activation exceeds the threshold."""
+    active = [frame for frame in frames[::_EVERY] if frame.activations.max() > THRESHOLD]
+    palm = robot.names.palm(side)
+    return [np.rint(1000 * robot.at(frame.q_rad).point(palm)).astype(int).tolist() for frame in active]
+
+
+def ranges(scene: EncounterScene, side: Side, logs: Sequence[Sequence[FrameLog]]) -> dict[str, Any]:
+    """Return ranges of joints and palm while an activation exceeded the threshold; NaN where none did."""
+    frames = [frame for log in logs for frame in log if frame.activations.max() > THRESHOLD]
+    if not frames:
+        return {"joints_deg": [[np.nan] * 7] * 2, "palm_m": [[np.nan] * 3] * 2, "farthest_m": 0.0}
+    palm = scene.robot.names.palm(side)
+    start = scene.robot.at(logs[0][0].q_rad).point(palm)
+    joints = np.rad2deg([frame.q_rad[scene.arm(side)] for frame in frames])
+    positions = np.array([scene.robot.at(frame.q_rad).point(palm) for frame in frames])
+    return {
+        "joints_deg": [joints.min(axis=0).round(2).tolist(), joints.max(axis=0).round(2).tolist()],
+        "palm_m": [positions.min(axis=0).round(3).tolist(), positions.max(axis=0).round(3).tolist()],
+        "farthest_m": float(np.linalg.norm(positions - start, axis=1).max()),
+    }
+
+
+def _shown(frames: Sequence[FrameLog]) -> dict[str, Any]:
+    """Numbers of an approach's panels."""
+    return {
+        "t_s": [round(frame.t_s, 2) for frame in frames],
+        "distance_m": np.round([frame.distance_m for frame in frames], 4).tolist(),
+        "activations": np.round([frame.activations for frame in frames], 3).tolist(),
+        "speed_m_s": np.round([frame.speed_m_s for frame in frames], 4).tolist(),
+        "touching": [bool(frame.touching) for frame in frames],
+    }
+
+
+def chart(numbers: dict[str, Any]) -> dict[str, Figure]:
+    """Draw R Figs 10, 11 and S2 (distance and speed above, activation and touch below), and the palms' paths (S1)."""
+    figures = {"paths": _paths(numbers)}
+    for name in ("avoidance", "reaching", "distance only"):
+        figure, axes = panels(4, 2, height=2.6)
+        for k, (side, approaches) in enumerate(numbers[name]["frames"].items()):
+            _panel(axes[k], axes[2 + k], approaches, f"{side} {dict(_PARTS)[side]}")
+        figures[name.replace(" ", "_")] = figure
+    return figures
+
+
+def _panel(above: Axes, below: Axes, approaches: Sequence[dict[str, Any]], title: str) -> None:
+    speed = above.twinx()
+    for approach in approaches:
+        t = approach["t_s"]
+        above.set_prop_cycle(None)  # a taxel has one colour
+        below.set_prop_cycle(None)
+        above.plot(t, 100 * np.array(approach["distance_m"]), lw=0.8)
+        speed.fill_between(t, 100 * np.array(approach["speed_m_s"]), color="tab:purple", alpha=0.25, lw=0)
+        below.plot(t, approach["activations"], lw=0.8)
+        below.fill_between(t, np.array(approach["touching"], dtype=float), color="tab:green", alpha=0.3, lw=0)
+    for axis in (above, below):
+        axis.grid(alpha=0.25)
+    below.axhline(THRESHOLD, color="0.3", lw=0.8, ls="--")
+    above.set(title=title, ylabel="distance to taxels (cm)", ylim=(0, 30))
+    speed.set(ylabel="speed (cm/s)", ylim=(0, 20))
+    below.set(xlabel="time (s)", ylabel="activation", ylim=(0, 1.02))
+
+
+def _paths(numbers: Mapping[str, Any]) -> Figure:
+    """Draw the palms' paths about the robot at rest and their spheres: in perspective, from behind and from above."""
+    figure = Figure((13.5, 4.6), layout="constrained")
+    space = figure.add_subplot(1, 3, 1, projection="3d")
+    planes = {figure.add_subplot(1, 3, 2): (1, 2), figure.add_subplot(1, 3, 3): (1, 0)}
+    rest = {name: np.array(points) for name, points in numbers["rest_m"].items()}
+    lines: list[tuple[Array, dict[str, Any]]] = [
+        (points, {"color": _LINKS[name][1], "lw": 4, "alpha": 0.9}) for name, points in rest.items()
+    ]
+    for name, colour in _COLOURS.items():
+        paths = (np.array(path) / 1000 for paths in numbers[name]["paths_mm"].values() for path in paths if path)
+        lines += [(path, {"color": colour, "lw": 0.5, "alpha": 0.8}) for path in paths]
+        space.plot([], [], color=colour, label=name)
+    angles = np.linspace(0, 2 * np.pi, 60)
+    cos = RADIUS_M * np.cos(angles)
+    sin = RADIUS_M * np.sin(angles)
+    for side in get_args(Side):
+        center = rest[f"{side} arm"][-1]
+        for axes in ((0, 1), (1, 2), (2, 0)):
+            circle = np.tile(center, (60, 1))
+            circle[:, axes] += np.column_stack([cos, sin])
+            space.plot(*circle.T, color="0.6", lw=0.6)
+        for plane, axes in planes.items():
+            plane.plot(center[axes[0]] + cos, center[axes[1]] + sin, color="0.6", lw=0.8)
+    for points, style in lines:
+        space.plot(*points.T, **style)
+        for plane, axes in planes.items():
+            plane.plot(*points[:, axes].T, **style)
+    space.plot([], [], color="0.6", lw=0.8, label=f"{RADIUS_M:g} m from rest")
+    space.legend(fontsize=7, loc="upper left")
+    space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    space.set_aspect("equal")
+    space.locator_params(nbins=4)
+    space.view_init(elev=20, azim=-150)
+    for plane, axes, name in zip(planes, planes.values(), ("from behind", "from above"), strict=True):
+        plane.set(xlabel=f"{'xyz'[axes[0]]} (m)", ylabel=f"{'xyz'[axes[1]]} (m)", title=name, aspect="equal")
+        plane.grid(alpha=0.25)
+    list(planes)[1].invert_yaxis()  # the robot looks along −x
+    return figure
+
+
+def table(numbers: dict[str, Any]) -> Table:
+    """Return the counts of each session."""
+    rows = []
+    for name in ("avoidance", "reaching", "distance only"):
+        cell = numbers[name]
+        shares = (estimate(percent_of(cell[key], cell["approaches"])) for key in ("touched", "by the part aimed at"))
+        farthest_m = max(arm["farthest_m"] for arm in cell["arms"].values())
+        rows.append([name, str(cell["approaches"]), *shares, f"{farthest_m:.3f}"])
+    header = ["session", "approaches", "touched (%)", "by the part aimed at (%)", "palm from rest (m)"]
+    return Table(header, rows)
