@@ -39,8 +39,11 @@ class Eyes:
         props: tuple[tuple[Part, ...], ...] = (),
         fidelity: Fidelity | None = None,
     ) -> None:
-        self._robot, self._rig, self._stimulus = robot, rig, stimulus
-        self._sensor, self._fidelity = sensor or Sensor(), fidelity or Fidelity()
+        self._robot = robot
+        self._rig = rig
+        self._stimulus = stimulus
+        self._sensor = sensor or Sensor()
+        self._fidelity = fidelity or Fidelity()
         self._lenses = (Lens(rig.left), Lens(rig.right))
         self._pinholes = pinholes(self._lenses, self._fidelity.scale)
         self._maps = [lens.map_to(pinhole) for lens, pinhole in zip(self._lenses, self._pinholes, strict=True)]
@@ -69,19 +72,19 @@ class Eyes:
         exposure = instants(self._robot, self._rig, state, self._sensor.blur_s, self._fidelity)
         light = [np.zeros((lens.camera.height, lens.camera.width, 3), np.float32) for lens in self._lenses]
         for instant in exposure:
-            for one, image in zip(light, self._images(instant), strict=True):
-                cv2.accumulate(image, one)
-        left, right = (expose(self._sensor, one / len(exposure), rng) for one in light)
+            for total, image in zip(light, self._images(instant), strict=True):
+                cv2.accumulate(image, total)
+        left, right = (expose(self._sensor, total / len(exposure), rng) for total in light)
         q_rad = state.q_rad.copy()
         return StereoFrame(left, right, stamp_s, stamp_s, q_rad, q_rad)
 
     def _images(self, state: SceneState) -> list[Image]:
         """Return both images at one instant, without sensor."""
         self._stage.arrange(state)
-        lighting, images = self._fidelity.lighting, []
+        images = []
         for lens, pinhole, maps, view in zip(self._lenses, self._pinholes, self._maps, self._views(state), strict=True):
             nodes = self._stage.in_view(view, lens.slopes)
-            drawn = self._renderer.color(nodes, View(pinhole, view.T_root_camera), lighting)
+            drawn = self._renderer.color(nodes, View(pinhole, view.T_root_camera), self._fidelity.lighting)
             images.append(np.asarray(cv2.remap(drawn, *maps, cv2.INTER_LINEAR), np.uint8))
         return images
 
@@ -91,9 +94,14 @@ class Eyes:
         left, right = self._views(state)
         self._stage.arrange(state)
         visible = [view.sees(position) and self._is_first(view, position - view.center) for view in (left, right)]
-        left_px, right_px = left.project(position), right.project(position)
         return Truth(
-            stamp_s, position, state.velocity, self._stimulus.radius_m, left_px, right_px, visible[0], visible[1]
+            stamp_s,
+            position,
+            state.velocity,
+            self._stimulus.radius_m,
+            left.project(position),
+            right.project(position),
+            *visible,
         )
 
     def _is_first(self, view: View, sight_root: Array) -> bool:

@@ -33,14 +33,16 @@ class Lens:
     @cached_property
     def slopes(self) -> tuple[float, float, float, float]:
         """Smallest x/z and y/z, largest x/z and y/z in the image, with a margin of one pixel."""
-        c, xy = self.camera, self._slopes_of_pixels.reshape(-1, 2)
+        c = self.camera
+        xy = self._slopes_of_pixels.reshape(-1, 2)
         (left, top), (right, bottom) = xy.min(axis=0), xy.max(axis=0)
         return left - 1 / c.fx, top - 1 / c.fy, right + 1 / c.fx, bottom + 1 / c.fy
 
     def map_to(self, pinhole: Camera) -> tuple[Array, Array]:
         """Return the maps for `cv2.remap` from the image of a pinhole camera at the same place."""
         x, y = np.moveaxis(self._slopes_of_pixels, -1, 0)
-        u, v = pinhole.fx * x + pinhole.cx, pinhole.fy * y + pinhole.cy
+        u = pinhole.fx * x + pinhole.cx
+        v = pinhole.fy * y + pinhole.cy
         maps = cv2.convertMaps(u.astype(np.float32), v.astype(np.float32), cv2.CV_16SC2)
         return np.asarray(maps[0]), np.asarray(maps[1])
 
@@ -51,14 +53,16 @@ def pinholes(lenses: Sequence[Lens], scale: float) -> list[Camera]:
     At scale 1 and without distortion their pixels coincide with the lens's.
     """
     fitted = [_pinhole(lens, scale) for lens in lenses]
-    width, height = (max(camera.width for camera in fitted), max(camera.height for camera in fitted))
+    width = max(camera.width for camera in fitted)
+    height = max(camera.height for camera in fitted)
     return [Camera(width, height, camera.fx, camera.fy, camera.cx, camera.cy) for camera in fitted]
 
 
 def _pinhole(lens: Lens, scale: float) -> Camera:
-    c, (left, top, right, bottom) = lens.camera, lens.slopes
-    fx, fy = scale * c.fx, scale * c.fy
-    cx, cy = scale * (c.cx + 0.5) - 0.5, scale * (c.cy + 0.5) - 0.5  # pixel centres are integers, edges half integers
-    first_u, first_v = np.floor(left * fx + cx), np.floor(top * fy + cy)
-    last_u, last_v = np.ceil(right * fx + cx), np.ceil(bottom * fy + cy)
-    return Camera(int(last_u - first_u) + 1, int(last_v - first_v) + 1, fx, fy, cx - first_u, cy - first_v)
+    c = lens.camera
+    focal = scale * np.array([c.fx, c.fy])
+    center = scale * (np.array([c.cx, c.cy]) + 0.5) - 0.5  # pixel centres are integers, edges half integers
+    slopes = np.array(lens.slopes).reshape(2, 2)  # least and greatest x/z and y/z
+    first, last = np.floor(slopes[0] * focal + center), np.ceil(slopes[1] * focal + center)
+    width, height = (last - first + 1).astype(int).tolist()
+    return Camera(width, height, *focal.tolist(), *(center - first).tolist())

@@ -109,8 +109,9 @@ class ReachMotion:
         tau = t_s / self._whole_s
         u = _OVERSHOOT * tau**3 * (10 - 15 * tau + 6 * tau**2)
         du = _OVERSHOOT * 30 * tau**2 * (1 - tau) ** 2 / self._whole_s
-        out, on = self.via - self.start, self.end - self.via
-        return self.start + u * (2 - u) * out + u**2 * on, 2 * du * ((1 - u) * out + u * on)
+        leg_1 = self.via - self.start
+        leg_2 = self.end - self.via
+        return self.start + u * (2 - u) * leg_1 + u**2 * leg_2, 2 * du * ((1 - u) * leg_1 + u * leg_2)
 
 
 @dataclass(frozen=True)
@@ -139,9 +140,9 @@ class Linear:
     def __call__(self, t_s: float) -> tuple[Array, Array]:
         """A triangle wave along the segment."""
         length = float(np.linalg.norm(self.end - self.start))
-        there, since_start = divmod(t_s * self.speed_m_s, length)
-        start, end = (self.start, self.end) if there % 2 == 0 else (self.end, self.start)
-        return _along(start, end, since_start, self.speed_m_s)
+        passes, distance = divmod(t_s * self.speed_m_s, length)
+        start, end = (self.start, self.end) if passes % 2 == 0 else (self.end, self.start)
+        return _along(start, end, distance, self.speed_m_s)
 
 
 @dataclass(frozen=True)
@@ -156,9 +157,9 @@ class Circle:
     def __call__(self, t_s: float) -> tuple[Array, Array]:
         """At angle speed·t/radius from the first axis."""
         angle = t_s * self.speed_m_s / self.radius_m
-        c, s = np.cos(angle), np.sin(angle)
-        position = self.center + self.radius_m * (np.array([c, s]) @ self.axes)
-        return position, self.speed_m_s * (np.array([-s, c]) @ self.axes)
+        outward = np.array([np.cos(angle), np.sin(angle)])
+        ahead = np.array([-outward[1], outward[0]])
+        return self.center + self.radius_m * (outward @ self.axes), self.speed_m_s * (ahead @ self.axes)
 
 
 @dataclass(frozen=True)

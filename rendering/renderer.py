@@ -23,7 +23,8 @@ from rendering.light import AMBIENT, LAMPS, STRENGTHS, diffuse_light
 from rendering.room import atlas, room_surface
 from rendering.shapes import Surface
 
-_NEAR_M, _FAR_M = 0.02, 8.0
+_NEAR_M = 0.02
+_FAR_M = 8.0
 _T_CAMERA_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL cameras look along −z, with y up
 _GAMMA = 2.2  # of pyrender's shading
 _BAKED_STEP = 1 / 512  # quantum of the rotation matrices that light is baked for: below 0.3 of 255 grey levels
@@ -115,9 +116,12 @@ class Renderer:
         for shown in self._visible:
             shown.mesh.is_visible = True
         c = view.camera
-        self._screen.viewport_width, self._screen.viewport_height = c.width, c.height
-        # pyrender's image starts at the first pixel's corner, ours at its centre
-        self._camera.fx, self._camera.fy, self._camera.cx, self._camera.cy = c.fx, c.fy, c.cx + 0.5, c.cy + 0.5
+        self._screen.viewport_width = c.width
+        self._screen.viewport_height = c.height
+        self._camera.fx = c.fx
+        self._camera.fy = c.fy
+        self._camera.cx = c.cx + 0.5  # pyrender's image starts at the first pixel's corner, ours at its centre
+        self._camera.cy = c.cy + 0.5
         self._scene.set_pose(self._camera_node, view.T_root_camera @ _T_CAMERA_OPENGL)
 
     def _place(self, node: Node, lighting: Lighting) -> Any:

@@ -18,12 +18,18 @@ _TILE = 512  # texels along each side of a surface's picture
 _PER_ROW = 4
 
 # Corners (m, root frame) at the picture's top left, top right and bottom left, seen from inside.
-_FRONT, _BACK, _WALL, _FLOOR, _CEILING, _TABLE = -1.9, 0.9, 1.5, -0.65, 1.45, -0.22
+_FRONT = -1.9
+_BACK = 0.9
+_WALL = 1.5
+_FLOOR = -0.65
+_CEILING = 1.45
+_TABLE = -0.22
 
 
 def _noise(rng: np.random.Generator, coarsest: int, finest: int, stretch: tuple[int, int] = (1, 1)) -> Array:
     """Fractal noise (tile, tile) in [−1, 1]: octaves of `coarsest` to `finest` cells a side."""
-    total, cells = np.zeros((_TILE, _TILE), np.float32), coarsest
+    total = np.zeros((_TILE, _TILE), np.float32)
+    cells = coarsest
     while cells <= finest:
         shape = (cells // stretch[0], cells // stretch[1])
         octave = rng.uniform(-1, 1, shape).astype(np.float32)
@@ -42,7 +48,8 @@ def _bricks(rng: np.random.Generator, color: tuple[int, int, int], mortar: tuple
     """Rows of bricks, each of its own brightness."""
     picture = _painted(rng, mortar, _noise(rng, 16, 256), 0.25)
     bricks = _painted(rng, color, _noise(rng, 8, 256), 0.30)
-    height, width = _TILE // rows, 2 * _TILE // rows
+    height = _TILE // rows
+    width = 2 * _TILE // rows
     for row in range(rows):
         for left in range(-(row % 2) * width // 2, _TILE, width):
             box = np.s_[row * height + 2 : (row + 1) * height - 1, max(left + 2, 0) : max(left + width - 1, 0)]

@@ -77,7 +77,10 @@ class Stage:
         room: Node,
         fineness: int,
     ) -> None:
-        self._robot, self._carrier_name, self._room, self._fineness = robot, carrier, room, fineness
+        self._robot = robot
+        self._carrier_name = carrier
+        self._room = room
+        self._fineness = fineness
         frames = dict.fromkeys(body.frame for body in robot.bodies)
         self._bodies = {
             frame: Node(surface_of(body_part(b, fineness) for b in robot.bodies if b.frame == frame))

@@ -42,15 +42,14 @@ class Surface:
 
 def surface_of(parts: Iterable[Part]) -> Surface:
     """Return all parts as one surface with smoothed normals."""
-    positions, normals, colors, faces, count = [], [], [], [], 0
-    for part in parts:
-        shaded = trimesh.graph.smooth_shade(part.mesh, angle=_SHARP)
-        positions.append(shaded.vertices)
-        normals.append(shaded.vertex_normals)
-        colors.append(np.tile(part.color, (len(shaded.vertices), 1)))
-        faces.append(shaded.faces + count)
-        count += len(shaded.vertices)
-    return Surface(np.vstack(positions), np.vstack(normals), np.vstack(faces), np.vstack(colors))
+    colored = [(trimesh.graph.smooth_shade(part.mesh, angle=_SHARP), part.color) for part in parts]
+    first_vertices = np.cumsum([0, *(len(mesh.vertices) for mesh, _ in colored)])
+    return Surface(
+        np.vstack([mesh.vertices for mesh, _ in colored]),
+        np.vstack([mesh.vertex_normals for mesh, _ in colored]),
+        np.vstack([mesh.faces + first for (mesh, _), first in zip(colored, first_vertices, strict=False)]),
+        np.vstack([np.tile(color, (len(mesh.vertices), 1)) for mesh, color in colored]),
+    )
 
 
 def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fineness: int = 3) -> Part:
@@ -103,7 +102,8 @@ def _tube_faces(rings: int, sides: int) -> Array:
     j = (i + 1) % sides
     low = sides * np.arange(rings - 1)[:, None]
     wall = np.stack([low + i, low + j, low + sides + j, low + i, low + sides + j, low + sides + i], axis=-1)
-    last, pole = sides * (rings - 1), sides * rings
+    last = sides * (rings - 1)
+    pole = sides * rings
     first_cap = np.column_stack([np.full(sides, pole), j, i])
     last_cap = np.column_stack([np.full(sides, pole + 1), last + i, last + j])
     return np.vstack([wall.reshape(-1, 3), first_cap, last_cap])

@@ -27,16 +27,17 @@ def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float, fid
 
 def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> float:
     """Return the largest image motion of anything in view while the shutter is open, px."""
-    before, after = state.moved(-blur_s / 2), state.moved(blur_s / 2)
-    start, stop = rig.view(before.q_rad), rig.view(after.q_rad)
+    opening = state.moved(-blur_s / 2)
+    closing = state.moved(blur_s / 2)
+    views = [rig.view(moment.q_rad) for moment in (opening, closing)]
     drift = 0.0
-    for eye, eye_then in ((start.left, stop.left), (start.right, stop.right)):
-        room = _points_of_room(eye)
-        px = eye.project(np.vstack([room, _movers(robot, before)]))
-        px_then = eye_then.project(np.vstack([room, _movers(robot, after)]))
-        inside = [(p >= 0) & (p < (eye.camera.width, eye.camera.height)) for p in (px, px_then)]
-        seen = np.all(inside, axis=(0, 2))
-        drift = max(drift, np.linalg.norm((px_then - px)[seen], axis=1).max(initial=0.0))
+    for first, last in ((views[0].left, views[1].left), (views[0].right, views[1].right)):
+        room = _points_of_room(first)
+        first_px = first.project(np.vstack([room, _movers(robot, opening)]))
+        last_px = last.project(np.vstack([room, _movers(robot, closing)]))
+        inside = [(px >= 0) & (px < (first.camera.width, first.camera.height)) for px in (first_px, last_px)]
+        visible = np.all(inside, axis=(0, 2))
+        drift = max(drift, np.linalg.norm((last_px - first_px)[visible], axis=1).max(initial=0.0))
     return drift
 
 

@@ -1,7 +1,6 @@
 """What the rendered eyes show, against projective geometry and OpenCV."""
 
 import itertools
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -153,17 +152,3 @@ def test_optical_flow_finds_hold_all_over_a_muted_room(robot: Robot, rig: Stereo
             strength = cv2.cornerMinEigenVal(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), 15)
             assert np.mean(strength[20:-20:24, 20:-20:24] > 2 * at_noise) > 0.8
             assert 10 < cv2.cvtColor(image, cv2.COLOR_RGB2HSV)[..., 1].mean() < 110
-
-
-def test_noise_without_a_generator_is_refused(robot: Robot, rig: StereoRig, q: Array) -> None:
-    with (
-        Eyes(robot, rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=1)) as eyes,
-        pytest.raises(ValueError, match="random generator, got None"),
-    ):
-        eyes.render(SceneState(q), 0.0)
-
-
-def test_a_lens_that_cannot_be_undone_is_refused(robot: Robot, rig: StereoRig) -> None:
-    folding = replace(rig.left, distortion=(-1.5, 0.0, 0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="can be undone over the whole image"):
-        Eyes(robot, replace(rig, left=folding), make_stimulus("ball"))

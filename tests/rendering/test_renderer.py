@@ -33,10 +33,6 @@ def uploaded_after_a_frame(eyes: Eyes, state: SceneState) -> int:
     return shared_renderer().n_uploaded
 
 
-def test_one_renderer_a_process() -> None:
-    assert shared_renderer() is shared_renderer()
-
-
 def test_depth_is_the_distance_along_the_axis() -> None:
     node = Node(surface_of([sphere(0.1, (1, 0, 0), fineness=5)]), transform(translation=(0, 0, 0.5)))
 
@@ -157,29 +153,3 @@ def test_a_driver_that_gives_no_context_is_named_in_one_line(environment: dict[s
     last = run.stderr.strip().splitlines()[-1]
     assert last.startswith("OSError: no OpenGL 4.1 context on EGL device")
     assert "libegl1 and libgl1" in last
-
-
-def test_the_process_ends_quietly() -> None:
-    code = "from rendering.renderer import shared_renderer; shared_renderer()"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout + run.stderr == ""
-
-
-def test_the_box_of_a_node_has_the_corners_of_its_bounds_at_its_pose() -> None:
-    surface = surface_of([sphere(0.1, (1, 0, 0), center=(0.3, -0.2, 0.7)), sphere(0.05, (1, 0, 0), center=(0, 0.5, 0))])
-    node = Node(surface, transform(turned(0.7), (0.1, 0.2, 0.3)))
-    (x0, y0, z0), (x1, y1, z1) = surface.positions.min(axis=0), surface.positions.max(axis=0)
-    corners = np.array([[x, y, z] for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
-    expected = corners @ turned(0.7).T + [0.1, 0.2, 0.3]
-    assert node.box_root.shape == (8, 3)
-    np.testing.assert_allclose(np.unique(node.box_root.round(9), axis=0), np.unique(expected.round(9), axis=0))
-
-
-@pytest.mark.parametrize(("width", "height"), [(7, 3), (3, 7)])
-def test_depth_is_that_of_the_middle_pixel_of_any_shape(width: int, height: int) -> None:
-    """A ball of one pixel's radius there; two pixels aside there is nothing."""
-    node = Node(surface_of([sphere(0.005, (1, 0, 0))]), transform(translation=(0, 0, 0.5)))
-    for right, down in ((0, 0), (2, 0), (0, 2), (-2, 0), (0, -2)):
-        camera = Camera(width, height, 100, 100, width // 2 + right, height // 2 + down)
-        seen = np.isfinite(shared_renderer().depth([node], View(camera, np.eye(4))))
-        assert seen == ((right, down) == (0, 0))

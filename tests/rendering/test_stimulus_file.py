@@ -135,29 +135,6 @@ def test_a_file_without_an_object_is_named_in_one_line(tmp_path: Path, name: str
     assert "\n" not in str(error.value)
 
 
-def test_a_closed_mesh_whose_triangles_lie_apart_in_the_texture_is_closed(tmp_path: Path) -> None:
-    box, file = trimesh.creation.box((0.05, 0.05, 0.05)), tmp_path / "textured.obj"
-    lines = ["v {} {} {}".format(*vertex) for vertex in box.vertices]
-    for k, face in enumerate(box.faces):
-        lines += [f"vt {(k + 0.1 * corner) / 12} {corner / 3}" for corner in range(3)]
-        lines.append("f " + " ".join(f"{vertex + 1}/{3 * k + corner + 1}" for corner, vertex in enumerate(face)))
-    file.write_text("\n".join(lines))
-    assert len(load_stimulus(file).parts) == 1  # no inside to look into
-
-
-def test_a_mesh_of_too_many_triangles_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "fine.stl"
-    trimesh.creation.icosphere(subdivisions=7, radius=0.03).export(file)  # 20 · 4⁷ = 327 680
-    with pytest.raises(InputError, match="327680 triangles; expected at most 200000"):
-        load_stimulus(file)
-
-
-def test_a_size_in_the_wrong_unit_is_refused(tmp_path: Path) -> None:
-    wedge().export(tmp_path / "wedge.stl")
-    with pytest.raises(ValueError, match=r"wedge.stl: 80 m across if its unit is m; expected 0.002 to 0.6 m"):
-        load_stimulus(tmp_path / "wedge.stl")
-
-
 @pytest.mark.parametrize(("size_mm", "fits"), [(1.8, False), (2.2, True), (580, True), (620, False)])
 def test_an_object_fits_the_eyes_view(size_mm: float, fits: bool, tmp_path: Path) -> None:
     """Of 2 mm to 0.6 m; one that is told its radius is scaled."""
