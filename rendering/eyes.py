@@ -14,7 +14,7 @@ from rendering.fidelity import Fidelity
 from rendering.lens import Lens, pinholes
 from rendering.names import CarrierName
 from rendering.renderer import shared_renderer
-from rendering.scene import SceneState, Stage
+from rendering.scene import Scene, SceneState
 from rendering.sensor import Sensor, expose
 from rendering.shapes import Part
 from rendering.shutter import instants
@@ -48,8 +48,8 @@ class Eyes:
         self._pinholes = pinholes(self._lenses, self._fidelity.scale)
         self._maps = [lens.map_to(pinhole) for lens, pinhole in zip(self._lenses, self._pinholes, strict=True)]
         self._renderer = shared_renderer()
-        self._stage = Stage(robot, stimulus, carrier, props, self._renderer.room, self._fidelity.fineness)
-        self._release = weakref.finalize(self, self._renderer.release, self._stage.held)
+        self._scene = Scene(robot, stimulus, carrier, props, self._renderer.room, self._fidelity.fineness)
+        self._release = weakref.finalize(self, self._renderer.release, self._scene.held)
 
     def __enter__(self) -> Self:
         """Itself."""
@@ -59,13 +59,13 @@ class Eyes:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Free the graphics memory."""
-        self._renderer.release(self._stage.held)
+        self._renderer.release(self._scene.held)
 
     def set_stimulus(self, stimulus: Stimulus) -> None:
         """Replace the stimulus."""
-        self._renderer.release(self._stage.held)
+        self._renderer.release(self._scene.held)
         self._stimulus = stimulus
-        self._stage.set_stimulus(stimulus)
+        self._scene.set_stimulus(stimulus)
 
     def render(self, state: SceneState, stamp_s: float, rng: np.random.Generator | None = None) -> StereoFrame:
         """Return the stereo pair at one stamp; `rng` drives the sensor noise."""
@@ -80,10 +80,10 @@ class Eyes:
 
     def _images(self, state: SceneState) -> list[Image]:
         """Return both images at one instant, without sensor."""
-        self._stage.arrange(state)
+        self._scene.arrange(state)
         images = []
         for lens, pinhole, maps, view in zip(self._lenses, self._pinholes, self._maps, self._views(state), strict=True):
-            nodes = self._stage.in_view(view, lens.slopes)
+            nodes = self._scene.in_view(view, lens.slopes)
             drawn = self._renderer.color(nodes, View(pinhole, view.T_root_camera), self._fidelity.lighting)
             images.append(np.asarray(cv2.remap(drawn, *maps, cv2.INTER_LINEAR), np.uint8))
         return images
@@ -92,7 +92,7 @@ class Eyes:
         """Return true position and image points of the stimulus; NaN and not visible if there is none."""
         position = np.full(3, np.nan) if state.position is None else state.position
         left, right = self._views(state)
-        self._stage.arrange(state)
+        self._scene.arrange(state)
         visible = [view.sees(position) and self._is_first(view, position - view.center) for view in (left, right)]
         return Truth(
             stamp_s,
@@ -112,8 +112,8 @@ class Eyes:
         x, y, z = view.T_root_camera[:3, :3].T @ sight_root
         f = view.camera.focal_px
         pixel = View(Camera(1, 1, f, f, -f * x / z, -f * y / z), view.T_root_camera)
-        shown = self._stage.object
-        others = [node for node in self._stage.in_view(view, (x / z, y / z, x / z, y / z)) if node is not shown]
+        shown = self._scene.object
+        others = [node for node in self._scene.in_view(view, (x / z, y / z, x / z, y / z)) if node is not shown]
         return min(self._renderer.depth([shown], pixel), z) <= self._renderer.depth(others, pixel)
 
     def _views(self, state: SceneState) -> tuple[View, View]:

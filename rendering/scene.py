@@ -22,14 +22,14 @@ def _still() -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class PropPose:
     """Pose of a prop in the root frame: position m, velocity m/s (used by motion blur only), rotation (3, 3)."""
 
     position: Array
     velocity: Array = field(default_factory=_still)
     rotation: Array | None = None
 
-    def moved(self, dt_s: float) -> "Placed":
+    def moved(self, dt_s: float) -> "PropPose":
         """The same `dt_s` later, at constant velocity."""
         return replace(self, position=self.position + dt_s * self.velocity)
 
@@ -43,7 +43,7 @@ class SceneState:
     was given, in their order; None or a missing entry: not in the scene.  A board and a second ball:
 
         eyes = Eyes(robot, rig, ball, props=(make_stimulus("ball").parts, (board(0.1, 0.2),)))
-        eyes.render(SceneState(q, p, v, props=(Placed(p2, v2), Placed(between, rotation=facing))), t)
+        eyes.render(SceneState(q, p, v, props=(PropPose(p2, v2), PropPose(between, rotation=facing))), t)
     """
 
     q_rad: Array
@@ -52,7 +52,7 @@ class SceneState:
     dq_rad_s: Array | None = None
     rotation: Array | None = None
     carrier_direction: tuple[float, float, float] | Array = TOWARDS_EXPERIMENTER
-    props: tuple[Placed | None, ...] = ()
+    props: tuple[PropPose | None, ...] = ()
 
     def moved(self, dt_s: float) -> "SceneState":
         """The state `dt_s` later (or earlier), at constant velocities."""
@@ -62,7 +62,7 @@ class SceneState:
         return replace(self, q_rad=q, position=position, props=props)
 
 
-class Stage:
+class Scene:
     """Nodes of a scene, of which only the poses change: arms, props, stimulus and its carrier, room.
 
     `held` lists all nodes but the room, which belongs to the renderer.
@@ -104,22 +104,22 @@ class Stage:
         posture = self._robot.at(state.q_rad)
         for frame, node in self._bodies.items():
             node.T_root_node = posture.T_root(frame)
-        self.there = [*self._bodies.values(), self._room]
+        self.nodes = [*self._bodies.values(), self._room]
         if state.position is not None:
             self.object.T_root_node = transform(state.rotation, state.position)
             for node in self._carrier:
                 node.T_root_node = carrier_pose(state.position, state.carrier_direction)
-            self.there += [self.object, *self._carrier]
+            self.nodes += [self.object, *self._carrier]
         for prop, node in zip(state.props, self._props, strict=False):
             if prop is not None:
                 node.T_root_node = transform(prop.rotation, prop.position)
-                self.there.append(node)
-        self._boxes_root = np.array([node.box_root for node in self.there])
+                self.nodes.append(node)
+        self._boxes_root = np.array([node.box_root for node in self.nodes])
 
     def in_view(self, view: View, slopes: tuple[float, float, float, float]) -> list[Node]:
         """Return the nodes whose boxes reach into a view between `slopes` (least x/z and y/z, greatest x/z and y/z)."""
         is_in = _reach_into(view, slopes, self._boxes_root)
-        return [node for node, inside in zip(self.there, is_in, strict=True) if inside]
+        return [node for node, inside in zip(self.nodes, is_in, strict=True) if inside]
 
 
 def _reach_into(view: View, slopes: tuple[float, float, float, float], boxes_root: Array) -> Mask:

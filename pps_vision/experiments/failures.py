@@ -26,7 +26,7 @@ from pps_vision.experiments.tables import Table, break_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
 from rendering.motions import Circle, Motion
-from rendering.scene import Placed
+from rendering.scene import PropPose
 from rendering.shapes import Part, board, sphere
 from rendering.stimuli import BLUE, RED, make_stimulus
 
@@ -160,7 +160,7 @@ def _shown(
     pose: Posing | None = None,
     radius_m: float = RADIUS_M,
     prop: tuple[Part, ...] | None = None,
-    placed: Callable[[float], Placed | None] = lambda _: None,
+    placed: Callable[[float], PropPose | None] = lambda _: None,
     **also: Any,
 ) -> Footage:
     """Film a ball, and one other thing where it is placed, without noise; the eyes follow unless posed."""
@@ -196,7 +196,7 @@ def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float 
     height = nearer * drop
     if share is not None:
         height = nearer * (drop - RADIUS_M + 2 * RADIUS_M * share) - 0.15
-    place = Placed(EYES_M + np.array([-_BOARD_M, 0.0, height]), rotation=_FACING)
+    place = PropPose(EYES_M + np.array([-_BOARD_M, 0.0, height]), rotation=_FACING)
     is_there = hidden_s > 0 if share is None else share > 0
 
     def motion(t_s: float) -> tuple[Array, Array]:
@@ -213,9 +213,9 @@ def _twin(source: SceneSource, seed: int, gap_radii: float) -> Footage:
     motion, middle_s = _circle(seed, 0.08, 0.6), 2.0
     passed = motion(middle_s)[0] + gap_radii * RADIUS_M * _UP
 
-    def placed(t: float) -> Placed | None:
+    def placed(t: float) -> PropPose | None:
         seen_at = passed + 0.3 * (t - middle_s) * _ASIDE
-        return Placed(EYES_M + 0.75 * (seen_at - EYES_M)) if t > 1.0 else None
+        return PropPose(EYES_M + 0.75 * (seen_at - EYES_M)) if t > 1.0 else None
 
     pose = stare_at(load_icub(), _center(seed))
     return _sensed(_shown(source, seed, motion, 3.2, pose, prop=(sphere(RADIUS_M, RED),), placed=placed), seed)
@@ -230,7 +230,7 @@ def _two(source: SceneSource, seed: int, gap_radii: float) -> Footage:
 
     pose = stare_at(load_icub(), center)
     ball = (sphere(RADIUS_M, BLUE),)
-    shown = _shown(source, seed, motion, 2.5, pose, prop=ball, placed=lambda t: Placed(other(t)))
+    shown = _shown(source, seed, motion, 2.5, pose, prop=ball, placed=lambda t: PropPose(other(t)))
     recording = _sensed(shown, seed)
     return replace(recording, other_position=np.array([other(t) for t in recording.stamps_s]))
 

@@ -27,7 +27,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Image, Mask, StereoFrame, Truth
 from rendering.eyes import Eyes
-from rendering.scene import Placed, SceneState
+from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
 from rendering.shapes import Part
 from rendering.stimuli import Stimulus
@@ -152,12 +152,12 @@ def _surface(parts: tuple[Part, ...]) -> Surface:
     return Surface(colors[0]) if len(colors) == 1 else Surface(colors[0], "chequered", colors[1], 5)
 
 
-def _prop(parts: tuple[Part, ...]) -> Callable[[Placed], Ball | Panel]:
+def _prop(parts: tuple[Part, ...]) -> Callable[[PropPose], Ball | Panel]:
     """A ball if it is as long as wide and high, else a board: x and y its edges, z its normal."""
     x, y, z = (float(side) for side in parts[0].mesh.extents)
     surface, R, o = _surface(parts), T_STAGE_ROOT[:3, :3], T_STAGE_ROOT[:3, 3]
 
-    def placed(place: Placed) -> Ball | Panel:
+    def placed(place: PropPose) -> Ball | Panel:
         center = R @ place.position + o
         if max(x, y, z) < _ROUND * min(x, y, z):
             return Ball(center, max(x, y, z) / 2, surface)

@@ -17,7 +17,7 @@ from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import Array, Mask, StereoFrame
 from rendering.eyes import Eyes
-from rendering.scene import Placed, SceneState
+from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
 from rendering.shapes import Part, board, sphere
 from rendering.stimuli import Stimulus
@@ -87,7 +87,8 @@ class RenderedFilm(Film):
         ends = zip(self._things(before), self._things(after), strict=True)
         rates = [R @ (end.center - begin.center) / _INSTANT_S for begin, end in ends]
         places = [
-            Placed(R @ one.center + o, rate, R @ _turn(one)) for one, rate in zip(self._things(t_s), rates, strict=True)
+            PropPose(R @ one.center + o, rate, R @ _turn(one))
+            for one, rate in zip(self._things(t_s), rates, strict=True)
         ]
         ball, *props = places
         return SceneState(q_rad, ball.position, ball.velocity, dq_rad_s, ball.rotation, props=tuple(props))

@@ -19,7 +19,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask, StereoFrame, Truth
 from rendering.motions import Motion
 from rendering.names import MotionName
-from rendering.scene import Placed, SceneState
+from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
 from rendering.shapes import Part
 from rendering.stimuli import Stimulus
@@ -199,7 +199,7 @@ def watching(
     seconds: float,
     pose: Posing,
     fps: float = FPS,
-    props: Callable[[float], tuple[Placed | None, ...]] = lambda _: (),
+    props: Callable[[float], tuple[PropPose | None, ...]] = lambda _: (),
     empty: bool = False,
 ) -> Iterator[tuple[float, SceneState]]:
     """Yield stamps and states of a robot that watches a motion; `empty` leaves the object out."""

@@ -10,7 +10,7 @@ from pps_vision.experiments.independent_eyes import IndependentEyes
 from pps_vision.experiments.scenarios import moving
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from rendering.eyes import Eyes
-from rendering.scene import Placed, SceneState
+from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
 from rendering.shapes import board, sphere
 from rendering.stimuli import BLUE, make_stimulus
@@ -29,7 +29,7 @@ def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
     rig, p = icub_rig(robot), np.array([-0.45, 0.02, 0.36])
     q = gaze_at(robot, home(robot), p)
     props = ((board(0.2, 0.2),), (sphere(0.02, BLUE),))
-    nearer = Placed(p + np.array([0.06, 0.1, 0.0]), rotation=FACING), Placed(p + np.array([0.0, -0.06, 0.0]))
+    nearer = PropPose(p + np.array([0.06, 0.1, 0.0]), rotation=FACING), PropPose(p + np.array([0.0, -0.06, 0.0]))
     state, ball = SceneState(q, p, props=nearer), make_stimulus("ball")
     with Eyes(robot, rig, ball, props=props) as eyes:
         theirs, their_truth = eyes.render(state, 0.0), eyes.truth(state, 0.0)
@@ -43,7 +43,7 @@ def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
     one, other = is_red(frame.left[window]), is_red(theirs.left[window])
     assert other.sum() > 300
     assert (one ^ other).sum() < 0.12 * other.sum()
-    hidden = SceneState(q, p, props=(Placed(p + np.array([0.06, 0.0, 0.0]), rotation=FACING),))
+    hidden = SceneState(q, p, props=(PropPose(p + np.array([0.06, 0.0, 0.0]), rotation=FACING),))
     assert not ours.truth(hidden, 0.0).visible_left
     assert np.isnan(ours.truth(SceneState(q), 0.0).left_px).all()
 
@@ -69,4 +69,4 @@ def test_what_it_cannot_show_is_refused() -> None:
     with pytest.raises(ValueError, match="random generator"):
         eyes.render(SceneState(np.zeros(robot.n_joints)), 0.0)
     with pytest.raises(ValueError, match="1 props; there are 0"):
-        eyes.render(SceneState(np.zeros(robot.n_joints), props=(Placed(np.zeros(3)),)), 0.0)
+        eyes.render(SceneState(np.zeros(robot.n_joints), props=(PropPose(np.zeros(3)),)), 0.0)

@@ -8,7 +8,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
-from rendering.scene import Placed, SceneState
+from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
 from rendering.shutter import instants
 from rendering.stimuli import make_stimulus
@@ -93,7 +93,7 @@ def test_instants_spread_as_an_open_shutter_does(
     eye = rig.view(q).left
     sideways = eye.T_root_camera[:3, 0]
     velocity = drift_px / np.linalg.norm(eye.project_jacobian(PLACE) @ sideways) / 0.004 * sideways
-    for state in (SceneState(q, PLACE, velocity), SceneState(q, props=(None, Placed(PLACE, velocity)))):
+    for state in (SceneState(q, PLACE, velocity), SceneState(q, props=(None, PropPose(PLACE, velocity)))):
         found = instants(robot, rig, state, 0.004, Fidelity())
         assert len(found) == n
         places = [one.props[1].position if one.props else one.position for one in found]  # type: ignore[union-attr]

@@ -9,7 +9,7 @@ from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.scene import Placed, SceneState
+from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
 from rendering.shapes import Part, board
 from rendering.stimuli import GREEN, Stimulus, make_stimulus
@@ -24,9 +24,9 @@ def test_a_distractor_looks_like_the_same_thing_as_a_stimulus(robot: Robot, rig:
     sensor = Sensor(blur_s=0.04)
     assert rig.view(q).left.sees(ASIDE, margin_px=20)
     with Eyes(robot, rig, ball, sensor=sensor, props=(cube.parts,)) as eyes:
-        together = eyes.render(SceneState(q, PLACE, props=(Placed(ASIDE, velocity),)), 0.0)
+        together = eyes.render(SceneState(q, PLACE, props=(PropPose(ASIDE, velocity),)), 0.0)
     with Eyes(robot, rig, cube, sensor=sensor, props=(ball.parts,)) as eyes:
-        exchanged = eyes.render(SceneState(q, ASIDE, velocity, props=(Placed(PLACE),)), 0.0)
+        exchanged = eyes.render(SceneState(q, ASIDE, velocity, props=(PropPose(PLACE),)), 0.0)
     assert np.array_equal(together.left, exchanged.left)
     assert np.array_equal(together.right, exchanged.right)
 
@@ -38,7 +38,7 @@ def test_a_board_hides_what_is_behind_it(robot: Robot, rig: StereoRig, q: Array)
     with Eyes(robot, rig, make_stimulus("ball"), props=((board(0.1, 0.2),),)) as eyes:
         red = {}
         for name, place in (("free", None), ("half", halfway), ("hidden", between)):
-            props = (None if place is None else Placed(place, rotation=facing),)
+            props = (None if place is None else PropPose(place, rotation=facing),)
             state = SceneState(q, PLACE, props=props)
             image = eyes.render(state, 0.0).left.astype(int)
             red[name] = np.count_nonzero(image[..., 0] - image[..., 1:].max(axis=2) > 60)

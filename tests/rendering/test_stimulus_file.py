@@ -15,7 +15,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.names import Unit
-from rendering.scene import Placed, SceneState
+from rendering.scene import PropPose, SceneState
 from rendering.shapes import board
 from rendering.stimulus_file import load_stimulus
 
@@ -73,7 +73,7 @@ def test_a_ring_is_hidden_by_what_stands_before_its_hole_only(
     facing = rotation_to(eye.center - PLACE)
     with Eyes(robot, rig, load_stimulus(tmp_path / "ring.stl"), props=((board(0.02, 0.02),),)) as eyes:
         for share, visible in ((0.2, False), (-0.2, True)):
-            props = (Placed(PLACE + share * (eye.center - PLACE), rotation=facing),)
+            props = (PropPose(PLACE + share * (eye.center - PLACE), rotation=facing),)
             assert eyes.truth(SceneState(q, PLACE, rotation=facing, props=props), 0.0).visible_left == visible
 
 
