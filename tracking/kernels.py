@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.jit import njit
-from pps_vision.types import Image, Mask
+from pps_vision.types import Array, Image, Mask
 
 _SHADE_STD = 0.4  # relative standard deviation of the rim's brightness from that of the object just inside it
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
@@ -26,7 +26,6 @@ _OUTER = 2
 
 Map = NDArray[np.float32]
 Color = tuple[float, float, float]
-Upper = tuple[float, float, float, float, float, float, float, float, float, float]  # half of a symmetric (4, 4) matrix
 
 
 @njit(cache=True, error_model="numpy")
@@ -175,14 +174,14 @@ class Moments(NamedTuple):
     Attributes:
         direction: (3,) viewing direction times solid angle.
         omega: Solid angle, sr.
-        cov: Upper half of the (4, 4) covariance of `direction` and `omega` for independent pixel errors, row by row.
+        cov: (4, 4) covariance of `direction` and `omega` for independent pixel errors.
         area: px.
         box: x, y, width, height of the pixels that are covered by more than half.
     """
 
     direction: Color
     omega: float
-    cov: Upper
+    cov: Array
     area: float
     box: tuple[int, int, int, int]
 
@@ -196,7 +195,9 @@ def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Mom
         weights: (4, height, width) each pixel's solid angle times its direction, and its solid angle.
     """
     height, width = alpha.shape
-    x = y = z = omega = area = xx = xy = xz = xo = yy = yz = yo = zz = zo = oo = 0.0
+    area = 0.0
+    sums = np.zeros(4)
+    cov = np.zeros((4, 4))
     x0 = width
     y0 = height
     x1 = y1 = 0
@@ -206,33 +207,19 @@ def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Mom
             var = float(variance[row, column])
             if share == 0 and var == 0:
                 continue
-            a = float(weights[0, top + row, left + column])
-            b = float(weights[1, top + row, left + column])
-            c = float(weights[2, top + row, left + column])
-            d = float(weights[3, top + row, left + column])
-            x += share * a
-            y += share * b
-            z += share * c
-            omega += share * d
             area += share
+            for i in range(4):
+                weight = float(weights[i, top + row, left + column])
+                sums[i] += share * weight
+                for j in range(4):
+                    cov[i, j] += var * weight * weights[j, top + row, left + column]
             if share > 0.5:
                 x0 = min(x0, column)
                 x1 = max(x1, column + 1)
                 y0 = min(y0, row)
                 y1 = max(y1, row + 1)
-            if var > 0:
-                xx += var * a * a
-                xy += var * a * b
-                xz += var * a * c
-                xo += var * a * d
-                yy += var * b * b
-                yz += var * b * c
-                yo += var * b * d
-                zz += var * c * c
-                zo += var * c * d
-                oo += var * d * d
-    upper = (xx, xy, xz, xo, yy, yz, yo, zz, zo, oo)
-    return Moments((x, y, z), omega, upper, area, (x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)))
+    direction = (sums[0], sums[1], sums[2])
+    return Moments(direction, sums[3], cov, area, (x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)))
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,7 +17,7 @@ from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
-from tracking.kernels import Upper, covered, harmonics, moments
+from tracking.kernels import covered, harmonics, moments
 
 EDGE_ERROR_PX = 0.065
 """Systematic error of an edge's position (shading, background), correlated along the edge: an outline of radius r px
@@ -257,16 +257,16 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
 
 @njit(cache=True, error_model="numpy")
 def _covariance(
-    upper: Upper, omega: float, area: float, focal_px: float, u_by_direction: Vector, v_by_direction: Vector
+    cov: Array, omega: float, area: float, focal_px: float, u_by_direction: Vector, v_by_direction: Vector
 ) -> tuple[float, float, float, float, float]:
     """Angular radius θ = acos(1 − Ω/2π), its variance, and the covariance uu, uv, vv of the centre's pixel, J S Jᵀ.
 
-    S is the direction's part of `upper` (`Moments.cov`), J = ∂(u, v)/∂direction.
+    S is the direction's part of `cov` (`Moments.cov`), J = ∂(u, v)/∂direction.
     """
     radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
-    xx, xy, xz, _, yy, yz, _, zz, _, oo = upper
-    S = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
     J = np.array((u_by_direction, v_by_direction))
-    cov = _CORRELATION * (J @ S @ J.T) + EDGE_ERROR_PX**2 / math.sqrt(area / math.pi) * np.eye(2)
-    radius_var = _CORRELATION * oo / (2 * math.pi * math.sin(radius)) ** 2 + (EDGE_ERROR_PX / focal_px) ** 2
-    return radius, radius_var, cov[0, 0], cov[0, 1], cov[1, 1]
+    center_cov = _CORRELATION * (J @ np.ascontiguousarray(cov[:3, :3]) @ J.T) + EDGE_ERROR_PX**2 / math.sqrt(
+        area / math.pi
+    ) * np.eye(2)
+    radius_var = _CORRELATION * cov[3, 3] / (2 * math.pi * math.sin(radius)) ** 2 + (EDGE_ERROR_PX / focal_px) ** 2
+    return radius, radius_var, center_cov[0, 0], center_cov[0, 1], center_cov[1, 1]
