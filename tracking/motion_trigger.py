@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, View, reduced_image
 from pps_vision.types import Image, Mask
 from tracking import masks
@@ -70,9 +71,10 @@ class TriggerParams:
             and self.max_regions >= 1
             and 0 < self.min_moving <= 1
         ):
-            raise ValueError(
-                f"{self}: expected rising positive intervals, a positive tolerance, area and number of regions, "
-                "and shares in (0, 1]"
+            raise InputError(
+                "motion trigger",
+                f"{self}; expected rising positive intervals, a positive tolerance, area and number of regions, "
+                "and shares in (0, 1]",
             )
 
 

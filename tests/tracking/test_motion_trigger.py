@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from ball_scenes import Sphere, look
+from ranges import check_range
 
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
@@ -296,22 +297,20 @@ def test_only_the_strongest_regions_are_measured() -> None:
 
 
 @pytest.mark.parametrize(
-    ("good", "bad"),
+    ("name", "refused", "taken"),
     [
-        ({"interval_s": 0.6}, {"interval_s": 0.61}),
-        ({"interval_s": 0.01}, {"interval_s": 0.0}),
-        ({"tolerance_px": 0.1}, {"tolerance_px": 0.0}),
-        ({"min_area_px": 1}, {"min_area_px": 0}),
-        ({"central": 1.0}, {"central": 1.1}),
-        ({"central": 0.1}, {"central": 0.0}),
-        ({"max_regions": 1}, {"max_regions": 0}),
-        ({"min_moving": 1.0}, {"min_moving": 1.1}),
+        ("interval_s", (0.61, 0.0), (0.6, 0.01)),
+        ("tolerance_px", (0.0,), (0.1,)),
+        ("min_area_px", (0,), (1,)),
+        ("central", (1.1, 0.0), (1.0, 0.1)),
+        ("max_regions", (0,), (1,)),
+        ("min_moving", (1.1, 0.0), (1.0,)),
     ],
 )
-def test_the_limits_of_the_parameters(good: dict[str, float], bad: dict[str, float]) -> None:
-    TriggerParams(**good)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="expected rising positive intervals"):
-        TriggerParams(**bad)  # type: ignore[arg-type]
+def test_parameters_outside_their_range_are_refused(
+    name: str, refused: tuple[float, ...], taken: tuple[float, ...]
+) -> None:
+    check_range(TriggerParams, name, refused, taken, lambda value: f"{name}={value}.*rising positive intervals")
 
 
 @pytest.mark.parametrize(("px", "flow", "does"), [(0, True, False), (3, True, True), (0, False, True)])
