@@ -1,10 +1,10 @@
-"""How fast and how well the eyes fixate what they see: J IV.1 and six joints, by speed, latency and noise.
+"""Fixation of targets in view: settling, error of following and search, with J IV.1 and six joints.
 
 Kinematic, 20 Hz: the true point is projected into both eyes with pixel noise, triangulated and filtered; the
 controllers get the filter's track, and their commands, limited as all are, take effect late.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -39,32 +39,31 @@ from tracking.kalman import Belief, KalmanParams
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DT_S, _DEG, _COAST_S = 0.05, np.pi / 180, 0.5
+_DT_S = 0.05
+_DEG = np.pi / 180
+_COAST_S = 0.5
 _MOVING: tuple[MotionName, ...] = ("linear", "circle", "figure8", "jerk", "approach")
 _RADIUS_M = 0.03  # of the object
 _NEAREST_M = 0.3  # of an approach to the eyes
-_JUMP_M_S2 = 50.0  # what changes the velocity faster is no acceleration but a turn on the spot
-_EYES_DEG, _NECK_DEG, _NEAR_DEG = 0.1, 0.5, 1.5
-_SETTLED_S, _NEAR_PERCENT = 0.75, 95.0  # the goals
-_STATIC_S, _START_DEG = 3.0, 2.5  # duration, and tolerance of the start angle
+_EYES_DEG = 0.1  # fixation error of settled eyes
+_NECK_DEG = 0.5  # angle of a settled neck from its rest
+_NEAR_DEG = 1.5  # fixation error that counts as near
+_SETTLED_S = 0.75  # goal
+_NEAR_PERCENT = 95.0  # goal
+_STATIC_S = 3.0  # duration of settling
 _FOUND_S = (5.0, 15.0, 30.0)
-_HALF_BASELINE_M = 0.034  # between the eyes
-_FROM_M = 0.08  # the covering search sees what is farther on its first visit to the grid (`control.search`)
 
-Axis = Literal["speed", "angle", "latency", "noise"]
+Axis = Literal["speed", "latency", "noise"]
 AXES: Mapping[Axis, tuple[str, tuple[float, ...]]] = {
     "speed": ("speed (cm/s)", (5, 10, 20, 30, 40)),
-    "angle": ("fixation error at the start (°)", (5, 10, 20, 30, 40)),
     "latency": ("latency (ms)", (0, 50, 100, 150, 200)),
     "noise": ("pixel noise σ (px)", (0, 0.02, 0.1, 0.3, 1)),
 }
-_FOLLOWING: tuple[Axis, ...] = ("speed", "latency", "noise")
-_SETTLING: tuple[Axis, ...] = ("angle", "latency", "noise")
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What the eyes are up against."""
+    """Difficulty of a target."""
 
     speed_m_s: float = 0.3
     """Speed of the target."""
@@ -73,14 +72,11 @@ class Condition:
     noise_px: float = 0.02
     """Standard deviation of the target's centre in either image: as of rendered objects, whose 3D error before the
     filter is 0.2–0.5 mm (`bench fidelity`)."""
-    start_deg: float | None = None
-    """Fixation error at the start, of a target at rest; None: any."""
 
     def at(self, axis: Axis, value: float) -> "Condition":
-        """The same with another speed (cm/s), start angle (°), latency (ms) or noise (px)."""
+        """Return the condition with another speed (cm/s), latency (ms) or noise (px)."""
         field, unit = {
             "speed": ("speed_m_s", 0.01),
-            "angle": ("start_deg", 1.0),
             "latency": ("latency_s", 0.001),
             "noise": ("noise_px", 1.0),
         }[axis]
@@ -89,40 +85,33 @@ class Condition:
 
 @dataclass(frozen=True)
 class Method:
-    """A gaze controller and what it is told."""
+    """A gaze controller and its inputs."""
 
     params: FixationParams | NeckAndEyesParams
     """J IV.1, or six joints."""
     compensates: bool = True
-    """Whether target and posture are predicted to when the command takes effect."""
-    knows: Literal["track", "present", "future"] = "track"
-    """What it is told: the filter's track, the true motion at the frame (position, velocity and acceleration, taken to
-    last), or the true motion when the command takes effect."""
-    hold_s: float = MAX_HOLD_S
-    """Time for which a command may be held."""
+    """Whether target and posture are predicted to the time at which the command takes effect."""
+    knows_motion: bool = False
+    """Whether the true motion at that time is given in place of the filter's track."""
 
     def command(
         self, posture: Posture, p: Array, v: Array, stamp_s: float, last: JointVelocity | None
     ) -> JointVelocity:
-        """The command for a target."""
+        """Return the command for a target."""
         if isinstance(self.params, NeckAndEyesParams):
-            return neck_and_eyes.step(self.params, posture, p, v, self.hold_s, stamp_s, last)
-        return fixation.step(self.params, posture, p, v, self.hold_s, stamp_s)
+            return neck_and_eyes.step(self.params, posture, p, v, MAX_HOLD_S, stamp_s, last)
+        return fixation.step(self.params, posture, p, v, MAX_HOLD_S, stamp_s)
 
 
-_J, _SIX = FixationParams(), NeckAndEyesParams()
 METHODS = {
-    "J IV.1": Method(_J),
-    "six joints": Method(_SIX),
-    "six joints, present known": Method(_SIX, knows="present"),
-    "six joints, motion known": Method(_SIX, knows="future"),
-    "J IV.1, latency ignored": Method(_J, compensates=False),
-    "six joints, latency ignored": Method(_SIX, compensates=False),
-    "six joints, held 0.1 s": Method(_SIX, hold_s=0.1),
+    "J IV.1": Method(FixationParams()),
+    "six joints": Method(NeckAndEyesParams()),
+    "six joints, motion known": Method(NeckAndEyesParams(), knows_motion=True),
+    "J IV.1, latency ignored": Method(FixationParams(), compensates=False),
+    "six joints, latency ignored": Method(NeckAndEyesParams(), compensates=False),
 }
 _CONTROLLERS = ("J IV.1", "six joints")
-_TOLD = (*_CONTROLLERS, "six joints, present known", "six joints, motion known")
-_IGNORING = ("J IV.1, latency ignored", "six joints, latency ignored")
+_FOLLOWING = (*_CONTROLLERS, "six joints, motion known")
 
 
 class _Robot:
@@ -147,7 +136,7 @@ class _Robot:
             last = commands[-1] if commands else None
             then = self.robot.at(posture_after(q, commands, t, t + latency_s, latency_s) if method.compensates else q)
             target = self._target(method, belief, motion, t, latency_s)
-            rest = JointVelocity(t, np.zeros(self.robot.n_joints), method.hold_s)
+            rest = JointVelocity(t, np.zeros(self.robot.n_joints), MAX_HOLD_S)
             wanted = rest if target is None else method.command(then, *target, t, last)
             commands.append(limits.limit(LimitParams(), self.self_collision, then, wanted, last, last_q))
             last_q, commands = then.q_rad, commands[-12:]
@@ -178,13 +167,8 @@ class _Robot:
         self, method: Method, belief: Belief | None, motion: Motion, t: float, latency_s: float
     ) -> tuple[Array, Array] | None:
         """Position and velocity for the controller; None of what is not seen."""
-        if method.knows == "future":
+        if method.knows_motion:
             return motion(t + latency_s)[0], motion(t + latency_s + 0.5 * _DT_S)[1]
-        if method.knows == "present":
-            (p, v), since_s = motion(t), min(t, 1e-3)
-            a = (v - motion(t - since_s)[1]) / since_s if since_s else np.zeros(3)
-            a = a * (np.linalg.norm(a) < _JUMP_M_S2)
-            return p + latency_s * v + 0.5 * latency_s**2 * a, v + (latency_s + 0.5 * _DT_S) * a
         if belief is None:
             return None
         track = Track3D(t, belief.mean, belief.cov, _RADIUS_M, 0.0, Status.TRACKING)  # the default filter is of order 4
@@ -193,107 +177,81 @@ class _Robot:
 
 @dataclass(frozen=True)
 class Fixation(SampledStudy):
-    """Gaze on seen targets: settling on a point at rest, error of following, and time until a lost target is seen."""
+    """Settling on a point at rest, error of following by motion, speed, latency and noise, and search."""
 
-    SHORT: ClassVar[Mapping[str, Any]] = {"axes": ("angle",)}
+    SHORT: ClassVar[Mapping[str, Any]] = {"axes": ("latency",)}
 
     n: int = 16
     """Targets of each kind."""
     seconds: float = 4.0
     """Duration of following; the first second is not counted."""
-    axes: tuple[Axis, ...] = ("speed", "angle", "latency", "noise")
-    """What is varied: for following all but the start angle, for settling all but the speed."""
+    axes: tuple[Axis, ...] = ("speed", "latency", "noise")
+    """Varied conditions of following."""
 
     def run(self) -> dict[str, Any]:
         """Return medians over targets with their 95 % intervals, in degrees and seconds."""
         eyes = _Robot()
+        motions: dict[str, Any] = {}
+        for kind in tqdm(_MOVING, "motions", disable=None):
+            motions[kind] = {name: self._moving(eyes, name, Condition(), (kind,)) for name in _FOLLOWING}
+        axes: dict[str, Any] = {}
+        for axis in self.axes:
+            names = (*_FOLLOWING, "J IV.1, latency ignored", "six joints, latency ignored")
+            axes[axis] = {"severities": list(AXES[axis][1]), "methods": {}}
+            for name in tqdm(names if axis == "latency" else _FOLLOWING, axis, disable=None):
+                cells = [self._moving(eyes, name, Condition().at(axis, value)) for value in AXES[axis][1]]
+                axes[axis]["methods"][name] = cells
         return {
-            "static": {
-                name: self._static(eyes, name, Condition()) for name in (*_CONTROLLERS, "six joints, held 0.1 s")
-            },
-            "motions": {
-                kind: {name: self._moving(eyes, name, Condition(), (kind,)) for name in _TOLD}
-                for kind in tqdm(_MOVING, "motions", disable=None)
-            },
-            "axes": {axis: self._axis(eyes, axis, self._moving, _TOLD) for axis in self.axes if axis in _FOLLOWING},
-            "settling": {
-                axis: self._axis(eyes, axis, self._static, _CONTROLLERS) for axis in self.axes if axis in _SETTLING
-            },
+            "static": {name: self._static(eyes, name) for name in _CONTROLLERS},
+            "motions": motions,
+            "axes": axes,
             "search": self._search(eyes),
         }
 
     def chart(self, numbers: dict[str, Any]) -> "Figure":
-        """Draw the error of following over speed, latency and noise, and settling over start angle, latency, noise."""
-        rows = {"axes": ("rms_deg", "RMS fixation error (°)"), "settling": ("settled_s", "settled after (s)")}
-        drawn = [(row, axis) for row in rows for axis in numbers[row]]
-        figure, panels = charts.panels(len(drawn), len(numbers["axes"]))
-        for panel, (row, axis) in zip(panels, drawn, strict=True):
-            metric, label = rows[row]
-            values = numbers[row][axis]
-            series = {name: [cell[metric] for cell in cells] for name, cells in values["methods"].items()}
-            charts.curves(panel, values["severities"], series, AXES[axis][0], label)
-            if row == "axes":
-                panel.set_yscale("log")
-            else:
-                panel.axhline(_SETTLED_S, color="0.25", lw=1, ls="--", label="goal")
-                panel.set_ylim(0, 1.05 * _STATIC_S)
+        """Draw the error of following over speed, latency and noise."""
+        figure, panels = charts.panels(len(numbers["axes"]), len(numbers["axes"]))
+        for panel, (axis, values) in zip(panels, numbers["axes"].items(), strict=True):
+            series = {name: [cell["rms_deg"] for cell in cells] for name, cells in values["methods"].items()}
+            charts.curves(panel, values["severities"], series, AXES[axis][0], "RMS fixation error (°)")
+            panel.set_yscale("log")
             panel.legend(fontsize=7)
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return settling, following by kind of motion, and search; what misses its goal is bold."""
+        """Return settling, following by kind of motion, and search; a missed goal is bold."""
         static = [
-            [
-                name,
-                *(judged(estimate(cell[key]), cell[key][0] > _SETTLED_S) for key in ("eyes_s", "neck_s")),
-                estimate(cell["in_time"]),
-            ]
+            [name, *(judged(estimate(cell[key]), cell[key][0] > _SETTLED_S) for key in ("eyes_s", "neck_s"))]
             for name, cell in numbers["static"].items()
         ]
-        motions = [
-            [
-                *(kind, name, *(estimate(cell[key]) for key in ("rms_deg", "worst_deg"))),
-                judged(estimate(cell["near_percent"]), cell["near_percent"][0] < _NEAR_PERCENT),
-            ]
-            for kind, cells in numbers["motions"].items()
-            for name, cell in cells.items()
-        ]
-        found = []
+        motions = []
+        for kind, cells in numbers["motions"].items():
+            shares = [cells[name]["near_percent"] for name in _FOLLOWING]
+            motions.append([kind, *(judged(estimate(share), share[0] < _NEAR_PERCENT) for share in shares)])
+        searches = []
         for name, cell in numbers["search"].items():
-            *before, last = cell.values()
-            found.append(
-                [
-                    name,
-                    *(estimate(one) for one in before),
-                    judged(estimate(last), name.startswith("covering") and last[0] < 100.0),
-                ]
-            )
-        settled = [f"{what} (s), goal ≤ {_SETTLED_S}" for what in ("eyes within 0.1°", "neck within 0.5°")]
-        near = f"time within 1.5° (%), goal ≥ {_NEAR_PERCENT:g}"
-        *within, last_s = (f"seen within {name} (%)" for name in next(iter(numbers["search"].values())))
+            shares = [estimate(share) for share in cell.values()]
+            shares[-1] = judged(shares[-1], name == "covering" and cell[f"{_FOUND_S[-1]:g} s"][0] < 100)
+            searches.append([name, *shares])
+        settled = [f"{part} (s), ≤ {_SETTLED_S}" for part in ("eyes within 0.1°", "neck within 0.5°")]
         return {
-            "static": Table(["controller", *settled, f"both within {_SETTLED_S} s (%)"], static),
-            "motions": Table(["motion, 30 cm/s", "controller", "RMS (°)", "worst (°)", near], motions),
-            "search": Table(["search", *within, f"{last_s}, goal 100"], found),
+            "static": Table(["controller", *settled], static),
+            "motions": Table([f"within 1.5° (%), ≥ {_NEAR_PERCENT:g}, at 30 cm/s", *_FOLLOWING], motions),
+            "search": Table(["search", *(f"in view within {t:g} s (%)" for t in _FOUND_S)], searches),
         }
 
-    def _static(self, eyes: _Robot, name: str, condition: Condition) -> dict[str, Any]:
-        """Time until the eyes are within 0.1° for good, the neck within 0.5° of where it comes to rest, and both."""
+    def _static(self, eyes: _Robot, name: str) -> dict[str, Any]:
+        """Time until the eyes stay within 0.1°, and the neck within 0.5° of its rest."""
         settled = []
         neck = joints(eyes.robot)[0]
         for seed in self.seeds:
             rng = np.random.default_rng(seed)
-            q, point = _start_and_point(eyes, rng, condition.start_deg)
-            errors, postures = eyes.follow(METHODS[name], q, Static(point), condition, _STATIC_S, rng)
+            q, point = _start_and_point(eyes, rng)
+            errors, postures = eyes.follow(METHODS[name], q, Static(point), Condition(), _STATIC_S, rng)
             turned = np.abs(postures[:, neck] - postures[-1, neck]).max(axis=1) / _DEG
             settled.append((_last_above(errors, _EYES_DEG), _last_above(turned, _NECK_DEG)))
         eyes_s, neck_s = np.array(settled).T[..., None]
-        both_s = np.maximum(eyes_s, neck_s)
-        times = {"eyes_s": eyes_s, "neck_s": neck_s, "settled_s": both_s}
-        return {
-            **{key: interval(of, median) for key, of in times.items()},
-            "in_time": interval(100.0 * (both_s <= _SETTLED_S)),
-        }
+        return {"eyes_s": interval(eyes_s, median), "neck_s": interval(neck_s, median)}
 
     def _moving(
         self, eyes: _Robot, name: str, condition: Condition, kinds: tuple[MotionName, ...] = _MOVING
@@ -312,44 +270,28 @@ class Fixation(SampledStudy):
             "near_percent": interval([100.0 * (run <= _NEAR_DEG) for run in runs], mean),
         }
 
-    def _axis(
-        self,
-        eyes: _Robot,
-        axis: Axis,
-        measure: Callable[[_Robot, str, Condition], dict[str, Any]],
-        names: Sequence[str],
-    ) -> dict[str, Any]:
-        """The same, in one respect from mild to hard; over latency also of those who ignore it."""
-        names = (*names, *_IGNORING) if axis == "latency" else names
-        cells: dict[str, list[Any]] = {name: [] for name in names}
-        for value in tqdm(AXES[axis][1], axis, disable=None):
-            for name in names:
-                cells[name].append(measure(eyes, name, Condition().at(axis, value)))
-        return {"severities": list(AXES[axis][1]), "methods": cells}
-
     def _search(self, eyes: _Robot) -> dict[str, Any]:
-        """Share of the points that both eyes see in time: anywhere that gaze can be, but not in view at first."""
-        found: dict[str, Any] = {}
+        """Share of points in the range of the gaze, out of view at first, that come into view of both eyes in time."""
+        result: dict[str, Any] = {}
         patterns: tuple[Literal["covering", "random"], ...] = ("covering", "random")
         for pattern in patterns:
-            params, seen_s, far_s = SearchParams(pattern), [], []
+            params = SearchParams(pattern)
+            times_s = []
             for seed in tqdm(self.seeds, f"{pattern} search", disable=None):
                 rng = np.random.default_rng((seed, 2))
                 q = _random_gaze(eyes, rng)
-                gazes = np.array([_gaze(rng) for _ in range(20)])
-                points, distance_m = fixation_points(eyes.robot, gazes), _HALF_BASELINE_M / np.tan(gazes[:, 2] / 2)
-                first_s, state = np.full(20, np.inf), SearchState(gaze_of(eyes.robot.at(q)))
+                points = fixation_points(eyes.robot, np.array([_gaze(rng) for _ in range(20)]))
+                first_s = np.full(20, np.inf)
+                state = SearchState(gaze_of(eyes.robot.at(q)))
                 for k in range(int(_FOUND_S[-1] / _DT_S) + 1):
                     view = eyes.rig.view(q)
-                    both = _within_image(view.left, points) & _within_image(view.right, points)
-                    first_s = np.minimum(first_s, np.where(both, k * _DT_S, np.inf))
+                    is_in_view = _within_image(view.left, points) & _within_image(view.right, points)
+                    first_s = np.minimum(first_s, np.where(is_in_view, k * _DT_S, np.inf))
                     state, command = search.step(params, state, eyes.robot.at(q), _DT_S, rng)
                     q = q + _DT_S * command.dq_rad_s
-                seen_s.append(first_s[first_s > 0])
-                far_s.append(first_s[(first_s > 0) & (distance_m >= _FROM_M)])
-            for name, first in ((pattern, seen_s), (f"{pattern}, from {100 * _FROM_M:g} cm on", far_s)):
-                found[name] = {f"{t:g} s": interval([100.0 * (one <= t) for one in first]) for t in _FOUND_S}
-        return found
+                times_s.append(first_s[first_s > 0])
+            result[pattern] = {f"{t:g} s": interval([100.0 * (target <= t) for target in times_s]) for t in _FOUND_S}
+        return result
 
 
 def _within_image(eye: View, points: Array) -> Mask:
@@ -387,13 +329,13 @@ def _motion(eyes: _Robot, kind: MotionName, rng: np.random.Generator, speed_m_s:
             return lambda t: visit(t % whole_s)
 
 
-def _start_and_point(eyes: _Robot, rng: np.random.Generator, start_deg: float | None = None) -> tuple[Array, Array]:
-    """A random gaze posture, and the fixation point of another one that the first has in view, so far off."""
+def _start_and_point(eyes: _Robot, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A random gaze posture, and the fixation point of another one that is in view of the first."""
     while True:
-        q, point = _random_gaze(eyes, rng), fixation_points(eyes.robot, _gaze(rng)[None])[0]
-        view, error_deg = eyes.rig.view(q), fixation_error(eyes.robot.at(q), point) / _DEG
-        is_so_far = start_deg is None or abs(error_deg - start_deg) <= _START_DEG
-        if is_so_far and view.left.sees(point) and view.right.sees(point):
+        q = _random_gaze(eyes, rng)
+        point = fixation_points(eyes.robot, _gaze(rng)[None])[0]
+        view = eyes.rig.view(q)
+        if view.left.sees(point) and view.right.sees(point):
             return q, point
 
 
