@@ -170,7 +170,7 @@ def track(
 
     Args:
         recording: A recording, or the folder of an iCub's recording.
-        mode: "generic" (default) tracks whatever moves, "marker" a green marker.
+        mode: "generic" (default) tracks any moving object, "marker" a green marker.
         order: Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk (default 4).
         reduction: Average each block of this many pixels a side to one before searching (default 1).
         params: All parameters of the tracker.

@@ -1,4 +1,4 @@
-"""The files that `pps-vision track` writes, row by row as tracking goes on."""
+"""Files that `pps-vision track` writes, row by row while it tracks."""
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
@@ -25,16 +25,16 @@ from pps_vision.recordings.tables import (
 from pps_vision.types import Activation, Array, Image, ReachStatus, StereoFrame
 from tracking.tracker import TrackerStep
 
-if TYPE_CHECKING:  # they load the kinematics
+if TYPE_CHECKING:  # these modules load the kinematics
     from learning.reach.track_reachability import TrackReachability
     from pps_vision.app.pipeline import TrackActivation
 
-_KEY_FRAMES = 8  # of a report without a video
+_KEY_FRAMES = 8  # in a report without a video
 
 
 @dataclass(frozen=True)
 class Extras:
-    """What is written beside detections.csv and trajectory.csv."""
+    """Output besides detections.csv and trajectory.csv."""
 
     also: tuple[Form, ...]
     """Forms of other tools."""
@@ -51,19 +51,24 @@ class Extras:
 
 
 class TrackFiles:
-    """The open files of a recording that is tracked into a folder.
+    """Open output files of a recording that is being tracked.
 
-    `steps` passes the tracker's steps on and writes what was known of each pair when it was tracked; `add` writes the
-    path, which may come later (smoothed).  `reached` counts the answers about reachability.
+    `steps` writes the causal results of each pair and yields the tracker's steps; `add` writes the path, which may be
+    smoothed and come later.
+
+    Attributes:
+        reached: Number of pairs by reachability.
     """
 
     def __init__(self, folder: Path, run: TrackedRecording, extras: Extras) -> None:
-        """InputError without the package that an extra needs."""
+        """InputError if an extra needs a package that is not installed."""
         self.reached: Counter[ReachStatus] = Counter()
-        self._folder, self._run, self._extras = folder, run, extras
-        self._joints: deque[Array] = deque()  # of the steps whose path is not yet added
+        self._folder = folder
+        self._run = run
+        self._extras = extras
+        self._joints: deque[Array] = deque()  # of the steps whose path was not added yet
         self._key_frames: list[Image] = []
-        self._every = -(-len(run) // _KEY_FRAMES)
+        self._key_frame_interval = -(-len(run) // _KEY_FRAMES)
         recording = run.recording
         with ExitStack() as files:
             self._film = files.enter_context(VideoFile(folder / "overlay.mp4", recording.fps))
@@ -96,13 +101,13 @@ class TrackFiles:
                 save_jpeg(self._folder / KEY_FRAMES / f"{k}.jpg", picture)
 
     def steps(self, numbered: Iterable[tuple[int, StereoFrame, TrackerStep]]) -> Iterator[TrackerStep]:
-        """Write what is known of a pair when it is tracked, and yield its step."""
+        """Write the causal results of each pair, and yield its step."""
         for k, (number, frame, step) in enumerate(numbered):
-            for seen in step.detections:
-                self._write_detection(detection_row(number, seen, step.track.status))
+            for detection in step.detections:
+                self._write_detection(detection_row(number, detection, step.track.status))
             if self._view:
                 self._view.add(frame, step)
-            self._draw(k, frame, step, self._touched(frame, step))
+            self._draw(k, frame, step, self._activation(frame, step))
             yield step
 
     def add(self, pair: TrackedPair) -> None:
@@ -114,8 +119,8 @@ class TrackFiles:
         self._write_track(trajectory_row(pair.track, reachability))
         self._write_forms(pair)
 
-    def _touched(self, frame: StereoFrame, step: TrackerStep) -> tuple[Activation, Array] | None:
-        """The activation, which is written, and the positions of the taxels; the joints are kept for `add`."""
+    def _activation(self, frame: StereoFrame, step: TrackerStep) -> tuple[Activation, Array] | None:
+        """Write and return the activation, with the positions of the taxels; keep the joints for `add`."""
         if not (self._extras.reach or self._extras.activation):
             return None
         from pps_vision.app.pipeline import joints_of
@@ -129,15 +134,15 @@ class TrackFiles:
         self._write_activation((activation.stamp_s, *activation.probability))
         return activation, taxels
 
-    def _draw(self, k: int, frame: StereoFrame, step: TrackerStep, touched: tuple[Activation, Array] | None) -> None:
-        """The pair's picture, where it goes into the video or is a key frame."""
-        is_key = self._extras.key_frames and k % self._every == self._every // 2
-        if not (self._extras.video or is_key):
+    def _draw(self, k: int, frame: StereoFrame, step: TrackerStep, activation: tuple[Activation, Array] | None) -> None:
+        """Draw the pair if it goes into the video or is a key frame."""
+        is_key_frame = self._extras.key_frames and k % self._key_frame_interval == self._key_frame_interval // 2
+        if not (self._extras.video or is_key_frame):
             return
-        skin = (touched[1], touched[0].probability) if touched else ()
+        skin = (activation[1], activation[0].probability) if activation else ()
         view = self._run.recording.calibrated().view_of(frame)
-        drawn = draw_pair(frame, view, step.track, step.detections, *skin)
+        picture = draw_pair(frame, view, step.track, step.detections, *skin)
         if self._extras.video:
-            self._film.add(drawn)
-        if is_key:
-            self._key_frames.append(drawn)
+            self._film.add(picture)
+        if is_key_frame:
+            self._key_frames.append(picture)

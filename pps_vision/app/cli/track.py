@@ -27,7 +27,7 @@ class Track(SourceOptions):
     """
 
     out: Path = MISSING
-    """Folder for detections.csv, trajectory.csv, summary.json, and what else is asked for."""
+    """Folder for detections.csv, trajectory.csv, summary.json, and optional files."""
     map: Path | None = None
     """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze
     that fixates the object (gaze_yaw_deg, gaze_pitch_deg, gaze_vergence_deg) and whether the hand can reach it
@@ -39,7 +39,7 @@ class Track(SourceOptions):
     """Memory of `pps-vision learn`: activation.csv then holds, for every frame of REC, the probability with which each
     taxel of the iCub's skin is about to be touched, and the video and the report show it."""
     mode: Mode = "generic"
-    """generic: whatever moves; marker: a green marker (faster)."""
+    """generic: any moving object; marker: a green marker (faster)."""
     order: int = DEFAULT_ORDER
     """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
     reduction: int = 1
@@ -50,7 +50,7 @@ class Track(SourceOptions):
     frame, without torch."""
     smooth: bool = False
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
-    the smoothed path; video, view and activation.csv show what was known then."""
+    the smoothed path; video, view and activation.csv show the causal track."""
     also: tuple[Form, ...] = ()
     """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images), ros2
     (a bag; extra `ros`)."""
