@@ -8,7 +8,6 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
 MUTABLE = {
     "controllers.py": {"HomeReturn"},
-    "yaml_subset.py": {"_Row"},
     "renderer.py": {"Node", "_Uploaded"},
 }
 """Dataclasses that a reader, a renderer or an encounter works on, and hands to nobody."""

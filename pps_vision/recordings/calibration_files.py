@@ -21,7 +21,7 @@ import numpy as np
 from pps_vision.errors import InputError, first_line
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.recordings.text import finite
-from pps_vision.recordings.yaml_subset import parse_yaml
+from pps_vision.recordings.yaml_text import parse_yaml
 from pps_vision.types import Array
 
 _MOST_CHARACTERS = 2**18
