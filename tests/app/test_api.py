@@ -50,7 +50,8 @@ def test_every_iteration_tracks_and_times_anew(approach: Path) -> None:
 
 def test_a_recording_knows_its_robot_and_its_cameras(approach: Path) -> None:
     recording = pv.open_recording(str(approach))
-    frame, truth = next(iter(recording)), recording.truth[0]
+    frame = next(iter(recording))
+    truth = recording.truth[0]
     assert recording.robot is not None
     assert recording.rig is not None
     assert frame.joints_left_rad is not None

@@ -28,7 +28,8 @@ def test_a_batch_gives_each_of_its_recordings_the_options_for_all() -> None:
     common = {"mode": "marker", "seed": 4, "max_skew_s": 0.1, "calib": (Path("c.yml"),)}
     tracking = {"fps": 5.0, "unit_m": 0.01, "order": 2, "smooth": True, "also": ("tum", "mot"), "report": True}
     one = replace(bare, **common, **tracking)  # type: ignore[arg-type]
-    start, calib = ["--mode=marker", "--seed=4", "--max-skew-s=0.1"], ["--calib", str(Path("c.yml").resolve())]
+    start = ["--mode=marker", "--seed=4", "--max-skew-s=0.1"]
+    calib = ["--calib", str(Path("c.yml").resolve())]
     words = ["--order=2", "--unit-m=0.01", "--fps=5.0", "--smooth", "--report", "--also", "tum", "mot"]
     assert one._options() == [*start, *words, *calib]
     learning = replace(bare, **common, learn=True)  # type: ignore[arg-type]

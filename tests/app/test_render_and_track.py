@@ -100,7 +100,8 @@ def test_tracking_writes_what_it_promises(tracked: Path) -> None:
 
 
 def test_the_path_is_the_true_one(tracked: Path, approach: Path) -> None:
-    path, truth = table(tracked / "trajectory.csv"), table(approach / "truth.csv")
+    path = table(tracked / "trajectory.csv")
+    truth = table(approach / "truth.csv")
     known = path["status"] == "tracking"
     assert known[10:].mean() >= 0.97
     error = np.stack([path[c][known].astype(float) - truth[c][known].astype(float) for c in ("x_m", "y_m", "z_m")], 1)
@@ -154,7 +155,8 @@ def test_with_a_memory_every_frame_says_what_is_about_to_be_touched(
     approach: Path, tmp_path: Path, memory_of_12_cm: Path
 ) -> None:
     main(["track", str(approach), "--memory", str(memory_of_12_cm), "--report", "--out", str(tmp_path / "out")])
-    felt, truth = table(tmp_path / "out" / "activation.csv"), table(approach / "truth.csv")
+    felt = table(tmp_path / "out" / "activation.csv")
+    truth = table(approach / "truth.csv")
     assert list(felt) == ["stamp_s", *icub_skin().taxel_ids]
     np.testing.assert_allclose(felt["stamp_s"].astype(float), truth["stamp_s"].astype(float), atol=1e-6)
     rows = (approach / "skin" / "data.log").read_text().splitlines()
@@ -185,7 +187,8 @@ def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:
     for name, option in (("causal", []), ("smooth", ["--smooth"])):
         main(["track", str(tmp_path / "rec"), *option, "--out", str(tmp_path / name)])
         said[name] = json.loads((tmp_path / name / "summary.json").read_text())
-    causal, smooth = said["causal"]["errors"], said["smooth"]["errors"]
+    causal = said["causal"]["errors"]
+    smooth = said["smooth"]["errors"]
     print(f"velocity {causal['velocity_rms_m_s']} → {smooth['velocity_rms_m_s']} m/s")
     assert (said["causal"]["smoothed"], said["smooth"]["smoothed"]) == (False, True)
     assert smooth["velocity_rms_m_s"] < 0.7 * causal["velocity_rms_m_s"]
@@ -202,7 +205,8 @@ def test_detections_are_where_the_centre_truly_projects(
         out = tmp_path / "out"
         main(["track", str(approach), "--reduction", str(reduction), "--out", str(out)])
         assert json.loads((out / "summary.json").read_text())["reduction"] == reduction
-    seen, truth = table(out / "detections.csv"), table(approach / "truth.csv")
+    seen = table(out / "detections.csv")
+    truth = table(approach / "truth.csv")
     for camera in ("left", "right"):
         of_camera = seen["camera"] == camera
         frame = seen["frame"][of_camera].astype(int)

@@ -35,7 +35,8 @@ def later(*tracks: Track3D) -> list[Track3D]:
 
 
 def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted() -> None:
-    rows, at_m = [truth(0.01 * k, -1.0) for k in range(20)], -1.0
+    rows = [truth(0.01 * k, -1.0) for k in range(20)]
+    at_m = -1.0
     tracks = later(
         *(track(0.1, at_m + 0.003), track(0.11, at_m - 0.004), track(0.12, at_m + 0.012, Status.COASTING)),
         Track3D.unknown(0.13),

@@ -23,7 +23,8 @@ def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
         main(["track", str(recording), "--mode", "marker", *device, "--out", str(tmp_path / name)])
         total = json.loads((tmp_path / name / "summary.json").read_text())["ms_per_pair"]["total"]
         assert total["runs"] == 20
-    alone, batches = _path(tmp_path / "alone"), _path(tmp_path / "batches")
+    alone = _path(tmp_path / "alone")
+    batches = _path(tmp_path / "batches")
     assert np.isfinite(alone[4:]).all()
     assert np.allclose(alone, batches, rtol=0, atol=1e-4, equal_nan=True)
 

@@ -19,7 +19,8 @@ from tracking.marker import MarkerParams, threshold
 from tracking.outline import Optics
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
-GREEN, BLUE = (15.0, 200.0, 40.0), (30.0, 60.0, 210.0)
+GREEN = (15.0, 200.0, 40.0)
+BLUE = (30.0, 60.0, 210.0)
 DEVICES = [torch.device(name) for name in ("cpu", *(["cuda"] if torch.cuda.is_available() else []))]
 on_every_device = pytest.mark.parametrize("device", DEVICES, ids=str)
 
@@ -43,7 +44,8 @@ def _film(
     rig: StereoRig, robot: Robot, color: tuple[float, float, float], rng: np.random.Generator
 ) -> list[StereoFrame]:
     """A ball that circles, is gone for a second, and comes back; for three frames a second one of its colour shows."""
-    q, frames = home(robot), []
+    q = home(robot)
+    frames = []
     middle = rig.view(q).left.center + 0.4 * rig.view(q).left.rays([150.0, 120.0])
     for k in range(27):
         p = middle + 0.03 * np.array([0.2 * np.sin(0.5 * k), np.cos(0.5 * k), np.sin(0.5 * k)])
@@ -57,7 +59,7 @@ def _film(
 def _steps(params: TrackerParams, rig: StereoRig, frames: list[StereoFrame], size: int) -> list[TrackerStep]:
     tracker = Tracker(params, rig, np.random.default_rng(0))
     if not size:
-        return [tracker.step(one) for one in frames]
+        return [tracker.step(stereo_frame) for stereo_frame in frames]
     batches = BatchTracker(tracker, DEVICES[0])
     return [step for k in range(0, len(frames), size) for step in batches.steps(frames[k : k + size])]
 
@@ -68,35 +70,37 @@ def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(
 ) -> None:
     """With eyes that are not alike: the right one's lens is a fifth longer."""
     rig = replace(rig, right=replace(rig.right, fx=1.2 * rig.right.fx, fy=1.2 * rig.right.fy))
-    params, frames = TrackerParams(mode=mode), _film(rig, robot, color, rng)
+    params = TrackerParams(mode=mode)
+    frames = _film(rig, robot, color, rng)
     alone, *batched = (_steps(params, rig, frames, size) for size in (0, 5, 64))
-    known = [step.track.is_known for step in alone]
-    assert sum(known) > 12
-    assert not all(known[14:19])
+    is_known = [step.track.is_known for step in alone]
+    assert sum(is_known) > 12
+    assert not all(is_known[14:19])
     for steps in batched:
         assert [step.track.status for step in steps] == [step.track.status for step in alone]
-        for one, other in zip(alone, steps, strict=True):
-            assert len(one.detections) == len(other.detections)
-            for a, b in zip(one.detections, other.detections, strict=True):
+        for alone_step, batch_step in zip(alone, steps, strict=True):
+            assert len(alone_step.detections) == len(batch_step.detections)
+            for a, b in zip(alone_step.detections, batch_step.detections, strict=True):
                 assert np.linalg.norm(a.center_px - b.center_px) < 0.041
-            if one.track.is_known:  # without an observation the velocity's difference adds up
-                limit_m = 2e-4 if one.observation else 1e-3
-                assert np.linalg.norm(one.track.position - other.track.position) < limit_m
-                assert other.track.radius_m == pytest.approx(one.track.radius_m, rel=0.01)
+            if alone_step.track.is_known:  # without an observation the velocity's difference adds up
+                limit_m = 2e-4 if alone_step.observation else 1e-3
+                assert np.linalg.norm(alone_step.track.position - batch_step.track.position) < limit_m
+                assert batch_step.track.radius_m == pytest.approx(alone_step.track.radius_m, rel=0.01)
     first, *rest = ([step.track.mean for step in steps] for steps in batched)
     for means in rest:
         assert np.allclose(means, first, rtol=0, atol=1e-7, equal_nan=True)
 
 
 def test_a_lost_balls_colours_are_no_longer_searched(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
-    q, frames = home(robot), _film(rig, robot, BLUE, rng)[:8]
+    q = home(robot)
+    frames = _film(rig, robot, BLUE, rng)[:8]
     empty = [frame(rig, q, [], 0.05 * (8 + k), rng) for k in range(14)]
     tracker, marker = (Tracker(TrackerParams(mode), rig, np.random.default_rng(0)) for mode in ("generic", "marker"))
-    for one in frames:
-        tracker.step(one)
-        marker.step(one)
+    for stereo_frame in frames:
+        tracker.step(stereo_frame)
+        marker.step(stereo_frame)
     assert tracker.appearance is not None
-    statuses = [tracker.step(one).track.status for one in empty]
+    statuses = [tracker.step(stereo_frame).track.status for stereo_frame in empty]
     assert Status.LOST in statuses
     assert tracker.appearance is None
     assert marker.appearance is not None  # a marker's hue is known all along

@@ -25,13 +25,15 @@ class Blindness:
         self._last: Fingerprints | None = None
 
     def step(self, frame: StereoFrame) -> bool:
-        before, self._last = self._last, fingerprints(frame)
+        before = self._last
+        self._last = fingerprints(frame)
         return is_blind(self._last, before)
 
 
 def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not(rng: np.random.Generator) -> None:
     for eye in (0, 1):
-        blindness, first = Blindness(), [picture(rng), picture(rng)]
+        blindness = Blindness()
+        first = [picture(rng), picture(rng)]
         assert not blindness.step(pair(*first, 0.0))
         second = [picture(rng), picture(rng)]
         second[eye] = first[eye].copy()
@@ -40,9 +42,12 @@ def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not
 
 
 def test_a_buffer_that_is_filled_anew_is_not_blind(rng: np.random.Generator) -> None:
-    blindness, left, right = Blindness(), picture(rng), picture(rng)
+    blindness = Blindness()
+    left = picture(rng)
+    right = picture(rng)
     blindness.step(pair(left, right, 0.0))
-    left[:], right[:] = picture(rng), picture(rng)
+    left[:] = picture(rng)
+    right[:] = picture(rng)
     assert not blindness.step(pair(left, right, 0.1))
 
 
@@ -107,8 +112,8 @@ def test_a_frame_comes_after_the_last_one_in_both_eyes(rng: np.random.Generator)
 
 @pytest.mark.parametrize("shape", [(48, 64, 4), (64, 48, 3), (48, 64)])
 def test_a_frame_has_the_images_of_its_cameras(shape: tuple[int, ...], rng: np.random.Generator) -> None:
-    other = np.zeros(shape, np.uint8)
-    for images, name in (((other, picture(rng)), "left"), ((picture(rng), other), "right")):
+    invalid = np.zeros(shape, np.uint8)
+    for images, name in (((invalid, picture(rng)), "left"), ((picture(rng), invalid), "right")):
         with pytest.raises(InputError, match=rf"{name} image .*expected \(48, 64, 3\) uint8"):
             check(StereoFrame(*images, 0.0, 0.0), RIG, (-np.inf, -np.inf))
     with pytest.raises(InputError, match=r"right image .* int16"):

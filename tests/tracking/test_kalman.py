@@ -21,11 +21,11 @@ from tracking.kalman import Belief, KalmanParams, discretise, predict, scaled, s
 EXACT = {"white_share": 1.0, "adaptation_rate": 0, "gate_chi2": 1e9}
 
 
-def _close(found: Belief, x: np.ndarray, P: np.ndarray, tolerance: float) -> None:
+def _close(result: Belief, x: np.ndarray, P: np.ndarray, tolerance: float) -> None:
     """Means within a share of the standard deviations, covariances within a share of their products."""
     std = np.sqrt(np.diag(P))
-    np.testing.assert_allclose(found.mean.ravel() / std, x / std, rtol=tolerance, atol=tolerance)
-    np.testing.assert_allclose(found.cov / np.outer(std, std), P / np.outer(std, std), atol=tolerance)
+    np.testing.assert_allclose(result.mean.ravel() / std, x / std, rtol=tolerance, atol=tolerance)
+    np.testing.assert_allclose(result.cov / np.outer(std, std), P / np.outer(std, std), atol=tolerance)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
@@ -52,10 +52,12 @@ def test_without_decay_it_is_white_noise_on_the_next_derivative(order: int) -> N
 def test_steps_are_those_of_the_textbook(order: int, rng: np.random.Generator) -> None:
     params = replace(KalmanParams.of_order(order), **EXACT)
     belief = start(params, 0.0, np.zeros(3), 1e-6 * np.eye(3))
-    x, P = belief.mean.ravel(), belief.cov
+    x = belief.mean.ravel()
+    P = belief.cov
     for t in np.cumsum(rng.uniform(0.02, 0.1, 60)).round(6).tolist():
         root = rng.uniform(-1e-3, 1e-3, (3, 3))
-        R, z = root @ root.T + 1e-7 * np.eye(3), 0.02 * rng.standard_normal(3)
+        R = root @ root.T + 1e-7 * np.eye(3)
+        z = 0.02 * rng.standard_normal(3)
         F, Q = matrices(params, t - belief.stamp_s)
         x, P, nis = corrected(F @ x, F @ P @ F.T + Q, z, R)
         belief = update(params, predict(params, belief, t), z, R)
@@ -68,8 +70,11 @@ def test_steps_are_those_of_the_textbook(order: int, rng: np.random.Generator) -
 def test_a_measured_velocity_counts_as_a_measurement_of_it(order: int) -> None:
     """The next position against Gauss's combination of what the start predicts and what is measured."""
     params = replace(KalmanParams.of_order(order), **EXACT)
-    R, V = np.diag([1e-6, 4e-6, 9e-6]), np.array([[4e-4, 1e-4, 0], [1e-4, 9e-4, 2e-4], [0, 2e-4, 1e-4]])
-    p, v, dt = np.array([0.1, 0.2, 0.3]), np.array([0.2, -0.1, 0.05]), 0.05
+    R = np.diag([1e-6, 4e-6, 9e-6])
+    V = np.array([[4e-4, 1e-4, 0], [1e-4, 9e-4, 2e-4], [0, 2e-4, 1e-4]])
+    p = np.array([0.1, 0.2, 0.3])
+    v = np.array([0.2, -0.1, 0.05])
+    dt = 0.05
     F, Q = discretised(order, dt, params.decay_s)
     P = R + params.noise_density * Q[0, 0] * np.eye(3)
     if order > 1:
@@ -93,13 +98,14 @@ def _drawn(
     """A path drawn from the model, n states (order, 3) every 50 ms, and its measurements, of whose covariance R only
     a `share` is new each time and the rest always the same."""
     F, Q = discretised(params.order, 0.05, params.decay_s)
-    root, std = np.linalg.cholesky(scale * params.noise_density * Q), np.sqrt(np.diag(R))
+    root = np.linalg.cholesky(scale * params.noise_density * Q)
+    std = np.sqrt(np.diag(R))
     prior = np.array([0.0, *params.prior_std[: params.order - 1]])
     true = [prior[:, None] * rng.standard_normal((params.order, 3))]
     for _ in range(n - 1):
         true.append(F @ true[-1] + root @ rng.standard_normal((params.order, 3)))
-    same = np.sqrt(1 - share) * std * rng.standard_normal(3)
-    return true, [x[0] + same + np.sqrt(share) * std * rng.standard_normal(3) for x in true]
+    constant = np.sqrt(1 - share) * std * rng.standard_normal(3)
+    return true, [x[0] + constant + np.sqrt(share) * std * rng.standard_normal(3) for x in true]
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -107,8 +113,11 @@ def _drawn(
 def test_errors_have_the_covariance_it_claims(order: int, lasting: float, rng: np.random.Generator) -> None:
     """NEES of the whole state and of the first position (with the share of the error that stays, `lasting` of it known
     to), and NIS."""
-    params, R = replace(KalmanParams.of_order(order), adaptation_rate=0, gate_chi2=1e9), np.diag([4e-6, 1e-6, 9e-6])
-    first, nees, nis = [], [], []
+    params = replace(KalmanParams.of_order(order), adaptation_rate=0, gate_chi2=1e9)
+    R = np.diag([4e-6, 1e-6, 9e-6])
+    first = []
+    nees = []
+    nis = []
     for _ in range(150):
         true, z = _drawn(params, 12, R, params.white_share * (1 - lasting), rng)
         belief = start(params, 0.0, z[0], R, correlated=lasting * R)
@@ -116,7 +125,8 @@ def test_errors_have_the_covariance_it_claims(order: int, lasting: float, rng: n
             if k:
                 belief = update(params, predict(params, belief, 0.05 * k), z[k], R, lasting * R)
                 nis.append(belief.nis)
-            error, P = (belief.mean - true[k]).ravel(), belief.cov.copy()
+            error = (belief.mean - true[k]).ravel()
+            P = belief.cov.copy()
             P[:3, :3] += belief.correlated_cov
             (nees if k else first).append(error @ np.linalg.solve(P, error) / (len(error) if k else 1))
     # of one path the errors go on from step to step: the last of each is independent
@@ -131,9 +141,11 @@ def test_errors_have_the_covariance_it_claims(order: int, lasting: float, rng: n
 @pytest.mark.parametrize("scale", [0.1, 8.0])
 def test_process_noise_follows_the_motion(scale: float, rng: np.random.Generator) -> None:
     """Paths drawn with another density than the parameters': over time the filter takes theirs, on average."""
-    params, R = KalmanParams(white_share=1.0, gate_chi2=1e9), 1e-8 * np.eye(3)
+    params = KalmanParams(white_share=1.0, gate_chi2=1e9)
+    R = 1e-8 * np.eye(3)
     _, z = _drawn(params, 500, R, 1.0, rng, scale)
-    belief, settled = start(params, 0.0, z[0], R), []
+    belief = start(params, 0.0, z[0], R)
+    settled = []
     for k in range(1, 500):
         belief = update(params, predict(params, belief, 0.05 * k), z[k], R)
         settled.append(math.log(belief.noise_scale))
@@ -155,7 +167,7 @@ def test_process_noise_falls_at_the_given_rate_and_below_a_fortieth_the_white_sh
         assert fallen[-1] == 0.008
         np.testing.assert_allclose(belief.correlated_cov, (1 - 0.4 * 0.008 * 40) * R)
         steady = belief._replace(noise_scale=1 / 40, cov=belief.cov / (0.008 * 40))
-        beliefs = [update(params, predict(params, one, 3.0), np.array([1e-4, 0, 0]), R) for one in (belief, steady)]
+        beliefs = [update(params, predict(params, state, 3.0), np.array([1e-4, 0, 0]), R) for state in (belief, steady)]
         np.testing.assert_allclose(beliefs[0].mean, beliefs[1].mean)
         np.testing.assert_allclose(beliefs[0].cov, 0.008 * 40 * beliefs[1].cov)
         assert predict(params, belief, 3.0).cov[0, 0] < predict(params, belief._replace(noise_scale=1.0), 3.0).cov[0, 0]
@@ -174,7 +186,8 @@ def _moving(params: KalmanParams, k: int, R: np.ndarray) -> Belief:
 def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> None:
     """Just inside and just outside each gate: an update, a change of motion (with the prior spread and a reversal since
     the last update, and noise_scale as at the start), an outlier."""
-    params, R = replace(KalmanParams.of_order(order), white_share=0.5), np.diag([1e-6, 2e-6, 3e-6])
+    params = replace(KalmanParams.of_order(order), white_share=0.5)
+    R = np.diag([1e-6, 2e-6, 3e-6])
     params = replace(params, gate_chi2=9.0, jump_chi2=16.0)
     before = _moving(params, 12, R)
     dt = 0.05 * (1 + missed)
@@ -186,7 +199,8 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
         std[1] = math.hypot(std[1], 2 * float(np.linalg.norm(ahead.mean[1])))
     prior = np.kron(np.diag(std) ** 2, np.eye(3))
     loose = ahead.cov + F @ prior @ F.T
-    x, away = ahead.mean.ravel(), np.array([0.6, 0.0, 0.8])
+    x = ahead.mean.ravel()
+    away = np.array([0.6, 0.0, 0.8])
 
     def at(chi: float, P: np.ndarray) -> np.ndarray:
         """A position that lies at a squared Mahalanobis distance."""
@@ -215,20 +229,23 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
 
 @pytest.mark.parametrize("most", [1, 2, 3])
 def test_after_so_many_outliers_it_begins_again(most: int) -> None:
-    params, R = KalmanParams(max_rejections=most), 1e-6 * np.eye(3)
-    belief, away = _moving(params, 12, R), np.array([0.5, 0, 0])
+    params = KalmanParams(max_rejections=most)
+    R = 1e-6 * np.eye(3)
+    belief = _moving(params, 12, R)
+    away = np.array([0.5, 0, 0])
     for k in range(1, most):
         belief = update(params, predict(params, belief, 0.6 + 0.05 * k), away, R)
         assert belief.rejections == k
         assert belief.mean[0, 0] < 0.2
     belief = update(params, predict(params, belief, 0.6 + 0.05 * most), away, R)
     afresh = start(params, belief.stamp_s, away, R)
-    for found, expected in zip(belief, afresh, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for result, expected in zip(belief, afresh, strict=True):
+        np.testing.assert_array_equal(result, expected)
 
 
 def test_outliers_are_forgotten_when_it_is_seen_where_predicted() -> None:
-    params, R = KalmanParams(), 1e-6 * np.eye(3)
+    params = KalmanParams()
+    R = 1e-6 * np.eye(3)
     belief = _moving(params, 12, R)
     for k, x in enumerate((0.5, 0.5, 0.075, 0.5, 0.5), start=13):
         belief = update(params, predict(params, belief, 0.05 * k), np.array([x, 0, 0]), R)
@@ -243,17 +260,18 @@ def test_thousands_of_steps_leave_the_covariance_sound(order: int, rng: np.rando
     """Nearly exact measurements and rare gaps: symmetric, positive, and settled to what it was long before."""
     params = replace(KalmanParams.of_order(order), adaptation_rate=0)
     R = np.diag([1e-12, 1e-10, 1e-6])
-    belief, seen = start(params, 0.0, np.zeros(3), R), []
+    belief = start(params, 0.0, np.zeros(3), R)
+    covs = []
     for k in range(1, 5001):
         belief = predict(params, belief, 0.05 * k)
         if k % 50:
             belief = update(params, belief, 1e-6 * rng.standard_normal(3), R)
         if k % 50 == 49:
-            seen.append(belief.cov)
-    assert np.array_equal(seen[-1], seen[-1].T)
-    size = np.sqrt(np.diag(seen[-1]))
-    assert np.linalg.eigvalsh(seen[-1] / np.outer(size, size)).min() > 0
-    np.testing.assert_allclose(seen[-1], seen[20], rtol=1e-3, atol=1e-3 * np.outer(size, size).min())
+            covs.append(belief.cov)
+    assert np.array_equal(covs[-1], covs[-1].T)
+    size = np.sqrt(np.diag(covs[-1]))
+    assert np.linalg.eigvalsh(covs[-1] / np.outer(size, size)).min() > 0
+    np.testing.assert_allclose(covs[-1], covs[20], rtol=1e-3, atol=1e-3 * np.outer(size, size).min())
 
 
 def test_twice_as_far_off_all_lengths_are_twice_as_large() -> None:
@@ -264,7 +282,8 @@ def test_twice_as_far_off_all_lengths_are_twice_as_large() -> None:
 
 
 def test_process_noise_grows_no_more_than_thirtyfold_and_starts_at_once_its_own() -> None:
-    params, R = KalmanParams(gate_chi2=21.0), 1e-8 * np.eye(3)
+    params = KalmanParams(gate_chi2=21.0)
+    R = 1e-8 * np.eye(3)
     belief = start(params, 0.0, np.zeros(3), R)
     assert (belief.noise_scale, belief.rejections) == (1.0, 0)
     assert math.isnan(belief.nis)
@@ -307,15 +326,16 @@ def test_a_motion_is_followed_ahead_by_how_certain_it_is() -> None:
     for std, share in ((1e-6, 1.0), (0.2, 0.0)):
         track = Track3D(0.0, mean, std**2 * np.eye(12), 0.03, 0.0, Status.TRACKING)
         p, v = kalman.extrapolate(KalmanParams(), track, 0.1, 0.05)
-        then, midway = predict(KalmanParams(), belief, 0.1).mean, predict(KalmanParams(), belief, 0.125).mean
-        np.testing.assert_allclose(p, mean[0] + share * (then[0] - mean[0]), atol=1e-6)
+        later = predict(KalmanParams(), belief, 0.1).mean
+        midway = predict(KalmanParams(), belief, 0.125).mean
+        np.testing.assert_allclose(p, mean[0] + share * (later[0] - mean[0]), atol=1e-6)
         np.testing.assert_allclose(v, share * midway[1], atol=1e-6)
     v = kalman.extrapolate(KalmanParams(), replace(track, cov=1e-12 * np.eye(12)), 0.125)[1]
     np.testing.assert_allclose(v, midway[1], atol=1e-6)
     # at twice the χ² that rest has in 99 % of cases, half
     std = float(np.linalg.norm(mean[1])) / math.sqrt(2 * chi2.isf(0.01, 3))
     p, _ = kalman.extrapolate(KalmanParams(), replace(track, cov=std**2 * np.eye(12)), 0.1)
-    np.testing.assert_allclose(p, mean[0] + 0.5 * (then[0] - mean[0]), atol=1e-3)
+    np.testing.assert_allclose(p, mean[0] + 0.5 * (later[0] - mean[0]), atol=1e-3)
 
 
 def test_without_a_velocity_a_motion_is_not_followed() -> None:
@@ -331,7 +351,7 @@ def test_a_gate_that_lets_everything_through_does_not_overflow() -> None:
     """A measurement a kilometre off only makes the motion as unsteady as it can be: e to its distance has no number."""
     params = KalmanParams(gate_chi2=1e12)
     belief = start(params, 0.0, np.zeros(3), 1e-8 * np.eye(3))
-    far = update(params, predict(params, belief, 0.05), np.array([1000.0, 0.0, 0.0]), 1e-8 * np.eye(3))
+    outlier = update(params, predict(params, belief, 0.05), np.array([1000.0, 0.0, 0.0]), 1e-8 * np.eye(3))
     near = update(params, predict(params, belief, 0.05), np.array([0.1, 0.0, 0.0]), 1e-8 * np.eye(3))
-    assert far.nis > 1e5 > near.nis
-    assert 1.0 < near.noise_scale <= far.noise_scale == 30.0
+    assert outlier.nis > 1e5 > near.nis
+    assert 1.0 < near.noise_scale <= outlier.noise_scale == 30.0

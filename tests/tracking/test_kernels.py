@@ -12,19 +12,25 @@ from tracking.outline import Optics
 
 def _textbook(image: Image, mask: Mask, band: int) -> tuple[Array, Array]:
     """Coverage and its variance as `covered` says it has them."""
-    near, square = 2 * band + 1, np.ones((4 * band + 5,) * 2)
+    near = 2 * band + 1
+    square = np.ones((4 * band + 5,) * 2)
     inner = ndimage.minimum_filter(mask, near, mode="nearest")
     outer = ~ndimage.maximum_filter(mask, near, mode="nearest")
     inner = inner if inner.any() else mask
-    layers, edge, bound = [], ~(inner | outer), np.full((*mask.shape, 1), UNIT)
+    layers = []
+    edge = ~(inner | outer)
+    bound = np.full((*mask.shape, 1), UNIT)
     for where in (inner, outer):
-        colors, count = np.where(where[..., None], image, 0.0), np.maximum(where.sum(), 1)
+        colors = np.where(where[..., None], image, 0.0)
+        count = np.maximum(where.sum(), 1)
         sums = np.stack([ndimage.convolve(colors[..., k], square, mode="constant") for k in range(3)], axis=-1)
         counts = ndimage.convolve(where.astype(float), square, mode="constant")[..., None]
         mean = np.where(counts > 0, sums / np.maximum(counts, 1), colors.sum(axis=(0, 1)) / count)
         layers.append(np.concatenate([mean, bound], axis=-1)[edge])
     mixed = np.concatenate([image, bound], axis=-1)[edge]
-    (F, B), alpha, variance = layers, inner.astype(float), np.zeros(mask.shape)
+    (F, B) = layers
+    alpha = inner.astype(float)
+    variance = np.zeros(mask.shape)
     shares = np.array([np.linalg.lstsq(np.stack([f, b], axis=1), i)[0] for f, b, i in zip(F, B, mixed, strict=True)])
     a, b = np.maximum(shares.reshape(-1, 2).T, 0)
     rest = (mixed - a[:, None] * F - b[:, None] * B)[:, :3]
@@ -66,20 +72,22 @@ def test_coverage_is_the_textbooks(kind: str, band: int, rng: np.random.Generato
 def test_moments_are_sums_over_all_pixels(kind: str, rng: np.random.Generator) -> None:
     image, mask = _scene(kind, rng)
     alpha, variance = covered(image, mask, 2)
-    left, top = 200, 50
+    left = 200
+    top = 50
     region = np.s_[top : top + mask.shape[0], left : left + mask.shape[1]]
-    bearing, solid_angle = LEFT_EYE.bearing_map[region], LEFT_EYE.solid_angle_map[region]
-    seen = moments(alpha, variance, Optics(LEFT_EYE).weights, left, top)
+    bearing = LEFT_EYE.bearing_map[region]
+    solid_angle = LEFT_EYE.solid_angle_map[region]
+    result = moments(alpha, variance, Optics(LEFT_EYE).weights, left, top)
     direction = np.einsum("vu,vu,vuk", alpha.astype(float), solid_angle, bearing)
     omega = float(np.sum(solid_angle * alpha, dtype=float))
-    np.testing.assert_allclose(seen.direction, direction, rtol=1e-7)
-    assert seen.omega == pytest.approx(omega, rel=1e-7)
+    np.testing.assert_allclose(result.direction, direction, rtol=1e-7)
+    assert result.omega == pytest.approx(omega, rel=1e-7)
     weights = solid_angle[..., None] * np.concatenate([bearing, np.ones((*mask.shape, 1))], axis=-1)
     cov = np.einsum("vu,vui,vuj", variance.astype(float), weights, weights)
-    np.testing.assert_allclose(seen.cov, cov, rtol=1e-6)
-    assert seen.area == pytest.approx(alpha.sum(dtype=float))
+    np.testing.assert_allclose(result.cov, cov, rtol=1e-6)
+    assert result.area == pytest.approx(alpha.sum(dtype=float))
     rows, columns = np.nonzero(alpha > 0.5)
-    assert seen.box == (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
+    assert result.box == (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
 
 
 def test_where_nothing_tells_the_colours_apart_the_mask_decides() -> None:

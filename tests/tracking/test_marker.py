@@ -60,10 +60,10 @@ def test_a_saturation_or_value_that_is_no_share_is_refused(name: str, share: flo
 
 
 def test_the_largest_comes_first_and_at_most_four() -> None:
-    found = find_markers(
+    markers = find_markers(
         MarkerParams(), drawn((20, 20, 4), (60, 20, 9), (110, 30, 6), (30, 80, 12), (90, 90, 5)), OPTICS
     )
-    centers = [one.center_px.round().tolist() for one in found]
+    centers = [marker.center_px.round().tolist() for marker in markers]
     assert centers == [[30, 80], [60, 20], [110, 30], [90, 90]]
 
 
@@ -77,24 +77,24 @@ def test_a_speck_is_no_marker() -> None:
     image = drawn()
     image[50:52, 50:54] = GREEN  # 8 px, the least
     image[80:82, 80:83] = GREEN
-    found = find_markers(MarkerParams(), image, OPTICS)
-    assert [one.center_px.round(1).tolist() for one in found] in ([[51.5, 50.5]], [])
+    markers = find_markers(MarkerParams(), image, OPTICS)
+    assert [marker.center_px.round(1).tolist() for marker in markers] in ([[51.5, 50.5]], [])
     assert len(find_markers(MarkerParams(), drawn((50, 50, 3)), OPTICS)) == 1
 
 
 def test_only_the_square_that_is_asked_for_is_searched() -> None:
     image = drawn((40, 60, 6), (110, 60, 6))
-    assert [one.center_px[0].round() for one in find_markers(MarkerParams(), image, OPTICS, near=(112, 58, 20))] == [
-        110
-    ]
+    assert [
+        marker.center_px[0].round() for marker in find_markers(MarkerParams(), image, OPTICS, near=(112, 58, 20))
+    ] == [110]
     assert len(find_markers(MarkerParams(), image, OPTICS, near=(75, 60, 20))) == 0
     assert len(find_markers(MarkerParams(), image, OPTICS, near=(75, 60, 60))) == 2
     for beyond in ((-50, 60, 20), (300, 60, 20), (75, -50, 20), (75, 300, 20)):
         assert find_markers(MarkerParams(), image, OPTICS, near=beyond) == []
     corner = drawn((4, 4, 3), (155, 115, 3))
     for near, expected in (((0, 0, 9), [4, 4]), ((159, 119, 9), [155, 115])):
-        (found,) = find_markers(MarkerParams(), corner, OPTICS, near=near)
-        assert found.center_px == pytest.approx(expected, abs=0.3)
+        (marker,) = find_markers(MarkerParams(), corner, OPTICS, near=near)
+        assert marker.center_px == pytest.approx(expected, abs=0.3)
 
 
 def test_what_does_not_differ_from_the_background_is_left_out() -> None:
@@ -105,23 +105,24 @@ def test_what_does_not_differ_from_the_background_is_left_out() -> None:
         boxes.append(box)
         return np.broadcast_to(np.arange(box[0], box[2]) > 80, (box[3] - box[1], box[2] - box[0]))
 
-    (found,) = find_markers(MarkerParams(), image, OPTICS, differs=differs)
-    assert found.center_px == pytest.approx([110, 60], abs=0.1)
-    (found,) = find_markers(MarkerParams(), image, OPTICS, near=(100, 60, 70), differs=differs)
-    assert found.center_px == pytest.approx([110, 60], abs=0.1)
+    (marker,) = find_markers(MarkerParams(), image, OPTICS, differs=differs)
+    assert marker.center_px == pytest.approx([110, 60], abs=0.1)
+    (marker,) = find_markers(MarkerParams(), image, OPTICS, near=(100, 60, 70), differs=differs)
+    assert marker.center_px == pytest.approx([110, 60], abs=0.1)
     assert boxes == [(0, 0, 160, 120), (30, 0, 160, 120)]
 
 
 def test_candidates_are_judged_by_their_box_in_the_image() -> None:
-    image, asked = drawn((40, 60, 6), (110, 70, 9)), []
+    image = drawn((40, 60, 6), (110, 70, 9))
+    boxes = []
 
     def is_candidate(x: int, y: int, width: int, height: int) -> bool:
-        asked.append((x, y, width, height))
+        boxes.append((x, y, width, height))
         return width < 15
 
-    (found,) = find_markers(MarkerParams(), image, OPTICS, near=(80, 65, 50), is_candidate=is_candidate)
-    assert found.center_px == pytest.approx([40, 60], abs=0.1)
-    assert asked == [(101, 61, 19, 19), (34, 54, 13, 13)]
+    (marker,) = find_markers(MarkerParams(), image, OPTICS, near=(80, 65, 50), is_candidate=is_candidate)
+    assert marker.center_px == pytest.approx([40, 60], abs=0.1)
+    assert boxes == [(101, 61, 19, 19), (34, 54, 13, 13)]
 
 
 def test_no_more_than_the_forty_largest_are_judged() -> None:
@@ -140,14 +141,14 @@ def _common_hue(rng: np.random.Generator, more: float, share: float) -> Image:
     saturation[:, round(160 * share) :] = 0
     disc = np.zeros((120, 160), np.uint8)
     cv2.circle(disc, (110, 60), 8, (1,), cv2.FILLED)
-    other = 255 - np.where(disc > 0, 150 + 10 * more, saturation)
-    return np.stack([other, np.full((120, 160), 255.0), other], axis=-1).astype(np.uint8)
+    red_blue = 255 - np.where(disc > 0, 150 + 10 * more, saturation)
+    return np.stack([red_blue, np.full((120, 160), 255.0), red_blue], axis=-1).astype(np.uint8)
 
 
-@pytest.mark.parametrize(("more", "share", "found"), [(5, 1.0, 1), (3, 1.0, 0), (5, 0.2, 1), (5, 0.0, 0)])
+@pytest.mark.parametrize(("more", "share", "n"), [(5, 1.0, 1), (3, 1.0, 0), (5, 0.2, 1), (5, 0.0, 0)])
 def test_what_stands_out_of_a_common_hue_by_four_deviations_is_a_marker(
-    more: float, share: float, found: int, rng: np.random.Generator
+    more: float, share: float, n: int, rng: np.random.Generator
 ) -> None:
     """A hue that only the disc has (1 % of the image) is no common one."""
     vivid = find_vivid_markers(MarkerParams(120.0), _common_hue(rng, more, share), OPTICS)
-    assert [one.center_px.round().tolist() for one in vivid] == [[110, 60]] * found
+    assert [marker.center_px.round().tolist() for marker in vivid] == [[110, 60]] * n

@@ -27,9 +27,9 @@ def test_dilation_adds_as_many_pixels_to_every_side() -> None:
 @pytest.mark.parametrize(("gap", "is_closed"), [(2, True), (4, True), (5, False)])
 def test_closing_fills_gaps_narrower_than_the_element(gap: int, is_closed: bool) -> None:
     two = rectangle(10, 10, 30, 40) | rectangle(30 + gap, 10, 50, 40)
-    found = masks.closed(two, masks.square(2))
-    assert found[20, 30 : 30 + gap].all() == is_closed
-    assert np.array_equal(found, rectangle(10, 10, 50, 40) if is_closed else two)
+    result = masks.closed(two, masks.square(2))
+    assert result[20, 30 : 30 + gap].all() == is_closed
+    assert np.array_equal(result, rectangle(10, 10, 50, 40) if is_closed else two)
 
 
 @pytest.mark.parametrize("radius", [0, 3, 12, 40])
@@ -47,20 +47,23 @@ def test_opening_keeps_what_a_disc_reaches_that_fits_up_to_the_images_border(rad
 
 
 def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for() -> None:
-    one, other = rectangle(5, 5, 25, 25), rectangle(40, 5, 45, 10)
+    large = rectangle(5, 5, 25, 25)
+    small = rectangle(40, 5, 45, 10)
     touching_at_a_corner = rectangle(25, 25, 30, 30)
-    mask = one | other | touching_at_a_corner
-    found = masks.component(mask, rectangle(20, 0, 50, 10))
-    assert found is not None
-    assert np.array_equal(found, one)  # 5 × 5 px each of one and other; the first
-    found = masks.component(mask, rectangle(21, 0, 50, 10))
-    assert found is not None
-    assert np.array_equal(found, other)
+    mask = large | small | touching_at_a_corner
+    result = masks.component(mask, rectangle(20, 0, 50, 10))
+    assert result is not None
+    assert np.array_equal(result, large)  # 5 × 5 px each of one and other; the first
+    result = masks.component(mask, rectangle(21, 0, 50, 10))
+    assert result is not None
+    assert np.array_equal(result, small)
     assert masks.component(mask, rectangle(0, 40, 20, 60)) is None
 
 
 def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop() -> None:
-    ring, large, small = disc(40, 30, 25), disc(40, 30, 10), rectangle(55, 30, 57, 32)
+    ring = disc(40, 30, 25)
+    large = disc(40, 30, 10)
+    small = rectangle(55, 30, 57, 32)
     mask = ring & ~large & ~small
     assert np.array_equal(masks.filled(mask), ring)
     everywhere = np.ones_like(mask)
@@ -85,7 +88,8 @@ def test_a_mask_is_cut_where_it_reaches_a_side_that_is_not_the_images(
     side: int, mask: tuple[int, int, int, int]
 ) -> None:
     image = np.zeros((100, 200, 3), np.uint8)
-    inside, corner = (50, 20, 130, 80), [(0, 20), (50, 0), (120, 20), (50, 40)][side]
+    inside = (50, 20, 130, 80)
+    corner = [(0, 20), (50, 0), (120, 20), (50, 40)][side]
     at_side = (*corner, corner[0] + 80, corner[1] + 60)
     assert masks.is_cut(rectangle(*mask), inside, image)
     assert not masks.is_cut(rectangle(*mask), at_side, image)
@@ -93,20 +97,21 @@ def test_a_mask_is_cut_where_it_reaches_a_side_that_is_not_the_images(
 
 
 def test_an_ellipse_has_its_width_height_and_centre() -> None:
-    found = masks.ellipse((10, 20, 90, 80), np.array([45.0, 55.0]), 40.0, 20.0)
-    assert found.shape == (60, 80)
-    v, u = np.nonzero(found)
+    result = masks.ellipse((10, 20, 90, 80), np.array([45.0, 55.0]), 40.0, 20.0)
+    assert result.shape == (60, 80)
+    v, u = np.nonzero(result)
     assert (u.min() + 10, u.max() + 10, v.min() + 20, v.max() + 20) == (25, 65, 45, 65)
-    assert found.sum() == pytest.approx(np.pi / 4 * 40 * 20, rel=0.02)
+    assert result.sum() == pytest.approx(np.pi / 4 * 40 * 20, rel=0.02)
 
 
-@pytest.mark.parametrize(("gap", "one"), [(1, True), (2, True), (3, False)])
-def test_parts_up_to_two_pixels_apart_are_one_component_without_holes(gap: int, one: bool) -> None:
-    left, right = rectangle(10, 10, 30, 40), rectangle(30 + gap, 10, 50, 40)
+@pytest.mark.parametrize(("gap", "is_joined"), [(1, True), (2, True), (3, False)])
+def test_parts_up_to_two_pixels_apart_are_one_component_without_holes(gap: int, is_joined: bool) -> None:
+    left = rectangle(10, 10, 30, 40)
+    right = rectangle(30 + gap, 10, 50, 40)
     hole = rectangle(15, 15, 22, 22)
-    found = masks.closed_component((left & ~hole) | right, rectangle(10, 10, 14, 14))
-    assert found is not None
-    assert np.array_equal(found, rectangle(10, 10, 50, 40) if one else left)
+    result = masks.closed_component((left & ~hole) | right, rectangle(10, 10, 14, 14))
+    assert result is not None
+    assert np.array_equal(result, rectangle(10, 10, 50, 40) if is_joined else left)
     kept = masks.closed_component((left & ~hole) | right, rectangle(10, 10, 14, 14), hole)
     assert kept is not None
     assert not kept[16:21, 16:21].any()
@@ -115,7 +120,8 @@ def test_parts_up_to_two_pixels_apart_are_one_component_without_holes(gap: int, 
 
 def test_solidity_is_the_share_of_the_convex_hull() -> None:
     """Of a square all, of three of its quarters 6/7; a pixel is solid."""
-    square, quarter = rectangle(10, 5, 60, 55), rectangle(35, 5, 60, 30)
+    square = rectangle(10, 5, 60, 55)
+    quarter = rectangle(35, 5, 60, 30)
     assert masks.solidity(square) == pytest.approx(1, abs=0.05)
     assert masks.solidity(square & ~quarter) == pytest.approx(6 / 7, abs=0.05)
     assert masks.solidity(rectangle(3, 3, 4, 4)) == 1

@@ -39,24 +39,25 @@ def test_a_moving_ball_is_found_within_frames(
 ) -> None:
     trigger = MotionTrigger(TriggerParams(), LEFT_EYE)
     ahead = rig.view(_gaze(robot, 0.0, 0.0)).left.T_root_camera
-    found: list[Region2D] = []
+    regions: list[Region2D] = []
     for k in range(6 + within):
         view = rig.view(_gaze(robot, DT * k, np.deg2rad(speed_deg_s))).left
         x = max(k - 5, 0) * px_per_frame * 0.5 / LEFT_EYE.fx
         center = (ahead @ np.array([x - 0.03, 0.0, 0.5, 1.0]))[:3]
-        found = trigger.step(look(view, [Sphere(center, 0.035, RED)], rng), view, DT * k)
+        regions = trigger.step(look(view, [Sphere(center, 0.035, RED)], rng), view, DT * k)
         if k <= 5:
-            assert found == []  # it is there, but does not move yet
+            assert regions == []  # it is there, but does not move yet
     true = view.project(center)
-    assert found
-    x, y, w, h = found[0].box_px
+    assert regions
+    x, y, w, h = regions[0].box_px
     assert np.linalg.norm([x + w / 2 - true[0], y + h / 2 - true[1]]) < 25
 
 
 def test_ones_own_body_and_exposure_are_no_stimulus(robot: Robot, rig: StereoRig, rng: np.random.Generator) -> None:
     view = rig.view(home(robot)).left
     ahead = view.T_root_camera
-    own, open_eyes = MotionTrigger(TriggerParams(), LEFT_EYE), MotionTrigger(TriggerParams(), LEFT_EYE)
+    own = MotionTrigger(TriggerParams(), LEFT_EYE)
+    open_eyes = MotionTrigger(TriggerParams(), LEFT_EYE)
     saw = 0
     for k in range(8):
         sphere = Sphere((ahead @ np.array([-0.05 + 0.01 * k, 0.0, 0.5, 1.0]))[:3], 0.03, RED)
@@ -72,13 +73,15 @@ def test_ones_own_body_and_exposure_are_no_stimulus(robot: Robot, rig: StereoRig
 
 def test_an_image_that_is_filled_anew_changes_nothing_that_was_remembered() -> None:
     """A camera's driver may use one buffer for all images."""
-    rng, trigger, found = np.random.default_rng(2), MotionTrigger(GATE, LEFT_EYE), []
+    rng = np.random.default_rng(2)
+    trigger = MotionTrigger(GATE, LEFT_EYE)
+    regions = []
     buffer = np.empty((240, 320, 3), np.uint8)
     for k, film in enumerate(moving(100, 100, 20, 20, 200.0)):
         buffer[:] = drawn(film, rng)
-        found.append(trigger.step(buffer, FIXED, DT * k))
-    assert not any(found[:5])
-    assert all(found[5:])
+        regions.append(trigger.step(buffer, FIXED, DT * k))
+    assert not any(regions[:5])
+    assert all(regions[5:])
 
 
 def test_an_image_from_long_ago_is_forgotten(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
@@ -107,8 +110,9 @@ def drawn(patches: list[Patch], rng: np.random.Generator, noise: float = 0.0) ->
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
-def seen(params: TriggerParams, films: list[list[Patch]], noise: float = 0.0) -> list[list[Region2D]]:
-    trigger, rng = MotionTrigger(params, LEFT_EYE), np.random.default_rng(2)
+def triggered(params: TriggerParams, films: list[list[Patch]], noise: float = 0.0) -> list[list[Region2D]]:
+    trigger = MotionTrigger(params, LEFT_EYE)
+    rng = np.random.default_rng(2)
     return [trigger.step(drawn(patches, rng, noise), FIXED, DT * k) for k, patches in enumerate(films)]
 
 
@@ -119,13 +123,13 @@ def moving(x: float, y: float, w: int, h: int, level: float, px: float = 5.0, fr
 
 def test_only_the_central_part_is_looked_at() -> None:
     at_the_border = [[(280 - 5 * max(k - 4, 0), 231, 30, 9, 200.0)] for k in range(8)]
-    assert not any(seen(GATE, at_the_border))
-    assert any(seen(replace(GATE, central=1.0), at_the_border))
+    assert not any(triggered(GATE, at_the_border))
+    assert any(triggered(replace(GATE, central=1.0), at_the_border))
     at_the_side = [[(309, 100 + 5 * max(k - 4, 0), 11, 30, 200.0)] for k in range(8)]
-    assert not any(seen(GATE, at_the_side))
-    assert any(seen(replace(GATE, central=1.0), at_the_side))
+    assert not any(triggered(GATE, at_the_side))
+    assert any(triggered(replace(GATE, central=1.0), at_the_side))
     for patch in ((0, 100, 40, 30, 200.0), (100, 0, 30, 40, 200.0)):  # of what begins at the border, the rest
-        (region,) = seen(GATE, [[]] * 5 + [[patch]])[-1]
+        (region,) = triggered(GATE, [[]] * 5 + [[patch]])[-1]
         assert (
             min(region.box_px[0] - (12 if patch[0] == 0 else 100), region.box_px[1] - (10 if patch[1] == 0 else 100))
             >= -2
@@ -134,54 +138,62 @@ def test_only_the_central_part_is_looked_at() -> None:
 
 def test_what_is_too_small_is_no_region() -> None:
     film = moving(100, 100, 5, 5, 200.0)
-    assert any(seen(GATE, film))
-    assert not any(seen(replace(GATE, min_area_px=150), film))
-    assert not any(seen(GATE, moving(100, 100, 1, 1, 160.0)))
+    assert any(triggered(GATE, film))
+    assert not any(triggered(replace(GATE, min_area_px=150), film))
+    assert not any(triggered(GATE, moving(100, 100, 1, 1, 160.0)))
     beside = [[]] * 5 + [[(100, 100, 20, 20, 200.0), (135, 110, 2, 2, 150.0)]]
-    assert [len(seen(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
+    assert [len(triggered(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
 
 
 def test_what_hardly_differs_is_no_region() -> None:
-    faint, plain = moving(100, 100, 20, 20, 94.0), moving(100, 100, 20, 20, 115.0)
-    assert not any(seen(GATE, faint))
-    assert any(seen(replace(GATE, min_contrast=2.0), faint))
-    assert any(seen(GATE, plain))
+    faint = moving(100, 100, 20, 20, 94.0)
+    plain = moving(100, 100, 20, 20, 115.0)
+    assert not any(triggered(GATE, faint))
+    assert any(triggered(replace(GATE, min_contrast=2.0), faint))
+    assert any(triggered(GATE, plain))
 
 
 def test_what_noise_may_do_is_no_region() -> None:
     film = moving(100, 100, 20, 20, 102.0)
-    assert any(seen(GATE, film, 0.5))
-    assert not any(seen(GATE, film, 8.0))
-    assert any(seen(replace(GATE, noise_factor=1.0), film, 8.0))
+    assert any(triggered(GATE, film, 0.5))
+    assert not any(triggered(GATE, film, 8.0))
+    assert any(triggered(replace(GATE, noise_factor=1.0), film, 8.0))
 
 
 def test_darker_and_brighter_both_count() -> None:
     for level in (20.0, 180.0):
-        assert len(seen(GATE, [[]] * 5 + [[(100, 100, 20, 20, level)]])[-1]) == 1
+        assert len(triggered(GATE, [[]] * 5 + [[(100, 100, 20, 20, level)]])[-1]) == 1
 
 
 def test_parts_of_one_object_are_joined_and_the_strongest_comes_first() -> None:
     parts = [[]] * 5 + [[(100, 100, 20, 10, 130.0), (100, 116, 20, 10, 130.0), (200, 60, 12, 12, 200.0)]]
-    found = seen(GATE, parts)[-1]
-    assert len(found) == 2
-    assert found[0].evidence >= found[1].evidence > 0
-    assert len(seen(replace(GATE, join_px=1), parts)[-1]) == 3
+    regions = triggered(GATE, parts)[-1]
+    assert len(regions) == 2
+    assert regions[0].evidence >= regions[1].evidence > 0
+    assert len(triggered(replace(GATE, join_px=1), parts)[-1]) == 3
     bright = [[]] * 5 + [[(100, 60, 12, 12, 110.0), (200, 100, 12, 12, 200.0)]]
-    assert [region.box_px[0] > 150 for region in seen(GATE, bright)[-1]] == [True, False]
+    assert [region.box_px[0] > 150 for region in triggered(GATE, bright)[-1]] == [True, False]
 
 
 def test_a_slow_object_is_found_in_the_turns_of_the_long_interval() -> None:
     slow = moving(100, 100, 20, 20, 200.0, 0.14, 20)
-    found = seen(GATE, slow)
-    assert not any(found[:9])
-    assert any(found)
-    assert not any(seen(replace(GATE, slow_interval_s=GATE.interval_s), slow))
-    flows = [one[0].flow for one in seen(TriggerParams(), moving(100, 100, 20, 20, 200.0, 0.3, 18)) if one]
+    regions = triggered(GATE, slow)
+    assert not any(regions[:9])
+    assert any(regions)
+    assert not any(triggered(replace(GATE, slow_interval_s=GATE.interval_s), slow))
+    flows = [
+        regions_of_step[0].flow
+        for regions_of_step in triggered(TriggerParams(), moving(100, 100, 20, 20, 200.0, 0.3, 18))
+        if regions_of_step
+    ]
     assert any(flow is not None and flow.interval_s > 0.5 for flow in flows)
 
 
 def test_with_each_interval_an_image_so_old_is_compared() -> None:
-    appeared = [bool(one) for one in seen(GATE, [[]] * 13 + [[(100, 100, 20, 20, 200.0)]] * 20)[13:]]
+    appeared = [
+        bool(regions_of_step)
+        for regions_of_step in triggered(GATE, [[]] * 13 + [[(100, 100, 20, 20, 200.0)]] * 20)[13:]
+    ]
     assert all(appeared[:4])
     assert sum(appeared[4:12]) == 4  # the long interval only, every other image
     assert not any(appeared[12:])
@@ -193,36 +205,38 @@ def test_where_the_robot_was_is_no_stimulus_either() -> None:
     mask = np.zeros((240, 320), bool)
     mask[98:132, 98:132] = True
     for own, expected in ((mask, 0), (np.zeros_like(mask), 1)):
-        trigger, found = MotionTrigger(GATE, LEFT_EYE), []
+        trigger = MotionTrigger(GATE, LEFT_EYE)
+        regions = []
         for k in range(7):
-            there = k < 5
-            body = own if there else np.zeros_like(mask)
-            found = trigger.step(drawn([arm] if there else [], rng), FIXED, DT * k, lambda body=body: body)
-        assert len(found) == expected
+            is_visible = k < 5
+            body = own if is_visible else np.zeros_like(mask)
+            regions = trigger.step(drawn([arm] if is_visible else [], rng), FIXED, DT * k, lambda body=body: body)
+        assert len(regions) == expected
 
 
 def test_something_near_at_rest_is_no_stimulus_for_an_eye_that_shifts() -> None:
     rng = np.random.default_rng(4)
     eyes = [View(LEFT_EYE, transform(translation=(0.003 * k, 0.0, 0.0))) for k in range(9)]
     near = Sphere(np.array([0.0, 0.0, 0.3]), 0.03, RED)
-    found = {}
+    regions = {}
     for name, params in (("default", GATE), ("any parallax", replace(GATE, max_parallax_px=1e3, near_m=1.0))):
         trigger = MotionTrigger(params, LEFT_EYE)
-        found[name] = [trigger.step(look(eye, [near], rng), eye, DT * k) for k, eye in enumerate(eyes)]
-    assert not any(found["default"])
-    assert any(found["any parallax"])
+        regions[name] = [trigger.step(look(eye, [near], rng), eye, DT * k) for k, eye in enumerate(eyes)]
+    assert not any(regions["default"])
+    assert any(regions["any parallax"])
 
 
 def test_an_eye_that_shifts_fast_compares_a_younger_image() -> None:
     rng = np.random.default_rng(4)
     eyes = [View(LEFT_EYE, transform(translation=(0.004 * k, 0.0, 0.0))) for k in range(9)]  # 4 px an image at 0.22 m
     for limit, expected in ((5.0, False), (100.0, True)):  # what appeared two images ago and rests
-        trigger, found = MotionTrigger(replace(GATE, max_parallax_px=limit), LEFT_EYE), []
+        trigger = MotionTrigger(replace(GATE, max_parallax_px=limit), LEFT_EYE)
+        regions = []
         for k, eye in enumerate(eyes):
-            there = [Sphere(np.array([0.02, 0.0, 0.6]), 0.04, RED)] if k >= 6 else []
-            found.append(bool(trigger.step(look(eye, there, rng), eye, DT * k)))
-        assert found[6]
-        assert found[8] == expected
+            spheres = [Sphere(np.array([0.02, 0.0, 0.6]), 0.04, RED)] if k >= 6 else []
+            regions.append(bool(trigger.step(look(eye, spheres, rng), eye, DT * k)))
+        assert regions[6]
+        assert regions[8] == expected
 
 
 # Flow confirms what the gates leave.
@@ -236,15 +250,18 @@ def textured(rng: np.random.Generator, level: float = 100.0) -> np.ndarray:
 
 def test_what_the_object_uncovers_is_refuted_and_the_object_measured() -> None:
     rng = np.random.default_rng(6)
-    wall, square = textured(rng), textured(rng, 150.0)[:24, :24]
+    wall = textured(rng)
+    square = textured(rng, 150.0)[:24, :24]
     for params, confirm, expected in ((GATE, True, 2), (TriggerParams(), False, 2), (TriggerParams(), True, 1)):
-        trigger, found = MotionTrigger(params, LEFT_EYE), []
+        trigger = MotionTrigger(params, LEFT_EYE)
+        regions = []
         for k in range(12):
-            image, x = wall.copy(), 60 + 10 * max(k - 4, 0)
+            image = wall.copy()
+            x = 60 + 10 * max(k - 4, 0)
             image[100:124, x : x + 24] = square
-            found.append(trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k, confirm=confirm))
-        assert max(len(one) for one in found[9:]) == expected
-    flow = found[11][0].flow
+            regions.append(trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k, confirm=confirm))
+        assert max(len(regions_of_step) for regions_of_step in regions[9:]) == expected
+    flow = regions[11][0].flow
     assert flow is not None
     assert flow.interval_s == pytest.approx(DT)
     np.testing.assert_allclose(flow.velocity_px_s, (200, 0), atol=8)
@@ -254,46 +271,52 @@ def test_what_the_object_uncovers_is_refuted_and_the_object_measured() -> None:
 def test_a_plain_object_is_confirmed_though_little_of_it_has_a_match() -> None:
     """Without texture only its edge shows flow; most of what it covers and uncovers has no match, the rest is at
     rest."""
-    found = []
+    detected = []
     for seed in range(2):
         wall = cv2.GaussianBlur(np.random.default_rng(seed).uniform(0, 255, (240, 320)), (0, 0), 5.0)
         wall = 100 + 30 * (wall - wall.mean()) / wall.std()
         for radius, step_px in ((14, 3), (14, 5), (18, 3), (18, 5)):
-            rng, trigger = np.random.default_rng(seed), MotionTrigger(TriggerParams(), LEFT_EYE)
+            rng = np.random.default_rng(seed)
+            trigger = MotionTrigger(TriggerParams(), LEFT_EYE)
             for k in range(8):
                 image = wall[..., None].repeat(3, axis=2)
                 at = 80 + step_px * max(k - 4, 0), 120
                 cv2.circle(image, at, radius, (150, 100, 60), cv2.FILLED, cv2.LINE_AA)
                 noisy = np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
                 regions = trigger.step(noisy, FIXED, DT * k)
-                found += [bool(regions)] if k >= 5 else []
-    assert np.mean(found) > 0.7
+                detected += [bool(regions)] if k >= 5 else []
+    assert np.mean(detected) > 0.7
 
 
 def test_what_moves_too_fast_for_flow_is_found_without_it() -> None:
     rng = np.random.default_rng(6)
-    wall, square = textured(rng), textured(rng, 150.0)[:16, :16]
-    trigger, found = MotionTrigger(TriggerParams(), LEFT_EYE), []
+    wall = textured(rng)
+    square = textured(rng, 150.0)[:16, :16]
+    trigger = MotionTrigger(TriggerParams(), LEFT_EYE)
+    regions = []
     for k in range(6):
-        image, x = wall.copy(), 60 + 90 * max(k - 4, 0)
+        image = wall.copy()
+        x = 60 + 90 * max(k - 4, 0)
         image[100:116, x : x + 16] = square
-        found = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
-    assert [one.flow for one in found if one.box_px[0] > 120] == [None]
+        regions = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
+    assert [region.flow for region in regions if region.box_px[0] > 120] == [None]
 
 
 def test_only_the_strongest_regions_are_measured() -> None:
     rng = np.random.default_rng(6)
-    wall, square = textured(rng), textured(rng, 150.0)[:20, :20]
+    wall = textured(rng)
+    square = textured(rng, 150.0)[:20, :20]
     for most in (2, 4):
-        trigger, found = MotionTrigger(TriggerParams(max_regions=most), LEFT_EYE), []
+        trigger = MotionTrigger(TriggerParams(max_regions=most), LEFT_EYE)
+        regions = []
         for k in range(6):
             image = wall.copy()
             for y in (60, 110, 160):
                 for x in (60, 200):
                     at = x + 6 * max(k - 4, 0)
                     image[y : y + 20, at : at + 20] = square
-            found = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
-        assert len(found) == most
+            regions = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
+        assert len(regions) == most
 
 
 @pytest.mark.parametrize(
@@ -316,10 +339,12 @@ def test_parameters_outside_their_range_are_refused(
 @pytest.mark.parametrize(("px", "flow", "does"), [(0, True, False), (3, True, True), (0, False, True)])
 def test_a_mask_moves_if_most_of_its_points_do_or_flow_is_off(px: int, flow: bool, does: bool) -> None:
     rng = np.random.default_rng(6)
-    wall, square = textured(rng), textured(rng, 150.0)[:24, :24]
+    wall = textured(rng)
+    square = textured(rng, 150.0)[:24, :24]
     trigger = MotionTrigger(TriggerParams(flow=flow), LEFT_EYE)
     for k in range(4):
-        image, x = wall.copy(), 100 + px * k
+        image = wall.copy()
+        x = 100 + px * k
         image[100:124, x : x + 24] = square
         trigger.remember(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
     mask = np.zeros((60, 60), bool)
@@ -339,7 +364,8 @@ PINHOLE = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
 def plane(distance_m: float, shift_m: float) -> np.ndarray:
     """The image of a wavy texture on a plane before an eye at x = `shift_m`; as fine in the image at any distance."""
     u, v = np.meshgrid(np.arange(320) - 159.5, np.arange(240) - 119.5)
-    x, y = u + shift_m * 220 / distance_m, v
+    x = u + shift_m * 220 / distance_m
+    y = v
     return np.rint(120 + 70 * np.sin(x / 1.8) * np.cos(y / 4) + 30 * np.sin(0.13 * x + 0.2 * y)).astype(np.uint8)
 
 
@@ -348,9 +374,9 @@ def changed(old: np.ndarray, new: np.ndarray, shift_m: float) -> np.ndarray:
     trigger = MotionTrigger(replace(GATE, max_parallax_px=1e3), PINHOLE)
     views = [View(PINHOLE, transform(translation=(x, 0.0, 0.0))) for x in (0.0, shift_m)]
     for k, (image, view) in enumerate(zip((old, new), views, strict=True)):
-        found = trigger.step(np.clip(image, 0, 255).astype(np.uint8)[..., None].repeat(3, 2), view, DT * k)
+        regions = trigger.step(np.clip(image, 0, 255).astype(np.uint8)[..., None].repeat(3, 2), view, DT * k)
     mask = np.zeros(old.shape, bool)
-    for region in found:
+    for region in regions:
         x, y, w, h = region.box_px
         mask[y : y + h, x : x + w] |= region.mask
     return mask
@@ -376,7 +402,8 @@ def test_what_is_near_and_at_rest_has_no_residual_and_what_is_too_near_has(shift
 
 def test_every_pixel_may_be_at_another_distance() -> None:
     """The middle of the window shows a near plane, the rest a far one: each leaves a residual at the other's."""
-    window, near = np.zeros((240, 320), bool), abs(np.arange(240)[:, None] - 120) < 12
+    window = np.zeros((240, 320), bool)
+    near = abs(np.arange(240)[:, None] - 120) < 12
     window[90:150, 120:200] = True
     old, new = (np.where(window, np.where(near, plane(0.25, x), plane(3.0, x)), plane(1.2, x)) for x in (0.0, 0.006))
     assert not changed(old, new, 0.006)[94:146, 130:190].any()

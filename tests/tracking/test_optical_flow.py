@@ -31,7 +31,8 @@ def texture(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
 
 def pair(rng: np.random.Generator, object_px: tuple[int, int], wall_px: tuple[int, int] = (0, 0)) -> list[np.ndarray]:
     """A textured square before a textured wall, then both moved by whole pixels so that the square fills BOX."""
-    wall, square = texture(rng, (240, 320)), texture(rng, (30, 30))
+    wall = texture(rng, (240, 320))
+    square = texture(rng, (30, 30))
     images = [wall, np.roll(wall, wall_px[::-1], (0, 1))]
     x, y = BOX[:2]
     for image, (dx, dy) in zip(images, (object_px, (0, 0)), strict=True):
@@ -39,41 +40,43 @@ def pair(rng: np.random.Generator, object_px: tuple[int, int], wall_px: tuple[in
     return images
 
 
-def measured(images: list[np.ndarray], then: View = VIEW, tolerance_px: float = 1.0) -> Match:
-    old, new = GreyImage(images[0], then, 1.0), GreyImage(images[1], VIEW, 1.0 + DT)
+def measured(images: list[np.ndarray], older: View = VIEW, tolerance_px: float = 1.0) -> Match:
+    old = GreyImage(images[0], older, 1.0)
+    new = GreyImage(images[1], VIEW, 1.0 + DT)
     return match(EgoMotion(LEFT_EYE), old, new, 1.2, tolerance_px, [(BOX, np.ones((30, 30), bool))])[0]
 
 
 @pytest.mark.parametrize("moved", [(3, -2), (-5, 1), (1, -1)])
 def test_flow_of_a_region_is_its_motion(rng: np.random.Generator, moved: tuple[int, int]) -> None:
-    found = measured(pair(rng, moved))
-    assert found.moving > 0.7
-    assert found.flow is not None
-    np.testing.assert_allclose(found.flow.velocity_px_s * DT, moved, atol=0.1)
-    np.testing.assert_allclose(found.flow.now_px - found.flow.then_px, moved, atol=0.1)
-    assert np.abs(found.flow.now_px - (164.5, 124.5)).max() < 4
-    std_px = np.sqrt(np.linalg.eigvalsh(found.flow.cov)) * DT
+    result = measured(pair(rng, moved))
+    assert result.moving > 0.7
+    assert result.flow is not None
+    np.testing.assert_allclose(result.flow.velocity_px_s * DT, moved, atol=0.1)
+    np.testing.assert_allclose(result.flow.now_px - result.flow.then_px, moved, atol=0.1)
+    assert np.abs(result.flow.now_px - (164.5, 124.5)).max() < 4
+    std_px = np.sqrt(np.linalg.eigvalsh(result.flow.cov)) * DT
     assert std_px.min() >= 0.1
     assert std_px.max() < 0.3
 
 
 def test_what_comes_along_the_line_of_sight_moves_although_its_flow_has_no_direction(rng: np.random.Generator) -> None:
     """The square grows by a fifth about its centre: points at its rim move by 2.5 px, in all directions."""
-    wall, square = texture(rng, (240, 320)), texture(rng, (30, 30))
+    wall = texture(rng, (240, 320))
+    square = texture(rng, (30, 30))
     images = [wall, wall.copy()]
     grown = cv2.warpAffine(square, np.array([[1.2, 0, -0.2 * 14.5], [0, 1.2, -0.2 * 14.5]]), (30, 30))
     for image, content in zip(images, (square, grown), strict=True):
         image[110:140, 150:180] = content
-    found = measured(images)
-    assert found.moving > 0.5
-    assert found.flow is not None
-    assert np.abs(found.flow.velocity_px_s * DT).max() < 1.0  # on average over the square it does not move
+    result = measured(images)
+    assert result.moving > 0.5
+    assert result.flow is not None
+    assert np.abs(result.flow.velocity_px_s * DT).max() < 1.0  # on average over the square it does not move
 
 
 def test_what_moves_with_its_surroundings_does_not_move(rng: np.random.Generator) -> None:
-    found = measured(pair(rng, (2, 1), (2, 1)))
-    assert found.moving == 0
-    assert found.unmatched < 0.2
+    result = measured(pair(rng, (2, 1), (2, 1)))
+    assert result.moving == 0
+    assert result.unmatched < 0.2
     relative = measured(pair(rng, (5, 1), (2, 1))).flow
     assert relative is not None
     np.testing.assert_allclose(relative.velocity_px_s * DT, (3, 0), atol=0.15)
@@ -103,9 +106,9 @@ def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng: np.ran
 def test_what_is_new_has_no_match(rng: np.random.Generator) -> None:
     images = pair(rng, (0, 0))
     images[1][110:140, 150:180] = texture(rng, (30, 30))
-    found = measured(images)
-    assert found.unmatched > 0.75
-    assert found.moving < 0.25
+    result = measured(images)
+    assert result.unmatched > 0.75
+    assert result.moving < 0.25
 
 
 def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Generator) -> None:
@@ -113,7 +116,7 @@ def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Gener
     images = pair(rng, (0, 0))
     ego = EgoMotion(LEFT_EYE)
     images[0] = ego.warp(images[1], VIEW, turned, 0.0)  # the same scene, far away, from the older pose
-    found = match(
+    result = match(
         ego,
         GreyImage(images[0], turned, 0.0),
         GreyImage(images[1], VIEW, DT),
@@ -121,8 +124,8 @@ def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Gener
         1.0,
         [(BOX, np.ones((30, 30), bool))],
     )[0]
-    assert found.moving == 0
-    assert found.unmatched < 0.2
+    assert result.moving == 0
+    assert result.unmatched < 0.2
     images[0] = ego.warp(pair(np.random.default_rng(9), (4, 0))[0], VIEW, turned, 0.0)
     images[1] = pair(np.random.default_rng(9), (4, 0))[1]
     flow = measured(images, turned).flow
@@ -135,7 +138,8 @@ def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Gener
 def test_surroundings_at_an_unknown_distance_make_flow_less_certain(rng: np.random.Generator) -> None:
     images = pair(rng, (3, 0))
     beside = View(LEFT_EYE, transform(translation=(0.02, 0.0, 0.0)))
-    still, moved = measured(images).flow, measured(images, beside).flow
+    still = measured(images).flow
+    moved = measured(images, beside).flow
     assert still is not None
     assert moved is not None
     assert np.linalg.eigvalsh(moved.cov - still.cov).min() * DT**2 > 0.5 * (0.4 * 219 * 0.02 / 1.2) ** 2
@@ -145,7 +149,8 @@ def flows_of(
     rig: StereoRig, robot: Robot, p: np.ndarray, v: np.ndarray, std_px: float, interval_s: float = DT
 ) -> tuple[Flow2D, Flow2D]:
     """What exact flow would be, while the head turns."""
-    now, then = rig.view(home(robot)), rig.view(set_gaze(robot, home(robot), yaw=0.02, pitch=0.01))
+    current = rig.view(home(robot))
+    older = rig.view(set_gaze(robot, home(robot), yaw=0.02, pitch=0.01))
     left, right = (
         Flow2D(
             np.zeros(2),
@@ -155,90 +160,102 @@ def flows_of(
             a,
             interval_s,
         )
-        for a, b in ((then.left, now.left), (then.right, now.right))
+        for a, b in ((older.left, current.left), (older.right, current.right))
     )
     return left, right
 
 
 def test_velocity_across_the_view_follows_from_flow(rig: StereoRig, robot: Robot) -> None:
-    p, v = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15])
+    p = np.array([-0.45, 0.02, 0.35])
+    v = np.array([0.0, 0.25, -0.15])
     view = rig.view(home(robot))
     flows = flows_of(rig, robot, p, v, 0.1)
-    for seen in (flows, (flows[0], None), (None, flows[1])):
-        found = velocity(seen, view, p, (0.3, 0.0))
-        assert found is not None
-        np.testing.assert_allclose(found[0][1:], v[1:], atol=0.02)
-        assert abs(found[0][0]) < 0.05
-        assert 0.25 < np.sqrt(found[1][0, 0]) <= 0.3
-    both, one = velocity(flows, view, p, (0.3, 0.0)), velocity((flows[0], None), view, p, (0.3, 0.0))
-    assert both is not None
-    assert one is not None
-    across = [np.linalg.eigvalsh(cov)[0] for _, cov in (both, one)]
+    for subset in (flows, (flows[0], None), (None, flows[1])):
+        result = velocity(subset, view, p, (0.3, 0.0))
+        assert result is not None
+        np.testing.assert_allclose(result[0][1:], v[1:], atol=0.02)
+        assert abs(result[0][0]) < 0.05
+        assert 0.25 < np.sqrt(result[1][0, 0]) <= 0.3
+    binocular = velocity(flows, view, p, (0.3, 0.0))
+    monocular = velocity((flows[0], None), view, p, (0.3, 0.0))
+    assert binocular is not None
+    assert monocular is not None
+    across = [np.linalg.eigvalsh(cov)[0] for _, cov in (binocular, monocular)]
     assert across[0] == pytest.approx(0.5 * across[1], rel=0.15)
     assert velocity((None, None), view, p, (0.3, 0.0)) is None
 
 
 def test_the_longer_of_two_intervals_does_not_count(rig: StereoRig, robot: Robot) -> None:
-    p, v = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15])
+    p = np.array([-0.45, 0.02, 0.35])
+    v = np.array([0.0, 0.25, -0.15])
     view = rig.view(home(robot))
     left, _ = flows_of(rig, robot, p, v, 0.1)
     _, slower = flows_of(rig, robot, p, 0.3 * v, 0.1, 0.2)
-    alone, both = velocity((left, None), view, p, (0.3, 0.0)), velocity((left, slower), view, p, (0.3, 0.0))
+    alone = velocity((left, None), view, p, (0.3, 0.0))
+    binocular = velocity((left, slower), view, p, (0.3, 0.0))
     assert alone is not None
-    assert both is not None
-    np.testing.assert_array_equal(both[0], alone[0])
+    assert binocular is not None
+    np.testing.assert_array_equal(binocular[0], alone[0])
 
 
 def test_the_covariance_of_the_velocity_by_sampling(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
-    p, view, errors, cov = np.array([-0.45, 0.02, 0.35]), rig.view(home(robot)), [], np.eye(3)
+    p = np.array([-0.45, 0.02, 0.35])
+    view = rig.view(home(robot))
+    errors = []
+    cov = np.eye(3)
     for v in 0.1 * rng.standard_normal((500, 3)):
         left, right = (
             Flow2D(
-                one.velocity_px_s,
-                one.cov,
-                one.now_px,
-                one.then_px + 0.3 * rng.standard_normal(2),
-                one.reference_view,
+                flow.velocity_px_s,
+                flow.cov,
+                flow.now_px,
+                flow.then_px + 0.3 * rng.standard_normal(2),
+                flow.reference_view,
                 DT,
             )
-            for one in flows_of(rig, robot, p, v, 0.3)
+            for flow in flows_of(rig, robot, p, v, 0.3)
         )
-        found = velocity((left, right), view, p, (0.1, 0.0))
-        assert found is not None
-        errors.append(found[0] - v)
-        cov = found[1]
+        result = velocity((left, right), view, p, (0.1, 0.0))
+        assert result is not None
+        errors.append(result[0] - v)
+        cov = result[1]
     whitened = np.array(errors) @ np.linalg.cholesky(np.linalg.inv(cov))
     np.testing.assert_allclose(np.cov(whitened.T), np.eye(3), atol=0.25)
 
 
 def test_what_may_have_accelerated_meanwhile_is_less_certain(rig: StereoRig, robot: Robot) -> None:
-    p, v, view = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15]), rig.view(home(robot))
+    p = np.array([-0.45, 0.02, 0.35])
+    v = np.array([0.0, 0.25, -0.15])
+    view = rig.view(home(robot))
     errors = []
     for dt in (0.1, 0.4):
         flows = flows_of(
             rig, robot, p, v - 0.5 * 0.5 * np.array([0.0, 0.6, 0.8]) * dt, 0.01, dt
         )  # mean while a = 0.5 m/s²
-        found = velocity(flows, view, p, (0.3, 0.5))
-        assert found is not None
-        errors.append((found[0] - v) @ np.linalg.solve(found[1], found[0] - v))
+        result = velocity(flows, view, p, (0.3, 0.5))
+        assert result is not None
+        errors.append((result[0] - v) @ np.linalg.solve(result[1], result[0] - v))
     np.testing.assert_allclose(errors, 1.0, rtol=0.2)  # one standard deviation of the acceleration, at any interval
 
 
 def test_flow_outweighs_no_position_that_follows(rig: StereoRig, robot: Robot) -> None:
-    p, v, view = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15]), rig.view(home(robot))
+    p = np.array([-0.45, 0.02, 0.35])
+    v = np.array([0.0, 0.25, -0.15])
+    view = rig.view(home(robot))
     flows = flows_of(rig, robot, p, v, 0.1)
     exact, loose = (velocity(flows, view, p, (0.3, 0.0), px) for px in (0.0, 2.0))
     assert exact is not None
     assert loose is not None
     np.testing.assert_array_equal(loose[0], exact[0])
-    far = np.linalg.norm(p - 0.5 * (view.left.center + view.right.center))
-    two_positions = np.sqrt(2) * 2.0 * far / rig.left.focal_px / DT / np.sqrt(2)  # seen by two eyes
+    distance_m = np.linalg.norm(p - 0.5 * (view.left.center + view.right.center))
+    two_positions = np.sqrt(2) * 2.0 * distance_m / rig.left.focal_px / DT / np.sqrt(2)  # seen by two eyes
     np.testing.assert_allclose(np.sqrt(np.linalg.eigvalsh(loose[1])[:2]), two_positions, rtol=0.2)
 
 
 def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Robot) -> None:
     q = home(robot)
-    ahead, rng = rig.view(q).left.T_root_camera, np.random.default_rng(3)
+    ahead = rig.view(q).left.T_root_camera
+    rng = np.random.default_rng(3)
     tracks = {}
     for name, trigger in (("flow", TriggerParams()), ("none", TriggerParams(flow=False))):
         tracker = Tracker(

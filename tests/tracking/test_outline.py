@@ -10,7 +10,8 @@ from pps_vision.robot.icub import LEFT_EYE
 from tracking.marker import MarkerParams, threshold
 from tracking.outline import Coverage, Optics, Outline, cover, fit_outline, outline
 
-RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
+RED = (210.0, 45.0, 40.0)
+GREEN = (25.0, 200.0, 60.0)
 FULL = (0, 0, LEFT_EYE.width, LEFT_EYE.height)
 
 
@@ -29,7 +30,8 @@ def _hard(camera: Camera, sphere: Sphere) -> np.ndarray:
 def test_center_and_size_are_sub_pixel_and_covered(
     optics: Optics, rng: np.random.Generator, radius: float, color: tuple[float, float, float], rms_px: float
 ) -> None:
-    errors, sizes = [], []
+    errors = []
+    sizes = []
     for _ in range(8):
         center = np.array([rng.uniform(-0.12, 0.1), rng.uniform(-0.05, 0.09), rng.uniform(0.28, 0.6)])
         sphere = Sphere(center, radius, color)
@@ -51,7 +53,8 @@ def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.
     alike (`Association.shared_var_px2`); the radius is stated twice as uncertain as it is.
     """
     camera = Camera(100, 100, 220.0, 220.0, 49.5, 49.5)
-    optics, n = Optics(camera), 160
+    optics = Optics(camera)
+    n = 160
     down = np.column_stack([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # camera axes in the root frame, whose z is up
     view = View(camera, transform(down))
     squared = np.empty((n, 3))
@@ -74,7 +77,9 @@ def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.
 def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng: np.random.Generator) -> None:
     """Pixels that err two and two alike, in two opposite quarters of a disc's edge: entry by entry."""
     camera = Camera(60, 60, 220.0, 220.0, 29.5, 29.5)
-    optics, box, n = Optics(camera), (0, 0, 60, 60), 1500
+    optics = Optics(camera)
+    box = (0, 0, 60, 60)
+    n = 1500
     y, x = np.mgrid[:60, :60] - 29.5
     alpha = np.clip(16.2 - np.hypot(x, y), 0, 1).astype(np.float32)
     edge = (alpha > 0) & (alpha < 1)
@@ -83,13 +88,13 @@ def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng:
     plain = outline(Coverage(alpha, 0 * variance, box), optics)
     assert stated is not None
     assert plain is not None
-    found = np.empty((n, 3))
+    samples = np.empty((n, 3))
     for k in range(n):
         noise = np.sqrt(variance) * rng.standard_normal(alpha.shape)
         shape = outline(Coverage((alpha + noise).astype(np.float32), 0 * variance, box), optics)
         assert shape is not None
-        found[k] = *shape.center_px, shape.angular_radius_rad
-    sampled = 2 * np.cov(found.T)  # two pixels that err alike are worth one
+        samples[k] = *shape.center_px, shape.angular_radius_rad
+    sampled = 2 * np.cov(samples.T)  # two pixels that err alike are worth one
     bound = 5 * np.sqrt((np.outer(np.diag(sampled), np.diag(sampled)) + sampled**2) / (n - 1))
     np.testing.assert_array_less(np.abs(stated.cov_px - plain.cov_px - sampled[:2, :2]), bound[:2, :2])
     assert stated.angular_radius_var - plain.angular_radius_var == pytest.approx(sampled[2, 2], abs=bound[2, 2])
@@ -120,7 +125,8 @@ def test_harmonics_are_those_of_the_edge() -> None:
     assert np.ptp(columns) > 1.1 * np.ptp(rows)
     camera = Camera(100, 100, 900.0, 900.0, 49.5, 49.5)
     y, x = np.mgrid[:100, :100] - 49.5
-    angle, share = np.arctan2(y, x), np.array([0.03, -0.02, 0.01, 0.025])
+    angle = np.arctan2(y, x)
+    share = np.array([0.03, -0.02, 0.01, 0.025])
     waves = np.stack([np.cos(2 * angle), np.sin(2 * angle), np.cos(3 * angle), np.sin(3 * angle)], axis=-1)
     edge = 30 * (1 + waves @ share)
     square = np.clip(30.5 - np.abs(x), 0, 1) * np.clip(30.5 - np.abs(y), 0, 1)
@@ -142,15 +148,20 @@ def test_nothing_covered_is_none(optics: Optics) -> None:
 @pytest.mark.parametrize("kind", ["cut by the border", "half hidden"])
 def test_the_covariance_of_a_part_covers_its_distance_from_the_whole(kind: str, rng: np.random.Generator) -> None:
     """Hidden up to three fifths, its size known to 3 %: mean squared normalised error of the centre."""
-    camera, radius, n = Camera(120, 120, 220.0, 220.0, 59.5, 59.5), 0.03, 40
-    optics, squared = Optics(camera), []
+    camera = Camera(120, 120, 220.0, 220.0, 59.5, 59.5)
+    radius = 0.03
+    n = 40
+    optics = Optics(camera)
+    squared = []
     for _ in range(n):
         center = np.array([*rng.uniform(-0.01, 0.01, 2), 0.35]) - [0.085 * (kind == "cut by the border"), 0, 0]
         sphere = Sphere(center, radius, RED)
-        image, hard = look(View(camera, np.eye(4)), [sphere], rng), _hard(camera, sphere)
+        image = look(View(camera, np.eye(4)), [sphere], rng)
+        hard = _hard(camera, sphere)
         if kind == "half hidden":
             u = int(camera.project(center)[0]) + rng.integers(-3, 8)
-            image[:, u:], hard[:, u:] = (60, 90, 140), False
+            image[:, u:] = (60, 90, 140)
+            hard[:, u:] = False
         expected_px = np.pi * (radius * (1 + 0.03 * rng.standard_normal()) / 0.35 * 220) ** 2
         shape = fit_outline(image, hard, (0, 0, 120, 120), optics, expected_px)
         assert shape is not None
@@ -162,7 +173,8 @@ def test_the_covariance_of_a_part_covers_its_distance_from_the_whole(kind: str, 
 
 def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics: Optics, rng: np.random.Generator) -> None:
     sphere = Sphere(np.array([0.0, 0.02, 0.35]), 0.035, RED)
-    image, hard = look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere)
+    image = look(View(LEFT_EYE, np.eye(4)), [sphere], rng)
+    hard = _hard(LEFT_EYE, sphere)
     whole, free = (fit_outline(image, hard, FULL, optics, area) for area in (float(hard.sum()), None))
     smaller = fit_outline(image, hard, FULL, optics, 1.3 * hard.sum())
     part = hard & (np.arange(hard.shape[1]) < np.nonzero(hard)[1].mean() + 8)
@@ -198,7 +210,8 @@ def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one() -> None:
 def test_what_reaches_the_image_s_border_is_cut_off(corner: tuple[int, int], size: tuple[int, int]) -> None:
     """The left, upper, right and lower border; a pixel away from it, it is whole."""
     camera = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
-    (x, y), (w, h) = corner, size
+    (x, y) = corner
+    (w, h) = size
     toward = np.sign([160 - x - w / 2, 120 - y - h / 2]) * (np.abs([160 - x - w / 2, 120 - y - h / 2]) > 104)
     for (dx, dy), partial in (((0, 0), True), (toward.astype(int), False)):
         mask = np.zeros((240, 320), bool)
@@ -221,20 +234,21 @@ def test_what_is_hidden_of_no_disc_may_lie_to_any_side(given: bool, missing: flo
     mask[100:160, :30] |= not given
     image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
     visible = outline(cover(image, mask, FULL), Optics(camera))
-    found = fit_outline(image, mask, FULL, Optics(camera), 3600.0 if given else None)
+    result = fit_outline(image, mask, FULL, Optics(camera), 3600.0 if given else None)
     assert visible is not None
-    assert found is not None
-    assert found.is_partial
+    assert result is not None
+    assert result.is_partial
     radius = np.sqrt(visible.area_px / (1 - missing) / np.pi)
     off = 4 / (3 * np.pi) * radius * missing / 0.5
-    assert np.trace(found.cov_px - visible.cov_px) == pytest.approx(off**2, rel=0.1)
-    np.testing.assert_array_equal(found.center_px, visible.center_px)
+    assert np.trace(result.cov_px - visible.cov_px) == pytest.approx(off**2, rel=0.1)
+    np.testing.assert_array_equal(result.center_px, visible.center_px)
 
 
 def test_a_disc_is_completed_where_most_of_its_edge_shows(optics: Optics) -> None:
     """Two thirds of a disc that end at its centre; of a cross of as large an area two thirds of the edge lie within."""
     v, u = np.mgrid[:240, :320]
-    angle, disc = np.arctan2(v - 120, u - 160), np.hypot(u - 160, v - 120) < 30
+    angle = np.arctan2(v - 120, u - 160)
+    disc = np.hypot(u - 160, v - 120) < 30
     cross = (np.abs(u - 160) < 10) | (np.abs(v - 120) < 10)
     for part, completed in ((np.abs(angle) < 2 / 3 * np.pi, True), (cross, False)):
         mask = disc & part
@@ -261,16 +275,18 @@ def test_a_disc_is_completed_where_most_of_its_edge_shows(optics: Optics) -> Non
 
 def test_of_joined_things_without_an_expected_area_there_is_no_outline(optics: Optics) -> None:
     v, u = np.mgrid[:240, :320]
-    disc, both = np.hypot(u - 160, v - 120) < 20, (np.hypot(u - 160, v - 120) < 20) | (np.hypot(u - 190, v - 120) < 20)
-    image = np.where(both[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-    assert fit_outline(image, disc, FULL, optics, None, both) is None
-    found = fit_outline(image, disc, FULL, optics, np.pi * 20**2, both)
-    assert found is not None
-    assert np.linalg.norm(found.center_px - [160, 120]) < 0.5
+    disc = np.hypot(u - 160, v - 120) < 20
+    larger = (np.hypot(u - 160, v - 120) < 20) | (np.hypot(u - 190, v - 120) < 20)
+    image = np.where(larger[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+    assert fit_outline(image, disc, FULL, optics, None, larger) is None
+    result = fit_outline(image, disc, FULL, optics, np.pi * 20**2, larger)
+    assert result is not None
+    assert np.linalg.norm(result.center_px - [160, 120]) < 0.5
 
 
 def test_what_covers_no_pixel_by_half_or_less_than_one_in_all_is_none(optics: Optics) -> None:
-    faint, small = np.full((10, 10), 0.4, np.float32), np.zeros((10, 10), np.float32)
+    faint = np.full((10, 10), 0.4, np.float32)
+    small = np.zeros((10, 10), np.float32)
     small[5, 5] = 0.9
     for alpha in (faint, small):
         assert outline(Coverage(alpha, np.zeros_like(alpha), (100, 100, 110, 110)), optics) is None
@@ -284,10 +300,10 @@ def test_of_what_is_small_only_the_pixels_at_the_edge_may_be_covered_in_part(sid
     mask = np.zeros((40, 40), bool)
     mask[12 : 12 + side, 12 : 12 + side] = True
     image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-    found = cover(image, mask, (0, 0, 40, 40))
-    x0, y0, _, _ = found.box
-    rows, columns = np.nonzero(found.variance)
+    coverage = cover(image, mask, (0, 0, 40, 40))
+    x0, y0, _, _ = coverage.box
+    rows, columns = np.nonzero(coverage.variance)
     assert (columns.min() + x0, rows.min() + y0) == (12 - reach, 12 - reach)
     assert (columns.max() + x0, rows.max() + y0) == (11 + side + reach, 11 + side + reach)
-    uncertain = np.count_nonzero(found.variance)
+    uncertain = np.count_nonzero(coverage.variance)
     assert uncertain == (side + 2 * reach) ** 2 - (side - 2 * reach) ** 2

@@ -81,12 +81,16 @@ def test_a_filter_that_began_again_is_smoothed_in_two_parts() -> None:
 
 def _steps(rng: np.random.Generator) -> tuple[list[TrackerStep], list[np.ndarray]]:
     """As a tracker would return them: two sightings unconfirmed, a gap, lost at last; and the truth."""
-    params, cov, steps, truth = KalmanParams(), np.diag([4e-6, 4e-6, 1e-5]), [], []
+    params = KalmanParams()
+    cov = np.diag([4e-6, 4e-6, 1e-5])
+    steps = []
+    truth = []
     belief = None
     for k in range(40):
-        t, true = 0.05 * k, np.array([0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0])
-        seen = not (15 <= k < 18 or k >= 38)
-        z = true + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if seen else None
+        t = 0.05 * k
+        true = np.array([0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0])
+        is_measured = not (15 <= k < 18 or k >= 38)
+        z = true + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if is_measured else None
         if belief is None:
             params = scaled(params, float(np.linalg.norm(z)))
         belief, track = _tracked(params, belief, t, z, cov)
@@ -94,8 +98,8 @@ def _steps(rng: np.random.Generator) -> tuple[list[TrackerStep], list[np.ndarray
             track = Track3D.unknown(t)
         if k == 39:
             track = Track3D.unknown(t, Status.LOST)
-        one = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
-        steps.append(TrackerStep(track, (), one, np.zeros(3)))
+        observation = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
+        steps.append(TrackerStep(track, (), observation, np.zeros(3)))
         truth.append(true)
     return steps, truth
 
@@ -108,9 +112,11 @@ def _tracked(
     else:
         belief = predict(params, belief, t)
         belief = belief if z is None else update(params, belief, z, cov)
-    mean, P = np.zeros((4, 3)), np.zeros((12, 12))
+    mean = np.zeros((4, 3))
+    P = np.zeros((12, 12))
     n = len(belief.mean)
-    mean[:n], P[: 3 * n, : 3 * n] = belief.mean, belief.cov
+    mean[:n] = belief.mean
+    P[: 3 * n, : 3 * n] = belief.cov
     P[:3, :3] += belief.correlated_cov + 1e-6 * np.eye(3)
     return belief, Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
 
@@ -119,15 +125,15 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator)
     steps, truth = _steps(rng)
     tracks = [step.track for step in smoothed_steps(KalmanParams(), steps)]
     assert [t.status for t in tracks] == [s.track.status for s in steps]
-    known = [k for k, track in enumerate(tracks) if track.is_known]
-    before = np.array([steps[k].track.position - truth[k] for k in known])
-    after = np.array([tracks[k].position - truth[k] for k in known])
+    tracked = [k for k, track in enumerate(tracks) if track.is_known]
+    before = np.array([steps[k].track.position - truth[k] for k in tracked])
+    after = np.array([tracks[k].position - truth[k] for k in tracked])
     assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(before**2))
-    for k in known:
+    for k in tracked:
         assert np.trace(tracks[k].cov[:3, :3]) <= np.trace(steps[k].track.cov[:3, :3]) * (1 + 1e-9)
         assert np.linalg.eigvalsh(tracks[k].cov).min() > 0
-    last = known[-2]
-    np.testing.assert_allclose(tracks[known[-1]].mean, steps[known[-1]].track.mean, rtol=1e-9)
+    last = tracked[-2]
+    np.testing.assert_allclose(tracks[tracked[-1]].mean, steps[tracked[-1]].track.mean, rtol=1e-9)
     assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
 
 
@@ -136,16 +142,19 @@ def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng: np.random.Gene
     with the one before it."""
     steps, _ = _steps(rng)
     elsewhere = Observation3D(-0.1, np.array([0.2, 0.3, 0.1]), np.diag([4e-6, 4e-6, 1e-5]), 0.03, 1e-6, 0.1)
-    before = [TrackerStep(Track3D.unknown(t), (), one, np.zeros(3)) for t, one in ((-0.1, elsewhere), (-0.05, None))]
+    before = [
+        TrackerStep(Track3D.unknown(t), (), observation, np.zeros(3))
+        for t, observation in ((-0.1, elsewhere), (-0.05, None))
+    ]
     alone = list(smoothed_steps(KalmanParams(), steps))
     later = [replace(step, track=replace(step.track, stamp_s=step.track.stamp_s + 2.0)) for step in steps]
     for more, part in (([*before, *steps], slice(2, None)), ([*steps, *later], slice(0, len(steps)))):
-        found = list(smoothed_steps(KalmanParams(), more))
-        assert len(found) == len(more)
-        for one, other in zip(found[part], alone, strict=True):
-            assert one.track.status == other.track.status
-            np.testing.assert_array_equal(one.track.mean, other.track.mean)
-            np.testing.assert_array_equal(one.track.cov, other.track.cov)
+        smoothed = list(smoothed_steps(KalmanParams(), more))
+        assert len(smoothed) == len(more)
+        for step, expected in zip(smoothed[part], alone, strict=True):
+            assert step.track.status == expected.track.status
+            np.testing.assert_array_equal(step.track.mean, expected.track.mean)
+            np.testing.assert_array_equal(step.track.cov, expected.track.cov)
 
 
 def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Generator) -> None:
@@ -154,12 +163,12 @@ def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Genera
     steps, _ = _steps(rng)
 
     def smoothed(change: np.ndarray, factor: float = 1.0) -> list[np.ndarray]:
-        other = []
+        changed = []
         for step in steps:
             cov = factor * step.track.cov
             cov[:3, :3] += change
-            other.append(replace(step, track=replace(step.track, cov=cov)))
-        return [s.track.cov[:3, :3] for s in smoothed_steps(KalmanParams(), other) if s.track.is_known]
+            changed.append(replace(step, track=replace(step.track, cov=cov)))
+        return [s.track.cov[:3, :3] for s in smoothed_steps(KalmanParams(), changed) if s.track.is_known]
 
     more = np.diag([5e-6, 6e-6, 7e-6])
     for plain, wider, narrow in zip(
@@ -171,15 +180,17 @@ def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Genera
 
 def _long(params: KalmanParams, n: int, rng: np.random.Generator) -> Iterator[TrackerStep]:
     """A track without an end, whose path bends all the time; every seventh pair shows nothing."""
-    cov, belief = np.diag([1e-7, 1e-7, 1e-6]), None
+    cov = np.diag([1e-7, 1e-7, 1e-6])
+    belief = None
     for k in range(n):
-        t, at = 0.05 * k, np.array([0.4 + 0.05 * np.sin(k / 25), 0.1 * np.cos(k / 17), 0.01 * np.sin(k / 3)])
+        t = 0.05 * k
+        at = np.array([0.4 + 0.05 * np.sin(k / 25), 0.1 * np.cos(k / 17), 0.01 * np.sin(k / 3)])
         z = at + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if k % 7 or not k else None
         if belief is None:
             params = scaled(params, float(np.linalg.norm(z)))
         belief, track = _tracked(params, belief, t, z, cov)
-        one = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
-        yield TrackerStep(track, (), one, np.zeros(3))
+        observation = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
+        yield TrackerStep(track, (), observation, np.zeros(3))
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
@@ -187,11 +198,14 @@ def test_a_long_track_is_smoothed_as_by_all_later_measurements(order: int) -> No
     params = KalmanParams.of_order(order)
     steps = list(_long(params, 3 * LAG + 50, np.random.default_rng(4)))
     own = scaled(params, float(np.linalg.norm(steps[0].observation.p_root)))
-    seen = [(step.track.stamp_s, step.observation) for step in steps]
-    measured = [Measurement(t, one and one.p_root, one and one.cov_root) for t, one in seen]
+    observations = [(step.track.stamp_s, step.observation) for step in steps]
+    measured = [
+        Measurement(t, observation and observation.p_root, observation and observation.cov_root)
+        for t, observation in observations
+    ]
     whole = smooth(follow(own, start(own, 0.0, measured[0].position, measured[0].cov), measured[1:]))
-    found = [step.track for step in smoothed_steps(params, steps)]
-    for track, belief, step in zip(found, whole, steps, strict=True):
+    tracks = [step.track for step in smoothed_steps(params, steps)]
+    for track, belief, step in zip(tracks, whole, steps, strict=True):
         std = np.sqrt(np.diag(belief.cov)).reshape(belief.mean.shape)
         assert np.all(np.abs(track.mean[:order] - belief.mean) < 1e-9 * std)
         assert track.stamp_s == step.track.stamp_s

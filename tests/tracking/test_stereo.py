@@ -39,7 +39,8 @@ def test_only_what_the_outlines_do_not_explain_is_the_calibrations(wrong_px: flo
 
 def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibration(rng: np.random.Generator) -> None:
     """Half a ball in one eye, its centre 5 px off, after the pair was seen whole for a while: the doubt stays small."""
-    association, half = Association.untrained(StereoParams(), 320), replace(SHAPE, is_partial=True)
+    association = Association.untrained(StereoParams(), 320)
+    half = replace(SHAPE, is_partial=True)
     for _ in range(60):
         association = association.learned(
             VIEW, replace(SEEN, residual_px=0.5 * abs(STD_PX * rng.standard_normal())), SHAPE, SHAPE
@@ -50,10 +51,11 @@ def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibrat
     assert association.error_px == before < 2 * STD_PX
 
 
-P, RADIUS_M = np.array([0.12, 0.08, 0.4]), 0.02
+P = np.array([0.12, 0.08, 0.4])
+RADIUS_M = 0.02
 
 
-def seen(eye: View, angular_var: float = 1e-9, **changes: Any) -> Outline:
+def exact_outline(eye: View, angular_var: float = 1e-9, **changes: Any) -> Outline:
     """The ball at P as it is seen without error."""
     radius = float(np.arcsin(RADIUS_M / np.linalg.norm(P - eye.center)))
     exact = replace(SHAPE, center_px=eye.project(P), angular_radius_rad=radius, angular_radius_var=angular_var)
@@ -65,15 +67,17 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: flo
     """Outlines that err as stated, and a calibration that errs by what is believed of it before anything is known.
     A radius that errs with the distance errs alike in both eyes; what they err by each on its own is halved, and
     stated as that of one of them."""
-    n, calibration_px = 1500, 0.2
-    left, right = seen(VIEW.left, angular_var), seen(VIEW.right, angular_var)
+    n = 1500
+    calibration_px = 0.2
+    left = exact_outline(VIEW.left, angular_var)
+    right = exact_outline(VIEW.right, angular_var)
     right = replace(right, cov_px=STD_PX**2 * np.array([[1.0, 0.5], [0.5, 4.0]]))
     params = StereoParams(unknown_error=calibration_px / 320, gate_sigma=100.0)
     stated = Association.untrained(params, 320).observe(VIEW, left, right, 0.0)
     assert stated is not None
-    found = np.empty((n, 4))
+    samples = np.empty((n, 4))
     for k in range(n):
-        one, other = (
+        first, second = (
             replace(
                 eye,
                 center_px=rng.multivariate_normal(eye.center_px, eye.cov_px + calibration_px**2 * np.eye(2)),
@@ -81,10 +85,11 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: flo
             )
             for eye in (left, right)
         )
-        observation = Association.untrained(params, 320).observe(VIEW, one, other, 0.0)
+        observation = Association.untrained(params, 320).observe(VIEW, first, second, 0.0)
         assert observation is not None
-        found[k] = *observation.p_root, observation.radius_m
-    sampled, variance = np.cov(found.T), np.diag(stated.cov_root)
+        samples[k] = *observation.p_root, observation.radius_m
+    sampled = np.cov(samples.T)
+    variance = np.diag(stated.cov_root)
     standard_error = np.sqrt((np.outer(variance, variance) + stated.cov_root**2) / (n - 1))
     np.testing.assert_array_less(np.abs(sampled[:3, :3] - stated.cov_root), 5 * standard_error)
     eyes = 1 if angular_var < 1e-9 else 2
@@ -93,11 +98,14 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: flo
 
 def test_radius_and_its_variance_are_those_of_the_sine_law() -> None:
     """r = |p − c| sin θ, by finite differences in p and θ; stated as the better eye's, which here is the left."""
-    left, right = seen(VIEW.left, 1e-7), seen(VIEW.right, 3e-7)
+    left = exact_outline(VIEW.left, 1e-7)
+    right = exact_outline(VIEW.right, 3e-7)
     stated = Association.untrained(StereoParams(), 320).observe(VIEW, left, right, 0.0)
     assert stated is not None
     assert stated.radius_m == pytest.approx(RADIUS_M, rel=1e-6)
-    angle, h, c = left.angular_radius_rad, 1e-6, VIEW.left.center
+    angle = left.angular_radius_rad
+    h = 1e-6
+    c = VIEW.left.center
 
     def radius(p: np.ndarray, theta: float) -> float:
         return float(np.linalg.norm(p - c) * np.sin(theta))
@@ -111,7 +119,8 @@ def test_radius_and_its_variance_are_those_of_the_sine_law() -> None:
 def test_why_two_outlines_are_no_pair_is_said() -> None:
     """The epipolar gate is 3.5 σ of 0.8 % of 320 px, times √2, and narrows as pairs agree; the object is 6 baselines
     away, and by default may be 0.7 to 300."""
-    left, right = seen(VIEW.left), seen(VIEW.right)
+    left = exact_outline(VIEW.left)
+    right = exact_outline(VIEW.right)
     association = Association.untrained(StereoParams(), 320)
 
     def refusal(association: Association, up_px: float = 0.0, larger: float = 1.0) -> str | None:
@@ -165,43 +174,47 @@ def test_before_any_pair_the_calibration_is_taken_to_be_off_by_a_share_of_the_wi
 def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts() -> None:
     """All pairs' outlines erred by 0.04 px² beyond what they state, the last ones' by 0.01: of 0.06 px² that are stated
     the difference is a half, which lasts and comes on top."""
-    outlines = [replace(seen(eye), cov_px=0.02 * np.eye(2)) for eye in (VIEW.left, VIEW.right)]
+    outlines = [replace(exact_outline(eye), cov_px=0.02 * np.eye(2)) for eye in (VIEW.left, VIEW.right)]
     association = Association(StereoParams(), 1.0, -1.0, outline_var_px2=0.01, mean_outline_var_px2=0.04)
-    found = association.observe(VIEW, *outlines, 0.0)
+    result = association.observe(VIEW, *outlines, 0.0)
     calm = replace(association, mean_outline_var_px2=0.01).observe(VIEW, *outlines, 0.0)
-    assert found is not None
+    assert result is not None
     assert calm is not None
     np.testing.assert_allclose(calm.correlated_cov_root, 0, atol=1e-15)
-    np.testing.assert_allclose(found.correlated_cov_root, calm.cov_root, rtol=1e-9)
-    np.testing.assert_allclose(found.cov_root, 2 * calm.cov_root, rtol=1e-9)
+    np.testing.assert_allclose(result.correlated_cov_root, calm.cov_root, rtol=1e-9)
+    np.testing.assert_allclose(result.cov_root, 2 * calm.cov_root, rtol=1e-9)
 
 
 def test_the_variance_of_a_first_pair_is_stated_four_times_as_large() -> None:
     """One pair estimates a variance with one degree of freedom; of its residual of 0.2 px all is the calibration's."""
     exact = replace(SHAPE, cov_px=1e-12 * np.eye(2))
-    one = Association.untrained(StereoParams(), 320).learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
-    assert one.error_px**2 == pytest.approx(4 * 0.2**2)
+    association = Association.untrained(StereoParams(), 320).learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
+    assert association.error_px**2 == pytest.approx(4 * 0.2**2)
     for _ in range(99):
-        one = one.learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
-    assert one.error_px**2 == pytest.approx(1.15 * 0.2**2)  # 1 + 3/n of at most 20 pairs
-    assert one.pairs == 100
+        association = association.learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
+    assert association.error_px**2 == pytest.approx(1.15 * 0.2**2)  # 1 + 3/n of at most 20 pairs
+    assert association.pairs == 100
 
 
 def test_what_is_learned_follows_its_pairs_at_its_own_rate() -> None:
     """Outlines of 20 px that agree exactly, then one eye's second harmonic of 2 %, or that of both: their variance
     follows by a fifth, that of all pairs by one of eleven, the gate's by a twentieth; the first pair counts whole."""
     exact = replace(SHAPE, cov_px=1e-15 * np.eye(2))
-    uneven, untrained = replace(exact, harmonics=(0.02, 0.0, 0.0, 0.0)), Association.untrained(StereoParams(), 320)
-    differs, shared = 0.2 * 0.5 * (20 * 0.02) ** 2, 0.25 * (20 * 0.02) ** 2  # of five differences; of four products
+    uneven = replace(exact, harmonics=(0.02, 0.0, 0.0, 0.0))
+    untrained = Association.untrained(StereoParams(), 320)
+    # of five differences; of four products
+    differs = 0.2 * 0.5 * (20 * 0.02) ** 2
+    shared = 0.25 * (20 * 0.02) ** 2
     trained = untrained
     for _ in range(10):
         trained = trained.learned(VIEW, SEEN, exact, exact)
     assert trained.gate_var_px2 == pytest.approx(0.95**10 * untrained.gate_var_px2)
-    one, both = trained.learned(VIEW, SEEN, uneven, exact), trained.learned(VIEW, SEEN, uneven, uneven)
-    assert one.outline_var_px2 == pytest.approx(0.2 * differs)
-    assert one.mean_outline_var_px2 == pytest.approx(differs / 11)
-    assert (one.shared_var_px2, both.shared_var_px2) == pytest.approx((0, 0.2 * 2.5 * shared))
-    assert both.outline_var_px2 == pytest.approx(0, abs=1e-9)
+    single = trained.learned(VIEW, SEEN, uneven, exact)
+    paired = trained.learned(VIEW, SEEN, uneven, uneven)
+    assert single.outline_var_px2 == pytest.approx(0.2 * differs)
+    assert single.mean_outline_var_px2 == pytest.approx(differs / 11)
+    assert (single.shared_var_px2, paired.shared_var_px2) == pytest.approx((0, 0.2 * 2.5 * shared))
+    assert paired.outline_var_px2 == pytest.approx(0, abs=1e-9)
     first = untrained.learned(VIEW, SEEN, uneven, exact)
     assert first.outline_var_px2 == first.mean_outline_var_px2 == pytest.approx(differs)
     assert first.learned(VIEW, SEEN, exact, exact).outline_var_px2 == pytest.approx(0.5 * differs)
@@ -209,16 +222,17 @@ def test_what_is_learned_follows_its_pairs_at_its_own_rate() -> None:
 
 def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat() -> None:
     """A blur by σ = √2 px adds 2σ² to the mean square of R²/2: 8/R² of it, here of 12 px."""
-    association, blurred = Association.untrained(StereoParams(unknown_error=1e-9), 320), 8.0 / 12**2
+    association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
+    blurred = 8.0 / 12**2
     stated = []
     for non_circularity in (0.0, blurred, blurred + 0.01):
         outlines = (
-            replace(seen(eye), angular_radius_rad=12 / CAMERA.focal_px, non_circularity=non_circularity)
+            replace(exact_outline(eye), angular_radius_rad=12 / CAMERA.focal_px, non_circularity=non_circularity)
             for eye in (VIEW.left, VIEW.right)
         )
-        found = association.observe(VIEW, *outlines, 0.0)
-        assert found is not None
-        stated.append(np.trace(found.cov_root))
+        result = association.observe(VIEW, *outlines, 0.0)
+        assert result is not None
+        stated.append(np.trace(result.cov_root))
     assert stated[0] == pytest.approx(stated[1], rel=1e-6)
     assert stated[2] > 1.01 * stated[1]
 
@@ -226,25 +240,28 @@ def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat() -> None:
 def rough(eye: View, center: Array, radius_m: float, edge: Array, optics: Optics) -> Outline:
     """The outline of a ball whose edge is off by `edge` (n,) px, evenly spaced around it."""
     u, v = eye.project(center)
-    x0, y0 = int(u) - 40, int(v) - 40
+    x0 = int(u) - 40
+    y0 = int(v) - 40
     x, y = np.meshgrid(np.arange(x0, x0 + 80) - u, np.arange(y0, y0 + 80) - v)
     around = np.interp(np.arctan2(y, x), np.linspace(-np.pi, np.pi, len(edge) + 1), np.append(edge, edge[0]))
     radius = CAMERA.focal_px * radius_m / center[2] + around
     alpha = np.clip(radius - np.hypot(x, y) + 0.5, 0, 1).astype(np.float32)
-    found = outline(Coverage(alpha, np.zeros_like(alpha), (x0, y0, x0 + 80, y0 + 80)), optics)
-    assert found is not None
-    return found
+    shape = outline(Coverage(alpha, np.zeros_like(alpha), (x0, y0, x0 + 80, y0 + 80)), optics)
+    assert shape is not None
+    return shape
 
 
 def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng: np.random.Generator) -> None:
     """Edges of 28 px radius that err by 1.5 px independently every 9 px, or alike in both eyes; nothing is told of it.
     The position is as uncertain as is stated, but for the depth where both eyes err alike."""
-    optics, center = Optics(CAMERA), np.array([0.034, 0.0, 0.5])
+    optics = Optics(CAMERA)
+    center = np.array([0.034, 0.0, 0.5])
     for alike in (False, True):
-        association, squared = Association.untrained(StereoParams(), 320), []
+        association = Association.untrained(StereoParams(), 320)
+        squared = []
         for k in range(120):
-            one = 1.5 * rng.standard_normal(20)
-            edges = (one, one if alike else 1.5 * rng.standard_normal(20))
+            edge_px = 1.5 * rng.standard_normal(20)
+            edges = (edge_px, edge_px if alike else 1.5 * rng.standard_normal(20))
             left, right = (
                 rough(eye, center, 0.035, edge, optics)
                 for eye, edge in zip((VIEW.left, VIEW.right), edges, strict=True)
@@ -262,21 +279,22 @@ def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng: np.rando
 
 def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be() -> None:
     """The lines of sight to the mean directions of a square that faces the eyes meet behind it: by quadrature."""
-    side, z = 0.08, 0.6
+    side = 0.08
+    z = 0.6
     grid = np.linspace(-side / 2, side / 2, 81)
     points = np.stack([*np.meshgrid(grid + 0.034, grid), np.full((81, 81), z)], axis=-1)
     outlines = []
     for eye in (VIEW.left, VIEW.right):
         rays = points - eye.center
-        far = np.linalg.norm(rays, axis=-1, keepdims=True)
-        solid_angle = z / far**3 * side**2 / 80**2
-        mean = np.sum(solid_angle * rays / far, axis=(0, 1))
+        distances = np.linalg.norm(rays, axis=-1, keepdims=True)
+        solid_angle = z / distances**3 * side**2 / 80**2
+        mean = np.sum(solid_angle * rays / distances, axis=(0, 1))
         angle = float(np.arccos(1 - solid_angle.sum() / (2 * np.pi)))
         exact = replace(SHAPE, center_px=eye.project(eye.center + mean), angular_radius_rad=angle)
         outlines.append(exact)
     association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
     ball = association.observe(VIEW, *outlines, 0.0)
-    flat = association.observe(VIEW, *(replace(one, non_circularity=0.2) for one in outlines), 0.0)
+    flat = association.observe(VIEW, *(replace(shape, non_circularity=0.2) for shape in outlines), 0.0)
     assert ball is not None
     assert flat is not None
     behind = ball.p_root[2] - z
@@ -286,7 +304,9 @@ def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be() -> None:
 
 
 def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment() -> None:
-    left, right, shift = seen(VIEW.left), seen(VIEW.right), np.array([3.0, -1.0])
+    left = exact_outline(VIEW.left)
+    right = exact_outline(VIEW.right)
+    shift = np.array([3.0, -1.0])
     once = Association.untrained(StereoParams(), 320).observe(VIEW, left, right, 0.0)
     early, late = (replace(eye, center_px=eye.center_px - sign * shift) for eye, sign in ((left, 1), (right, -1)))
     moved = Association.untrained(StereoParams(), 320).observe(VIEW, early, late, 0.0, (shift, -shift))
@@ -299,21 +319,27 @@ SEEN_AT = np.array([-0.45, 0.03, 0.28])
 
 
 def test_a_turning_neck_carries_a_point_like_a_rigid_body(robot: Robot, rig: StereoRig) -> None:
-    q, rate, dt = home(robot), 0.4, 1e-4
-    before, now = rig.view(q), rig.view(set_gaze(robot, q, yaw=rate * dt))
+    q = home(robot)
+    rate = 0.4
+    dt = 1e-4
+    before = rig.view(q)
+    current = rig.view(set_gaze(robot, q, yaw=rate * dt))
     point_of_head = move_points(before.left.T_camera_root, SEEN_AT)
-    expected = (move_points(now.left.T_root_camera, point_of_head) - SEEN_AT) / dt
-    np.testing.assert_allclose(apparent_velocity(before, now, SEEN_AT, dt), expected, rtol=1e-3, atol=1e-5)
+    expected = (move_points(current.left.T_root_camera, point_of_head) - SEEN_AT) / dt
+    np.testing.assert_allclose(apparent_velocity(before, current, SEEN_AT, dt), expected, rtol=1e-3, atol=1e-5)
     assert np.linalg.norm(expected) > 0.15  # 0.4 rad/s at 0.45 m from the eyes
 
 
 def test_the_covariance_grows_by_the_stamps_error_along_the_motion_only(robot: Robot, rig: StereoRig) -> None:
-    q, rate, dt, error_s = home(robot), 0.4, 0.05, 0.02
+    q = home(robot)
+    rate = 0.4
+    dt = 0.05
+    error_s = 0.02
     views = rig.view(q), rig.view(set_gaze(robot, q, yaw=rate * dt))
-    seen = Observation3D(dt, SEEN_AT, 1e-6 * np.eye(3), 0.03, 1e-6, 0.1)
-    wide = with_pose_error(seen, *views, dt, error_s)
+    observation = Observation3D(dt, SEEN_AT, 1e-6 * np.eye(3), 0.03, 1e-6, 0.1)
+    wide = with_pose_error(observation, *views, dt, error_s)
     off = error_s * apparent_velocity(*views, SEEN_AT, dt)
-    np.testing.assert_allclose(np.linalg.eigvalsh(wide.cov_root - seen.cov_root), [0, 0, off @ off], atol=1e-12)
-    np.testing.assert_allclose(wide.correlated_cov_root, wide.cov_root - seen.cov_root, atol=1e-15)
-    still = with_pose_error(seen, views[1], views[1], dt, error_s)
-    np.testing.assert_allclose(still.cov_root, seen.cov_root, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.eigvalsh(wide.cov_root - observation.cov_root), [0, 0, off @ off], atol=1e-12)
+    np.testing.assert_allclose(wide.correlated_cov_root, wide.cov_root - observation.cov_root, atol=1e-15)
+    still = with_pose_error(observation, views[1], views[1], dt, error_s)
+    np.testing.assert_allclose(still.cov_root, observation.cov_root, atol=1e-15)
