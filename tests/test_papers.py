@@ -74,10 +74,10 @@ def test_studies_modules_and_figures_exist(paper: str) -> None:
 
 
 def of_r() -> Iterator[tuple[str, str]]:
-    maps = result("pps_monte_carlo")["landscapes"]["landing"]
+    maps = result("pps_taxel")["monte_carlo"]["landscapes"]["landing"]
     exact, offset = maps["exact"], maps["noisy, offset −10 cm"]
     crosses = {name: [f"{x:.3g}".replace("-", "−") for x in of["crosses_ttc_0_at_cm"]] for name, of in maps.items()}
-    counts = result("pps_authors_counts")
+    counts = result("pps_taxel")["authors_counts"]
     clean, noisy = counts["monte_carlo"]["the last sample"], next(iter(counts["fig3"].values()))
     trials = counts["fig9"]["the last sample"]
     yield "Fig 2", f"{clean['only_ours'] + clean['only_theirs']} of {clean['samples']}"
@@ -87,28 +87,30 @@ def of_r() -> Iterator[tuple[str, str]]:
     yield "Fig 3", f"widens it to {maps['noisy']['ridge_width_cm']} only"
     yield "Fig 3", f"{noisy['l1_percent']:.0f} % of the published counts"
     yield "Fig 3", "{:.1f} to {:.1f} cm".format(min(counts["ridge_cm"].values()), max(counts["ridge_cm"].values()))
-    sessions = result("pps_landscapes")["sessions"]
+    landscapes = result("pps_sessions")["landscapes"]
+    sessions = landscapes["sessions"]
     width = {name: f"{of['ridge_width_cm'][0]:.2f}" for name, of in sessions.items()}
     erring = [sessions[name]["ridge_width_erring_cm"] for name in ("motor", "visual")]
-    yield "Fig 4", f"{sessions['motor']['samples']} samples"
+    yield "Fig 4", f"{sessions['motor']['samples_of_shown_taxel']} samples"
     yield "Fig 4", f"{width['motor']} cm"
-    yield "Fig 5", f"{sessions['visual']['samples']} samples"
+    yield "Fig 5", f"{sessions['visual']['samples_of_shown_taxel']} samples"
     yield "Fig 5", f"width {width['visual']} cm"
     yield "Fig 5", f"({erring[0][0]:.2f} and {erring[1][0]:.2f} cm)"
     assert erring[0][2] < erring[1][1]  # the felt map is crisper with R's errors
-    yield "Fig 7", "{}, {} and {} samples".format(*(sessions[name]["samples"] for name in ("inner", "outer", "palm")))
+    shown = [sessions[name]["samples_of_shown_taxel"] for name in ("inner", "outer", "palm")]
+    yield "Fig 7", "{}, {} and {} samples".format(*shown)
     yield "Fig 7", "width {inner}, {outer} and {palm} cm".format(**width)
     means = next(iter(counts["fig8"].values()))["means_cm"]
     yield "Fig 8", "{:.2f}, {:.2f} and {:.2f} cm".format(*means)
-    parts = result("pps_offsets")["parts"].values()
+    parts = result("pps_sessions")["offsets"]["parts"].values()
     yield "Fig 8", "{:.0f}, {:.0f} and {:.0f} mm".format(*(of["found_mm"][0] for of in parts))
     assert trials["only_ours"] == 0
     yield "Fig 9", f"{trials['only_theirs']} of {trials['samples']}"
-    single = next(iter(result("pps_single_touch")["approaches"].values()))["centre"]
+    single = next(iter(result("pps_taxel")["single_touch"]["approaches"].values()))["centre"]
     yield "Fig 9", f"{single['8×4, σ 1 bin (R, default)']['above_at_lead_percent']} %"
-    mean = [np.mean(of) for name, of in result("pps_landscapes")["fig9"].items() if name.endswith(", 53 trials")]
+    mean = [np.mean(of) for name, of in landscapes["fig9"].items() if name.endswith(", 53 trials")]
     yield "Fig 9", "{:.3f}, of its neighbour {:.3f}".format(*mean)
-    yield "Fig 9", f"rank correlation {result('pps_landscapes')['wrist']['rank_correlation']}"
+    yield "Fig 9", f"rank correlation {landscapes['wrist']['rank_correlation']}"
     ended = result("encounters")["sessions"]
     avoided, reached = ended["avoidance"], ended["reaching"]
     yield "Fig 10", f"{avoided['touched']} of {avoided['approaches']} approaches touch"
@@ -119,7 +121,7 @@ def of_r() -> Iterator[tuple[str, str]]:
     n = met["encounters"]["harmless_receding"]
     assert still["distance only"] == 0
     yield "S2 Fig", f"such an arm always, ours in {round(n * (1 - still['ours'] / 100))} of {n} encounters"
-    table5 = [of["ours"] for of in result("pps_table5")["sessions"].values()]
+    table5 = list(sessions.values())
     yield "Table 5", "samples {}, {}, {}, {} and {} (".format(*(of["samples"] for of in table5))
     yield "Table 5", f"({table5[0]['minutes']}, R 31)"
     yield "Table 5", f"({table5[0]['taxels_touched']} are, R 6 of 8)"

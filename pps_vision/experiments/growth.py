@@ -24,10 +24,10 @@ from pps_vision.app.render_params import RenderParams
 from pps_vision.app.track import track
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.experiments.pps.whole_skin import activations, buffer_at_touch, make_body
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, SampledStudy
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
+from pps_vision.experiments.whole_skin import activations, buffer_at_touch, make_body
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.open import open_recording
 from pps_vision.robot.icub import load_icub
@@ -58,7 +58,7 @@ class Growth(SampledStudy):
 
     Image: films of a ball of the same angular size. Object: a ball 10–400 px across in images of 1280×720. Recording:
     one of 320×240 on disk that is played to and fro; opening it, tracking it up to a number of pairs, and the memory
-    in use then. Skin: as `pps_whole_skin`, the usual case. Map: training with true kinematics, and one query.
+    in use then. Skin: as `whole_skin`, the usual case. Map: training with true kinematics, and one query.
     The exponent is the slope of log time over log size between the two largest sizes.
     """
 

@@ -3,12 +3,12 @@
 import pytest
 from data import shared_data
 
-from pps_vision.experiments.pps.authors_counts import AuthorsCounts
+from pps_vision.experiments.pps_taxel import PpsTaxel, authors_counts
 
 
 @pytest.fixture(scope="module")
 def found():
-    return AuthorsCounts(shared_data("pps_real_robot").parent).run()
+    return authors_counts(PpsTaxel(data=shared_data("pps_real_robot").parent))
 
 
 def test_the_monte_carlo_is_counted_as_they_did(found):
@@ -29,7 +29,7 @@ def test_the_counts_after_one_and_four_trials(found):
 
 def test_the_offsets_of_fig_8_are_the_stated_ones(found):
     """R's means, and each of the ten taxels, by the convention found; by bin centres they are 4 mm off."""
-    by_r = found["fig8"]["edited landscape, spread over the ranges (R)"]
+    by_r = found["fig8"]["edited landscape, spread over the ranges"]
     assert by_r["means_cm"] == pytest.approx([2.11, 1.73, 1.16], abs=0.01)
     assert by_r["largest_error_mm"] < 0.01
     assert found["fig8"]["positive counts, bin centres"]["largest_error_mm"] > 10
@@ -44,4 +44,4 @@ def test_the_noisy_monte_carlo_is_counted_as_far_as_the_file_allows(found):
 
 
 def test_absent_data_are_said_to_be(tmp_path):
-    assert AuthorsCounts(tmp_path).run() == {"skipped": f"no {tmp_path / 'pps_real_robot'}"}
+    assert authors_counts(PpsTaxel(data=tmp_path)) == {"skipped": f"no {tmp_path / 'pps_real_robot'}"}

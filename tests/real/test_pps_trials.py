@@ -5,13 +5,7 @@ import pytest
 from data import shared_data
 
 from learning.pps.memory import MemoryParams, PPSMemory
-from pps_vision.experiments.pps.perceived import HORIZON_S
-from pps_vision.experiments.pps.predictors import (
-    by_base_rate,
-    by_shrunk_map,
-    in_blocks,
-    outcomes,
-)
+from pps_vision.experiments.pps.predictors import by_base_rate, by_shrunk_map, in_blocks, outcomes
 from pps_vision.experiments.pps.scores import auroc, brier, brier_gain
 from pps_vision.experiments.pps.taxel_trials import load_trials
 
@@ -25,11 +19,11 @@ def test_no_split_of_the_session_in_time_is_predicted_worse_than_by_the_base_rat
     rates = np.tile(touched.mean(axis=0), (37, 1))
     assert (auroc(touched, rates), brier(touched, rates)) == pytest.approx((0.889, 0.113), abs=0.001)
     for blocks in (2, 3, 4, 6):
-        p, base = (in_blocks(predict, trials, HORIZON_S, blocks) for predict in (by_shrunk_map, by_base_rate))
+        p, base = (in_blocks(predict, trials, blocks) for predict in (by_shrunk_map, by_base_rate))
         assert brier_gain(touched, p, base)[2] >= 0
     for n in (12, 18, 24):
         for training, test in ((trials[:n], trials[n:]), (trials[-n:], trials[:-n])):
-            p, base = (predict(training, test, HORIZON_S) for predict in (by_shrunk_map, by_base_rate))
+            p, base = (predict(training, test) for predict in (by_shrunk_map, by_base_rate))
             assert brier_gain(outcomes(test), p, base)[2] >= 0
 
 

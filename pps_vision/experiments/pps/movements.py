@@ -1,4 +1,4 @@
-"""The movements of R's three milestones: the robot's own finger, or an object in a hand, touches the skin."""
+"""Movements of R's three milestones: the robot's own finger, or an object in a hand, touches the skin."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -11,10 +11,9 @@ from scipy.spatial.transform import Rotation
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from control.fixation import gaze_at
 from learning.pps.trials import TouchTrial
-from pps_vision.app.encounters.postures import TRIALS as TRIALS
-from pps_vision.app.encounters.postures import SessionName as SessionName
-from pps_vision.app.encounters.postures import start_posture as start_posture
+from pps_vision.app.encounters.postures import SessionName, start_posture
 from pps_vision.app.simulation import can_follow
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, Skin, icub_skin, taxel_frame, touched_taxels
@@ -32,20 +31,19 @@ AIMED: dict[SessionName, tuple[str, tuple[int, ...]]] = {
 }
 """The skin part and its taxels that each session aims at."""
 STEP_S = 0.05
-
 _OBJECTS: tuple[StimulusName, ...] = ("ball", "cube")
-_START_M = (0.21, 0.25)  # just beyond the receptive field, so that the eyes have it when it enters
+_START_M = (0.21, 0.25)  # just beyond the receptive field: the eyes fixate the object when it enters
 _PEAK_M_S = (0.10, 0.25)
-_SCATTER_M = 0.025  # standard deviation of the end point about the taxel aimed at, each way
-_DEEPEST_M = -0.005  # no taxel is penetrated deeper on the way
-_MARGIN_PX = 15.0  # least distance of a fingertip from the image's edge
+_SCATTER_M = 0.025  # standard deviation of the end point about the taxel aimed at, each axis
+_DEEPEST_M = -0.005  # greatest penetration of a taxel on the way
+_MARGIN_PX = 15.0  # smallest distance of a fingertip from the image's edge
 _BATCH = 12  # double touches planned at once
-_FUTILE = 600  # starts without a feasible one, after which there is taken to be none
-_BEGIN = 0.15  # share of the time to the touch that is left out: a reach hardly moves at first
+_MAX_INFEASIBLE = 600  # consecutive infeasible starts after which a taxel counts as out of reach
+_SKIPPED_SHARE = 0.15  # of the time to the touch, at the start: a reach hardly moves there
 
 
 class Movement(NamedTuple):
-    """An object, its orientation, and the trial known exactly, with the eyes as at the start."""
+    """An object, its orientation, and the true trial, with the eyes as at the start."""
 
     stimulus: StimulusName
     rotation: Array
@@ -54,34 +52,31 @@ class Movement(NamedTuple):
     """With `touched` (n,) of the whole skin."""
 
 
-@cache  # several studies use the same movements
+@cache
+def true_robot() -> tuple[Robot, StereoRig, Skin]:
+    """Return the iCub as described, its cameras and its skin."""
+    robot = load_icub()
+    return robot, icub_rig(robot), icub_skin()
+
+
+@cache  # several parts use the same movements
 def movements(session: SessionName, n: int, seed: int) -> tuple[Movement, ...]:
     """Return the first `n` movements of a session; movement k does not depend on `n`."""
-    if session not in get_args(SessionName):
-        raise ValueError(f"session {session!r}; expected one of {', '.join(get_args(SessionName))}")
-    if n < 1:
-        raise ValueError(f"{n} trials of {session}; expected at least 1")
     if session in ("motor", "visual"):
         return tuple(islice(_double_touches(session, seed), n))
     return tuple(_approach(session, k, seed) for k in range(n))
 
 
 def gaze_mask(robot: Robot) -> Mask:
-    """Return which joints (k,) turn head and eyes."""
+    """Return a mask (k,) of the joints that turn head and eyes."""
     mask = np.zeros(robot.n_joints, dtype=bool)
     mask[robot.indices(robot.names.gaze_joints)] = True
     return mask
 
 
-@cache
-def _planner() -> tuple[Robot, Skin, DoubleTouching]:
-    robot = load_icub()
-    return robot, icub_skin(), DoubleTouching(robot, icub_skin(("left_forearm",)).parts[0])
-
-
 def _approach(session: SessionName, k: int, seed: int) -> Movement:
     """Draw approach `k` until it touches the skin and the eyes can follow it."""
-    robot, skin, _ = _planner()
+    robot, rig, skin = true_robot()
     rng = np.random.default_rng((seed, get_args(SessionName).index(session), 1, k))
     part, ids = AIMED[session]
     aimed = f"{part}:{ids[k % len(ids)]}"
@@ -93,13 +88,13 @@ def _approach(session: SessionName, k: int, seed: int) -> Movement:
     for _ in range(500):
         end = T[:3, :3] @ np.array([*(_SCATTER_M * rng.standard_normal(2)), radius]) + T[:3, 3]
         reach = make_reach(rng, end, T[:3, 2], rng.uniform(*_START_M), rng.uniform(*_PEAK_M_S))
-        n = int((1 - _BEGIN) * reach.arrives_s / STEP_S)
+        n = int((1 - _SKIPPED_SHARE) * reach.arrives_s / STEP_S)
         stamps = reach.arrives_s - STEP_S * np.arange(n, -1, -1)
-        path, velocities = (np.array(a) for a in zip(*(reach(float(t)) for t in stamps), strict=True))
+        path, velocities = (np.array(samples) for samples in zip(*(reach(float(t)) for t in stamps), strict=True))
         touched = touched_taxels(positions, path[-1], radius)
         gap = np.linalg.norm(path[:, None] - positions, axis=2).min(axis=1) - radius
-        allowed = touched.any() and gap.min() > _DEEPEST_M
-        if allowed and can_follow(robot, icub_rig(robot), q, reach, reach.arrives_s):
+        is_allowed = touched.any() and gap.min() > _DEEPEST_M
+        if is_allowed and can_follow(robot, rig, q, reach, reach.arrives_s):
             rotation = Rotation.random(random_state=rng).as_matrix()
             joints = np.tile(gaze_at(robot, q, path[0]), (len(stamps), 1))
             return Movement(stimulus, rotation, _true_trial(stamps, joints, path, velocities, touched, radius))
@@ -107,23 +102,25 @@ def _approach(session: SessionName, k: int, seed: int) -> Movement:
 
 
 def _double_touches(session: SessionName, seed: int) -> Iterator[Movement]:
-    """Double touches of the inner taxels in turn; in the visual session only those that the eyes see."""
-    robot, skin, planner = _planner()
+    """Double touches of the inner taxels, one after another; in the visual session only those in view of both eyes."""
+    robot, rig, skin = true_robot()
+    planner = DoubleTouching(robot, icub_skin(("left_forearm",)).parts[0])
     key = (seed, get_args(SessionName).index(session))
     touches = {i: (finger_movement(robot, skin, plan) for plan in plans(planner, i, key)) for i in INNER_FOREARM}
     for i in cycle(INNER_FOREARM):
-        yield next(made for made in touches[i] if session == "motor" or _is_in_view(robot, made.trial))
+        yield next(movement for movement in touches[i] if session == "motor" or _is_in_view(robot, rig, movement.trial))
 
 
 def plans(planner: DoubleTouching, taxel_id: int, key: tuple[int, ...]) -> Iterator[DoubleTouch]:
-    """Yield feasible double touches of one taxel, drawn with the seed `key`, until `_FUTILE` draws in a row fail."""
-    taxel, futile = planner.part.ids.index(taxel_id), 0
+    """Yield feasible double touches of one taxel, drawn with the seed `key`, while the taxel is within reach."""
+    taxel = planner.part.ids.index(taxel_id)
+    n_infeasible = 0
     for batch in count():
         rng = np.random.default_rng((*key, taxel, batch))
-        found = [plan for plan in planner.plan(taxel, _BATCH, rng) if isinstance(plan, DoubleTouch)]
-        yield from found
-        futile = 0 if found else futile + _BATCH
-        if futile >= _FUTILE:
+        feasible = [plan for plan in planner.plan(taxel, _BATCH, rng) if isinstance(plan, DoubleTouch)]
+        yield from feasible
+        n_infeasible = 0 if feasible else n_infeasible + _BATCH
+        if n_infeasible >= _MAX_INFEASIBLE:
             return
 
 
@@ -141,15 +138,14 @@ def finger_movement(robot: Robot, skin: Skin, touch: DoubleTouch) -> Movement:
 def _true_trial(
     stamps_s: Array, joints_rad: Array, path: Array, velocities: Array, touched: Mask, radius_m: float
 ) -> TouchTrial:
-    """The trial of an object known exactly, its stamps from 0."""
+    """The trial of an object without errors, its stamps from 0."""
     n = len(path)
-    certain = np.zeros((n, 3, 3)), np.full(n, radius_m)
-    return TouchTrial(stamps_s - stamps_s[0], joints_rad, path, velocities, *certain, touched)
+    covs = np.zeros((n, 3, 3))
+    return TouchTrial(stamps_s - stamps_s[0], joints_rad, path, velocities, covs, np.full(n, radius_m), touched)
 
 
-def _is_in_view(robot: Robot, trial: TouchTrial) -> bool:
-    """Return whether both eyes, fixating the fingertip, have it in their image along its way."""
-    rig = icub_rig(robot)
+def _is_in_view(robot: Robot, rig: StereoRig, trial: TouchTrial) -> bool:
+    """Whether both eyes, fixating the fingertip, have it in their image along its way."""
     for q, tip in zip(trial.joints_rad[::-8], trial.positions[::-8], strict=True):
         view = rig.view(gaze_at(robot, q, tip))
         if not (view.left.sees(tip, _MARGIN_PX) and view.right.sees(tip, _MARGIN_PX)):

@@ -1,8 +1,7 @@
-"""Robots that misjudge themselves: R's five sources of error, applied to trials whose truth is known."""
+"""Robots with R's five sources of model error, and trials as such robots measure them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from learning.pps.joint_offsets import joint_offsets
 from learning.pps.trials import TouchTrial
+from pps_vision.experiments.pps.movements import true_robot
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.geometry.triangulation import midpoint
-from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.icub import icub_rig
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import Skin, icub_skin
+from pps_vision.robot.skin import Skin
 from pps_vision.types import Array
 
 _H_S = 0.02  # central difference that turns positions into velocities
@@ -58,21 +58,15 @@ SOURCES = {
 }
 
 
-def only(*sources: str) -> ErrorSources:
-    """Return the named sources at their defaults and the others at zero."""
-    kept = {name for source in sources for name in SOURCES[source]}
-    return ErrorSources(**{name: value if name in kept else 0.0 for name, value in vars(ErrorSources()).items()})
-
-
-@cache
-def _true_robot() -> tuple[Robot, StereoRig]:
-    robot = load_icub()
-    return robot, icub_rig(robot)
+def errors_from(*sources: str) -> ErrorSources:
+    """Return the named sources at their defaults, all others zero."""
+    names = {name for source in sources for name in SOURCES[source]}
+    return ErrorSources(**{name: value if name in names else 0.0 for name, value in vars(ErrorSources()).items()})
 
 
 @dataclass(frozen=True)
-class ErringRobot:
-    """What a robot assumes about itself; the true robot is the iCub as described."""
+class MiscalibratedRobot:
+    """A robot's model of itself; its true kinematics, cameras and skin are the iCub's."""
 
     model: Robot
     rig: StereoRig
@@ -81,41 +75,50 @@ class ErringRobot:
     slack_rad: float
 
     @classmethod
-    def draw(cls, sources: ErrorSources, rng: np.random.Generator, skin: Skin | None = None) -> "ErringRobot":
-        """Return a robot with errors drawn from `sources`; its true skin is `skin` (default: the iCub's)."""
-        _, rig = _true_robot()
+    def draw(cls, sources: ErrorSources, rng: np.random.Generator) -> "MiscalibratedRobot":
+        """Return a robot with errors drawn from `sources`."""
+        _, rig, true_skin = true_robot()
         model = _perturbed_model(sources, rng)
         cameras = (_perturbed_camera(rig.left, sources, rng), _perturbed_camera(rig.right, sources, rng))
-        assumed_skin = _perturbed_skin(skin or icub_skin(), sources, rng)
+        skin = _perturbed_skin(true_skin, sources, rng)
         offsets = sources.joint_rad * rng.standard_normal(model.n_joints)
-        return cls(model, icub_rig(model, *cameras), assumed_skin, offsets, sources.slack_rad)
+        return cls(model, icub_rig(model, *cameras), skin, offsets, sources.slack_rad)
 
-    def observe(self, trial: TouchTrial, sees: bool, rng: np.random.Generator) -> TouchTrial:
-        """Return a true trial as this robot takes it: seen by its eyes, or its own right fingertip located by its
-        joints."""
+    def observe(self, trial: TouchTrial, by_eyes: bool, rng: np.random.Generator) -> TouchTrial:
+        """Return a true trial as this robot measures it.
+
+        Args:
+            trial: True joints and object.
+            by_eyes: Triangulate the object; otherwise it is the right fingertip, located by the joints.
+            rng: Source of the slack of the joints.
+        """
         q_true = trial.joints_rad
         q = q_true + self.joint_offsets_rad + self.slack_rad * rng.standard_normal(self.model.n_joints)
         around = trial.positions[:, None] + _H_S * np.array([-1.0, 0.0, 1.0])[:, None] * trial.velocities[:, None]
-        locate = self._triangulate if sees else self._locate_fingertip
-        at = np.array([locate(*sample) for sample in zip(around, q_true, q, strict=True)])
-        return replace(trial, joints_rad=q, positions=at[:, 1], velocities=(at[:, 2] - at[:, 0]) / (2 * _H_S))
+        locate = self._triangulate if by_eyes else self._locate_fingertip
+        points = np.array([locate(*sample) for sample in zip(around, q_true, q, strict=True)])
+        velocities = (points[:, 2] - points[:, 0]) / (2 * _H_S)
+        return replace(trial, joints_rad=q, positions=points[:, 1], velocities=velocities)
 
-    def calibrated(self, observed: Iterable[TouchTrial]) -> "ErringRobot":
-        """Return the robot that adds to its encoders the offsets estimated from touches that it observed."""
-        found = joint_offsets(self.model, self.rig, self.skin, observed)
-        return replace(self, joint_offsets_rad=self.joint_offsets_rad + found.offsets_rad)
+    def calibrated(self, observed: Iterable[TouchTrial]) -> "MiscalibratedRobot":
+        """Return the robot with its encoder offsets corrected by an estimate from observed touches."""
+        estimate = joint_offsets(self.model, self.rig, self.skin, observed)
+        return replace(self, joint_offsets_rad=self.joint_offsets_rad + estimate.offsets_rad)
 
     def _triangulate(self, points: Array, q_true: Array, q: Array) -> Array:
-        """Points (k, 3) as triangulated with cameras that are not where they are assumed to be; NaN if impossible."""
-        true, assumed = _true_robot()[1].view(q_true), self.rig.view(q)
+        """Points (k, 3), projected by the true cameras and triangulated with the assumed ones; NaN if impossible."""
+        _, rig, _ = true_robot()
+        true = rig.view(q_true)
+        assumed = self.rig.view(q)
         left = assumed.left.rays(true.left.project(points))
         right = assumed.right.rays(true.right.project(points))
-        met = [midpoint(assumed.left.center, a, assumed.right.center, b) for a, b in zip(left, right, strict=True)]
-        return np.array([np.full(3, np.nan) if p is None else p for p in met])
+        rays = zip(left, right, strict=True)
+        midpoints = [midpoint(assumed.left.center, a, assumed.right.center, b) for a, b in rays]
+        return np.array([np.full(3, np.nan) if p is None else p for p in midpoints])
 
     def _locate_fingertip(self, points: Array, q_true: Array, q: Array) -> Array:
-        """Points (k, 3) fixed to the right fingertip, as the assumed joints place it."""
-        robot, _ = _true_robot()
+        """Points (k, 3), fixed to the true right fingertip, where the assumed joints place them."""
+        robot, _, _ = true_robot()
         tip = robot.names.index_tips[1]
         in_tip = move_points(inverse(robot.at(q_true).T_root(tip)), points)
         return self.model.at(q).point(tip, in_tip)

@@ -12,28 +12,31 @@ _BINS = 10  # of a reliability diagram
 
 
 def auroc(outcome: ArrayLike, score: ArrayLike) -> float:
-    """Area under the receiver operating characteristic: how often a positive outcome scores above a
-    negative one, ties counting half.  NaN where all outcomes are the same."""
+    """Return the area under the receiver operating characteristic; NaN where all outcomes are equal.
+
+    It is the share of pairs of a positive and a negative outcome in which the positive scores higher; ties count half.
+    """
     positive = np.asarray(outcome, dtype=bool).ravel()
-    scores = np.asarray(score, dtype=float).ravel()
-    values, inverse = np.unique(scores, return_inverse=True)
-    n_positive = np.bincount(inverse[positive], minlength=len(values))
-    n_negative = np.bincount(inverse[~positive], minlength=len(values))
+    values, index = np.unique(np.asarray(score, dtype=float).ravel(), return_inverse=True)
+    n_positive = np.bincount(index[positive], minlength=len(values))
+    n_negative = np.bincount(index[~positive], minlength=len(values))
     below = np.cumsum(n_negative) - n_negative
     pairs = n_positive.sum() * n_negative.sum()
     return float((n_positive * (below + 0.5 * n_negative)).sum() / pairs) if pairs else float("nan")
 
 
 def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
-    """Mean squared difference between predicted probability and outcome (0 or 1)."""
+    """Return the mean squared difference between predicted probability and outcome (0 or 1)."""
     return float(np.mean((np.asarray(probability, dtype=float) - np.asarray(outcome, dtype=float)) ** 2))
 
 
 def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike) -> tuple[float, float, float]:
-    """By how much the Brier score is below that of the reference, and the 95 % interval over the independent units
-    (Student's t of the paired differences); arguments (units, values of each), as (trials, taxels), at least two units.
+    """Return the Brier score of the reference less that of the prediction, with its 95 % interval.
+
+    The arguments are (units, values of each unit); the interval is Student's t of the paired differences of two or more
+    independent units.
     """
-    y, p, q = (np.asarray(a, dtype=float) for a in (outcome, probability, reference))
+    y, p, q = (np.asarray(values, dtype=float) for values in (outcome, probability, reference))
     gains = np.mean((q - y) ** 2 - (p - y) ** 2, axis=1)
     half = float(stdtrit(len(gains) - 1, 0.975) * gains.std(ddof=1) / np.sqrt(len(gains)))
     mean = float(gains.mean())
@@ -53,18 +56,19 @@ class Reliability:
 
 
 def reliability(outcome: ArrayLike, probability: ArrayLike) -> Reliability:
-    """The reliability diagram of predicted probabilities; ValueError for one outside [0, 1]."""
-    p, y = np.asarray(probability, dtype=float).ravel(), np.asarray(outcome, dtype=float).ravel()
+    """Return the reliability diagram of predicted probabilities; ValueError for a probability outside [0, 1]."""
+    p = np.asarray(probability, dtype=float).ravel()
+    y = np.asarray(outcome, dtype=float).ravel()
     if not np.all((p >= 0) & (p <= 1)):
-        raise ValueError(f"probabilities from {p.min()} to {p.max()}: expected none outside 0 to 1")
-    which = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
-    n = np.bincount(which, minlength=_BINS)
-    held = n > 0
-    predicted, happened = (np.bincount(which, weights=a, minlength=_BINS)[held] / n[held] for a in (p, y))
-    return Reliability(predicted, happened, n[held])
+        raise ValueError(f"probabilities from {p.min()} to {p.max()}; expected 0 to 1")
+    index = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
+    n = np.bincount(index, minlength=_BINS)
+    used = n > 0
+    predicted, happened = (np.bincount(index, weights=w, minlength=_BINS)[used] / n[used] for w in (p, y))
+    return Reliability(predicted, happened, n[used])
 
 
 def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike) -> float:
-    """Mean over the predictions of the distance between predicted probability and share of positives in their bin."""
-    r = reliability(outcome, probability)
-    return float(np.sum(r.n * np.abs(r.predicted - r.happened)) / np.sum(r.n))
+    """Return the mean distance between a predicted probability and the share of positives in its bin."""
+    diagram = reliability(outcome, probability)
+    return float(np.sum(diagram.n * np.abs(diagram.predicted - diagram.happened)) / np.sum(diagram.n))

@@ -1,16 +1,30 @@
-"""Trials in the frames of the taxels, and the authors' files of them."""
+"""Trials as the taxels of one body part perceive them, the authors' trials, and R's map learned from trials."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from learning.archive import named, read_arrays
+from learning.pps.memory import MemoryParams, PPSMemory, count_samples
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.trials import TouchTrial
+from pps_vision.app.encounters.postures import SessionName
 from pps_vision.errors import InputError
+from pps_vision.experiments.baselines.single_taxel import NORMAL, empty_map
+from pps_vision.experiments.pps.movements import AIMED
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import Skin, SkinPart, icub_skin, taxel_frame
 from pps_vision.types import Array, Mask
 
+HORIZON_S = 0.15
+"""A prediction uses samples up to this time before a trial's end."""
+FOREARM = "left_forearm"
 _SAMPLE_PERIOD_S = 0.1  # of the released, resampled positions and velocities
 _ARRAYS = ("position_m", "velocity_m_s", "offsets", "outcome")
+_EPS_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -24,17 +38,11 @@ class Trial:
     v_m_s: Array
     """(T, n, 3) velocity of the object relative to the taxel, in the taxel's frame."""
     touched: Mask
-    """(n,) which taxels were touched at the end."""
+    """(n,) taxels touched at the end."""
     radius_m: float = 0.0
     """Radius of the object."""
     velocity_covs: Array | None = None
     """(T, n, 3, 3) m²/s², covariance of `v_m_s`; None where it is not known."""
-
-
-def touch_rates(trials: tuple[Trial, ...]) -> Array:
-    """(n,) share of the trials in which each taxel was touched."""
-    rates: Array = np.mean([trial.touched for trial in trials], axis=0)
-    return rates
 
 
 def load_trials(path: Path) -> tuple[Trial, ...]:
@@ -44,7 +52,7 @@ def load_trials(path: Path) -> tuple[Trial, ...]:
     `offsets[k]` to `offsets[k + 1]`. `outcome` (trials, taxels) is 1 (touched) or -1.
     """
     data = named(path, read_arrays(path, "trials", _ARRAYS), _ARRAYS, "trials")
-    outcome = data["outcome"].astype(np.int64)
+    outcome = data["outcome"]
     offsets = data["offsets"].astype(np.int64)
     if outcome.ndim != 2 or offsets.shape != (outcome.size + 1,):
         shapes = f"outcome of shape {outcome.shape}, offsets of shape {offsets.shape}"
@@ -54,9 +62,95 @@ def load_trials(path: Path) -> tuple[Trial, ...]:
         raise InputError(path, "taxels of one trial with different numbers of samples; expected the same number")
     n_taxels = outcome.shape[1]
     trials = []
-    for touched, start, end in zip(outcome > 0, offsets[:-1:n_taxels], offsets[n_taxels::n_taxels], strict=True):
+    is_touch = outcome.astype(int) > 0
+    for touched, start, end in zip(is_touch, offsets[:-1:n_taxels], offsets[n_taxels::n_taxels], strict=True):
         samples = np.stack([data[name][start:end] for name in _ARRAYS[:2]]).astype(np.float64)
         samples[~np.isfinite(samples)] = np.nan
         d_m, v_m_s = samples.reshape(2, n_taxels, -1, 3).swapaxes(1, 2)
         trials.append(Trial(_SAMPLE_PERIOD_S * np.arange(len(d_m)), d_m, v_m_s, touched))
     return tuple(trials)
+
+
+def in_taxel_frames(
+    trials: Iterable[TouchTrial], robot: Robot | None = None, skin: Skin | None = None, part_name: str = FOREARM
+) -> tuple[Trial, ...]:
+    """Return trials relative to the taxels of one part of a skin (default: the iCub's), which move with the joints."""
+    robot = robot or load_icub()
+    skin = skin or icub_skin()
+    k = [part.name for part in skin.parts].index(part_name)
+    return tuple(_in_taxel_frames(t, robot, skin.parts[k], t.touched[skin.part_index == k]) for t in trials)
+
+
+def _in_taxel_frames(trial: TouchTrial, robot: Robot, part: SkinPart, touched: Mask) -> Trial:
+    frames = [taxel_frame(p, n)[:3, :3] for p, n in zip(part.positions_m, part.normals, strict=True)]
+    T_root_part = np.array([robot.at(q).T_root(part.frame) for q in trial.joints_rad])[:, None]
+    R_root_taxel = T_root_part[..., :3, :3] @ np.array(frames)  # (T, n, 3, 3)
+    R_taxel_root = R_root_taxel.swapaxes(-1, -2)
+    taxels = (T_root_part[..., :3, :3] @ part.positions_m[..., None])[..., 0] + T_root_part[..., :3, 3]
+    d = trial.positions[:, None] - taxels
+    v = trial.velocities[:, None] - np.gradient(taxels, trial.stamps_s, axis=0)
+    radii = trial.radius_m[known_at_horizon(trial.stamps_s) & np.isfinite(trial.radius_m)]
+    return Trial(
+        stamps_s=trial.stamps_s,
+        d_m=(R_taxel_root @ d[..., None])[..., 0],
+        v_m_s=(R_taxel_root @ v[..., None])[..., 0],
+        touched=touched,
+        radius_m=float(np.median(radii)) if len(radii) else 0.0,
+        velocity_covs=R_taxel_root @ trial.velocity_covs[:, None] @ R_root_taxel,
+    )
+
+
+def known_at_horizon(stamps_s: Array) -> Mask:
+    """Return which samples (T,) are known at the horizon."""
+    known: Mask = stamps_s <= stamps_s[-1] - HORIZON_S + _EPS_S
+    return known
+
+
+def perceive(trial: Trial) -> tuple[Array, Array]:
+    """Return D in m and TTC in s (T, n) of a trial."""
+    return distance_and_ttc(ReceptiveField(), trial.d_m, NORMAL, trial.v_m_s, trial.radius_m, trial.velocity_covs)
+
+
+def at_horizon(trials: Sequence[Trial]) -> tuple[Array, Array]:
+    """Return D and TTC (trials, n) of the last sample known at the horizon; NaN without one."""
+    samples = np.full((2, len(trials), len(trials[0].touched)), np.nan)
+    for k, trial in enumerate(trials):
+        known = known_at_horizon(trial.stamps_s)
+        if known.any():
+            samples[:, k] = [values[known][-1] for values in perceive(trial)]
+    return samples[0], samples[1]
+
+
+def train_memory(trials: Sequence[Trial], params: MemoryParams | None = None) -> PPSMemory:
+    """Return R's map of the taxels after trials; trials without a touch are not counted (R)."""
+    memory = empty_map(len(trials[0].touched), params or MemoryParams())
+    for trial in trials:
+        memory = count_samples(memory, *perceive(trial), trial.touched)
+    return memory
+
+
+@dataclass(frozen=True)
+class Session:
+    """Trials of one of R's sessions as the part of the skin aimed at perceives them."""
+
+    part: SkinPart
+    aimed: tuple[int, ...]
+    """Indices of the taxels aimed at."""
+    trials: tuple[Trial, ...]
+
+    @classmethod
+    def of(
+        cls, name: SessionName, trials: Iterable[TouchTrial], robot: Robot | None = None, skin: Skin | None = None
+    ) -> "Session":
+        """Return a session as a robot and its skin perceive it (default: the iCub)."""
+        part_name, ids = AIMED[name]
+        (part,) = (part for part in (skin or icub_skin()).parts if part.name == part_name)
+        return cls(part, tuple(part.ids.index(i) for i in ids), in_taxel_frames(trials, robot, skin, part_name))
+
+    def name(self, taxel: int) -> str:
+        """Return the name "part:id" of a taxel."""
+        return f"{self.part.name}:{self.part.ids[taxel]}"
+
+    def shown_taxel(self, memory: PPSMemory) -> int:
+        """Return the taxel with the most samples, which R shows."""
+        return max(self.aimed, key=lambda taxel: int(memory.counts[taxel].sum()))

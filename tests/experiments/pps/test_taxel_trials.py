@@ -1,37 +1,129 @@
-"""Trials files, read as they were written or refused."""
+"""Trials in the taxels' frames against geometry, and predictors on balls that touch a taxel or pass beside it."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from trials_made_up import session, write
+from data import SEED
 
+from learning.pps.receptive_field import ReceptiveField
+from learning.pps.receptive_field import perceive as perceive_at
+from learning.pps.trials import TouchTrial
 from pps_vision.errors import InputError
-from pps_vision.experiments.pps.taxel_trials import load_trials, touch_rates
-
-
-def test_a_trials_file_is_read_as_it_was_written(tmp_path):
-    trials = session(np.random.default_rng(3), 3)
-    trials[1].d_m[4, 2, 1] = np.inf
-    for trial, again in zip(trials, load_trials(write(tmp_path / "trials.npz", trials)), strict=True):
-        np.testing.assert_array_equal(again.d_m, np.where(np.isfinite(trial.d_m), trial.d_m, np.nan))
-        np.testing.assert_array_equal(again.v_m_s, trial.v_m_s)
-        np.testing.assert_array_equal(again.touched, trial.touched)
-        np.testing.assert_allclose(again.stamps_s, trial.stamps_s)
-        assert again.radius_m == 0  # a file has none: displacements are to the centre
-
-
-def test_rates_are_shares_of_trials():
-    np.testing.assert_allclose(touch_rates(session(np.random.default_rng(3), 5)), [3 / 5, 2 / 5, 0])
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"outcome": None}, "no outcome; expected trials with position_m"),
-        ({"offsets": np.arange(4)}, r"offsets of shape \(4,\); expected \(trials, taxels\)"),
-        ({"offsets": np.array([0, 19, *range(40, 181, 20)])}, "different numbers of samples"),
-    ],
+from pps_vision.experiments.pps.predictors import (
+    Trials,
+    by_authors_map,
+    by_base_rate,
+    by_map,
+    by_shrunk_map,
+    corrected,
+    in_blocks,
+    outcomes,
 )
-def test_a_bad_trials_file_is_refused(tmp_path, changes, message):
-    path = write(tmp_path / "trials.npz", session(np.random.default_rng(4), 3), **changes)
-    with pytest.raises(InputError, match=rf"trials\.npz: .*{message}"):
-        load_trials(path)
+from pps_vision.experiments.pps.scores import brier
+from pps_vision.experiments.pps.taxel_trials import at_horizon, in_taxel_frames, load_trials, perceive
+from pps_vision.robot.icub import home, load_icub
+from pps_vision.robot.skin import icub_skin, touched_taxels
+from pps_vision.types import Array
+
+ROBOT = load_icub()
+SKIN = icub_skin()
+POSITIONS, NORMALS = SKIN.at(ROBOT.at(home(ROBOT)))
+
+
+def straight(taxel: int, aside_m: float, rng: np.random.Generator) -> TouchTrial:
+    """A ball approaches along a taxel's normal, displaced to one side."""
+    left_s = np.arange(30, -1, -1) * 0.05
+    across = np.cross(NORMALS[taxel], rng.standard_normal(3))
+    end = POSITIONS[taxel] + 0.03 * NORMALS[taxel] + aside_m * across / np.linalg.norm(across)
+    velocity = -rng.uniform(0.06, 0.14) * NORMALS[taxel]
+    return TouchTrial(
+        stamps_s=1.5 - left_s,
+        joints_rad=np.tile(home(ROBOT), (31, 1)),
+        positions=end - left_s[:, None] * velocity,
+        velocities=np.tile(velocity, (31, 1)),
+        velocity_covs=np.zeros((31, 3, 3)),
+        radius_m=np.full(31, 0.03),
+        touched=touched_taxels(POSITIONS, end, 0.03),
+    )
+
+
+@pytest.fixture(scope="module")
+def trials() -> tuple[Trials, Trials]:
+    rng = np.random.default_rng(SEED)
+    trials = in_taxel_frames([straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(32)])
+    return trials[::2], trials[1::2]
+
+
+def test_skin_at_rest_perceives_every_frame_alone() -> None:
+    rng = np.random.default_rng(SEED)
+    covs = np.tile(np.diag([0.03, 0.02, 0.01]) ** 2, (31, 1, 1))
+    true = replace(straight(3, 0.01, rng), velocities=0.1 * rng.standard_normal((31, 3)), velocity_covs=covs)
+    (trial,) = in_taxel_frames([true])
+    skin = (POSITIONS[:12], NORMALS[:12])
+    alone = perceive_at(ReceptiveField(), *skin, true.positions, true.velocities, 0.03, true.velocity_covs)
+    np.testing.assert_allclose(perceive(trial), alone, rtol=1e-6)
+    np.testing.assert_array_equal(trial.touched, true.touched[:12])
+
+
+def test_a_moving_arm_perceives_its_own_approach_to_a_resting_object() -> None:
+    """A left elbow bends at 20°/s: TTC is the distance over its rate of change."""
+    joints = np.tile(home(ROBOT), (21, 1))
+    joints[:, ROBOT.indices(("left_elbow",))[0]] += np.deg2rad(20) * 0.05 * np.arange(21)
+    taxels = np.array([SKIN.at(ROBOT.at(q))[0] for q in joints])[:, :12]
+    p = np.tile(taxels[10, 0] + np.array([-0.05, 0.02, 0.06]), (21, 1))
+    still = np.zeros((21, 3))
+    stamps = 0.05 * np.arange(21)
+    ball = TouchTrial(stamps, joints, p, still, np.zeros((21, 3, 3)), np.zeros(21), np.zeros(32, bool))
+    D, ttc = perceive(in_taxel_frames([ball])[0])
+    gap = np.linalg.norm(taxels - p[:, None], axis=2)
+    closing = -np.gradient(gap, 0.05, axis=0)
+    inside = np.isfinite(D) & (np.abs(closing) > 0.01)
+    inside[[0, -1]] = False
+    assert inside.sum() > 50
+    np.testing.assert_allclose(ttc[inside], gap[inside] / closing[inside], rtol=0.02)
+
+
+def test_predictions_use_samples_up_to_0_15_s_before_the_end(trials: tuple[Trials, Trials]) -> None:
+    training, test = trials
+    D, TTC = at_horizon(training[:2])
+    np.testing.assert_array_equal((D[0], TTC[0]), [samples[-4] for samples in perceive(training[0])])
+    changed = [replace(trial, d_m=trial.d_m.copy(), v_m_s=trial.v_m_s.copy()) for trial in test]
+    for trial in changed:
+        trial.d_m[-2:] = 0.05
+        trial.v_m_s[-2:] = -1.0
+    for predictor in (by_map, by_authors_map, by_shrunk_map, corrected(by_map)):
+        p = predictor(training, test)
+        assert np.all((p >= 0) & (p <= 1))
+        np.testing.assert_allclose(p, predictor(training, changed))
+
+
+def test_blocks_and_corrections_are_fitted_on_other_trials(trials: tuple[Trials, Trials]) -> None:
+    overlaps = []
+
+    def predictor(training: Trials, test: Trials) -> Array:
+        overlaps.append(set(map(id, training)) & set(map(id, test)))
+        return np.full((len(test), 12), 0.5)
+
+    p = corrected(predictor)(*trials)
+    assert len(overlaps) == 9  # eight folds and the test trials
+    assert not any(overlaps)
+    np.testing.assert_allclose(p, outcomes(trials[0]).mean())
+    np.testing.assert_allclose(in_blocks(by_base_rate, trials[0])[:4], np.tile(outcomes(trials[0][4:]).mean(0), (4, 1)))
+
+
+def test_shrunk_maps_beat_the_base_rate_and_stay_near_it_on_permuted_touches(trials: tuple[Trials, Trials]) -> None:
+    training, test = trials
+    touched = outcomes(test)
+    assert brier(touched, by_shrunk_map(training, test)) < brier(touched, by_base_rate(training, test))
+    permuted = [replace(t, touched=other.touched) for t, other in zip(training, training[::-1], strict=True)]
+    base = by_base_rate(permuted, test)
+    assert np.abs(by_shrunk_map(permuted, test) - base).max() < np.abs(by_map(permuted, test) - base).max()
+
+
+def test_a_file_of_trials_with_taxels_of_different_lengths_is_refused(tmp_path: Path) -> None:
+    samples = np.zeros((3, 3))
+    np.savez(tmp_path / "t.npz", position_m=samples, velocity_m_s=samples, offsets=[0, 1, 3], outcome=[[1, -1]])
+    with pytest.raises(InputError, match="same number"):
+        load_trials(tmp_path / "t.npz")

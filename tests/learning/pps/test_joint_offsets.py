@@ -9,7 +9,7 @@ from data import SEED
 from control.fixation import gaze_at
 from learning.pps.joint_offsets import _robust, felt_position, joint_offsets
 from learning.pps.trials import TouchTrial
-from pps_vision.experiments.pps.robot_errors import ErringRobot, only
+from pps_vision.experiments.pps.robot_errors import MiscalibratedRobot, errors_from
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, SkinPart, icub_skin, touched_taxels
@@ -20,9 +20,11 @@ ARM = ROBOT.indices(ROBOT.names.arm("left"))
 RADIUS_M = 0.035
 
 
-def robot_off_by(offsets_rad: Array) -> ErringRobot:
+def robot_off_by(offsets_rad: Array) -> MiscalibratedRobot:
     """The iCub, all right but for its encoders."""
-    return replace(ErringRobot.draw(only(), np.random.default_rng(0), SKIN), joint_offsets_rad=-offsets_rad)
+    return replace(
+        MiscalibratedRobot.draw(errors_from(), np.random.default_rng(0)), skin=SKIN, joint_offsets_rad=-offsets_rad
+    )
 
 
 def lying_on(taxel: int, rng: np.random.Generator) -> TouchTrial:
@@ -44,12 +46,12 @@ def lying(n: int, seed: int) -> list[TouchTrial]:
     return [lying_on(inner[k % len(inner)], rng) for k in range(n)]
 
 
-def seen(robot: ErringRobot, trials: list[TouchTrial]) -> list[TouchTrial]:
+def seen(robot: MiscalibratedRobot, trials: list[TouchTrial]) -> list[TouchTrial]:
     rng = np.random.default_rng(0)  # asked for nothing: these robots' joints do not play
     return [robot.observe(trial, True, rng) for trial in trials]
 
 
-def miss_mm(robot: ErringRobot, trials: list[TouchTrial]) -> float:
+def miss_mm(robot: MiscalibratedRobot, trials: list[TouchTrial]) -> float:
     """Median distance, in the forearm's frame, from where balls are seen to where they lie."""
 
     def on_forearm(of: TouchTrial) -> Array:

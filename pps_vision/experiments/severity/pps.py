@@ -1,6 +1,6 @@
 """Severity of seven disturbances of tracks, touches and training: where the learned map breaks."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, activation
+from learning.pps.receptive_field import ReceptiveField
 from pps_vision.experiments.baselines.single_taxel import (
     Paths,
     Simulation,
@@ -19,15 +20,14 @@ from pps_vision.experiments.baselines.single_taxel import (
 )
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.pps.scores import auroc
-from pps_vision.experiments.study import Axis, Break, Metric, SampledStudy, Values, compare_severities, mean
+from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_severities, mean
 from pps_vision.experiments.tables import Table, break_points
 from pps_vision.types import Array, Mask
 
 HORIZON_S = 0.5
 BREAKS = Break("auroc", 0.75, above=False)
-_GRID = tuple((0.03 * i, 0.03 * j) for i in range(-2, 3) for j in range(-2, 3))
-PATCH = Simulation(taxels_m=_GRID)
-"""Skin of 15 × 15 cm with 25 virtual taxels: an object that touches some of them is a near miss of the others."""
+PATCH = Simulation(taxels_m=tuple((0.03 * i, 0.03 * j) for i in range(-2, 3) for j in range(-2, 3)))
+"""Skin of 15 × 15 cm with 25 virtual taxels: an object that touches some of them passes the others."""
 MAPS = {
     "8×4 (R, default)": MemoryParams(),
     "16×8, σ 0.5 bin": MemoryParams(bins=(16, 8), sigma_bins=0.5),
@@ -38,7 +38,7 @@ _TEST_OBJECTS = 300
 
 @dataclass(frozen=True)
 class Disturbed:
-    """Objects to train on and to test on, with what is disturbed."""
+    """Objects to train on and to test on, and their disturbance."""
 
     training: Simulation = PATCH
     test: Simulation = PATCH
@@ -82,67 +82,56 @@ class Samples(NamedTuple):
     outcome: Mask
 
 
-@dataclass(frozen=True)
-class PpsFailures(SampledStudy):
-    """Prediction of touch 0.5 s ahead as one disturbance grows, for R's map, a finer one and a distance-only one.
-
-    A method breaks where its AUROC falls below 0.75.
-    """
-
-    def run(self) -> dict[str, Any]:
-        """Return the AUROC by disturbance and method."""
-        methods = {name: _map(params) for name, params in MAPS.items()}
-        metrics = {"auroc": Metric("auroc", mean)}
-        seeds = self.seeds
-        return {
-            "disturbances": {
-                name: compare_severities(partial(record, disturb), axis, methods, metrics, seeds, BREAKS)
-                for name, (axis, disturb) in DISTURBANCES.items()
-            }
+def run(seeds: Sequence[int]) -> dict[str, Any]:
+    """Return the AUROC by disturbance and map; a map breaks where its AUROC falls below 0.75."""
+    methods = {name: partial(score_map, params) for name, params in MAPS.items()}
+    metrics = {"auroc": Metric("auroc", mean)}
+    return {
+        "disturbances": {
+            name: compare_severities(partial(sample, disturb), axis, methods, metrics, seeds, BREAKS)
+            for name, (axis, disturb) in DISTURBANCES.items()
         }
-
-    def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Draw AUROC over severity, one panel a disturbance."""
-        return severities(numbers["disturbances"], "auroc", f"AUROC {HORIZON_S} s ahead", BREAKS.bound, 4)
-
-    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return where each method breaks."""
-        return {"": break_points(numbers["disturbances"])}
+    }
 
 
-def record(disturb: Callable[[float], Disturbed], seed: int, severity: float) -> Samples:
+def sample(disturb: Callable[[float], Disturbed], seed: int, severity: float) -> Samples:
     """Return disturbed training and test samples."""
     disturbed = disturb(severity)
     rng = np.random.default_rng(seed)
-    training, test = (
-        sample_paths(disturbed.training, disturbed.trials, rng),
-        sample_paths(disturbed.test, _TEST_OBJECTS, rng),
-    )
+    training = sample_paths(disturbed.training, disturbed.trials, rng)
+    test = sample_paths(disturbed.test, _TEST_OBJECTS, rng)
     D, TTC = _perceive(training, disturbed.missing, rng)
-    swapped = rng.random(len(training.touched)) < disturbed.wrong_touches
-    touched = np.where(swapped[:, None], training.touched[rng.permutation(len(training.touched))], training.touched)
+    is_wrong = rng.random(len(training.touched)) < disturbed.wrong_touches
+    touched = np.where(is_wrong[:, None], training.touched[rng.permutation(len(training.touched))], training.touched)
     last = _last_known(*_perceive(test, disturbed.missing, rng), round(HORIZON_S / disturbed.test.step_s))
     return Samples(D, TTC, touched, *last, test.touched)
 
 
-def _map(params: MemoryParams) -> Callable[[Samples, int], Values]:
-    def predict(r: Samples, seed: int) -> Values:
-        memory = count_paths(empty_map(r.touched.shape[1], params), r.D, r.TTC, r.touched)
-        return {"auroc": [auroc(r.outcome, activation(memory, r.test_D, r.test_TTC))]}
-
-    return predict
+def score_map(params: MemoryParams, samples: Samples, seed: int) -> Values:
+    """Return the AUROC of a map's predictions."""
+    memory = count_paths(empty_map(samples.touched.shape[1], params), samples.D, samples.TTC, samples.touched)
+    return {"auroc": [auroc(samples.outcome, activation(memory, samples.test_D, samples.test_TTC))]}
 
 
 def _perceive(paths: Paths, missing: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    D, TTC = from_taxel(paths)
-    unseen = rng.random((*D.shape[:2], 1)) < missing
-    return np.where(unseen, np.nan, D), np.where(unseen, np.nan, TTC)
+    D, TTC = from_taxel(paths.d_m, paths.v_m_s, ReceptiveField())
+    is_missing = rng.random((*D.shape[:2], 1)) < missing
+    return np.where(is_missing, np.nan, D), np.where(is_missing, np.nan, TTC)
 
 
 def _last_known(D: Array, TTC: Array, steps: int) -> tuple[Array, Array]:
-    """Return the last samples (N, n) at least `steps` before the end at which anything was perceived."""
-    known = D[:, : D.shape[1] - steps], TTC[:, : D.shape[1] - steps]
-    seen = np.any(np.isfinite(known[0]), axis=2)
-    at = np.where(np.any(seen, axis=1), seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1), 0)
+    """The last perceived samples (N, n) at least `steps` before the end."""
+    known = np.any(np.isfinite(D[:, : D.shape[1] - steps]), axis=2)
+    last = np.where(known.any(axis=1), known.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1), 0)
     rows = np.arange(len(D))
-    return known[0][rows, at], known[1][rows, at]
+    return D[rows, last], TTC[rows, last]
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Draw AUROC over severity, one panel a disturbance."""
+    return severities(numbers["disturbances"], "auroc", f"AUROC {HORIZON_S} s ahead", BREAKS.bound, 4)
+
+
+def table(numbers: dict[str, Any]) -> Table:
+    """Return where each map breaks."""
+    return break_points(numbers["disturbances"])

@@ -1,4 +1,4 @@
-"""The trials that learning starts from: movements known exactly, or rendered, tracked and followed by the eyes."""
+"""Trials of R's sessions: exact, or rendered and tracked while the eyes follow."""
 
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -10,9 +10,10 @@ from tqdm import tqdm
 from learning.archive import read_archive, write_archive
 from learning.pps.memory import PPSMemory
 from learning.pps.trials import TouchTrial
+from pps_vision.app.encounters.postures import TRIALS, SessionName
 from pps_vision.app.pipeline import Pipeline, PipelineParams
-from pps_vision.experiments.pps.movements import STEP_S, TRIALS, Movement, SessionName, gaze_mask, movements
-from pps_vision.experiments.study import NOISE_SIGMA, SeededStudy, code_digest
+from pps_vision.experiments.pps.movements import STEP_S, Movement, gaze_mask, movements
+from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy, SeededStudy, code_digest
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import icub_skin
@@ -27,13 +28,14 @@ from tracking.tracker import Tracker, TrackerParams
 FOLDER = Path("build") / "pps"
 """Default folder of the rendered trials, which several studies share."""
 _PROCESSES = 2
-_KIND, _VERSION = "touch trial", 1
+_KIND = "touch trial"
+_VERSION = 1
 _TRACKED = ("joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
 
 
 @dataclass(frozen=True)
-class SessionStudy(SeededStudy):
-    """Base of the studies of R's sessions as the robot sees them."""
+class SessionStudy(PartsStudy, SeededStudy):
+    """Base of the studies of R's sessions."""
 
     trials: Path = FOLDER
     """Folder of the rendered trials."""
@@ -44,44 +46,46 @@ class SessionStudy(SeededStudy):
         """Return the share of `n` trials."""
         return max(round(self.share * n), 1)
 
-    def seen(self, session: SessionName, n: int | None = None, further: int = 0) -> tuple[TouchTrial, ...]:
-        """Return a session's trials (default: as many as R's) with the seed `further` on: rendered and tracked, but for
-        the felt double touch, which is known exactly."""
+    def measured_trials(
+        self, session: SessionName, n: int | None = None, seed_offset: int = 0
+    ) -> tuple[TouchTrial, ...]:
+        """Return a session's trials (default: as many as R's): the felt double touch exact, all others rendered."""
         n = self.size(n or TRIALS[session])
         if session == "motor":
-            return exact_trials(session, n, self.seed + further)
-        return rendered_trials(session, n, self.seed + further, self.trials)
+            return exact_trials(session, n, self.seed + seed_offset)
+        return rendered_trials(session, n, self.seed + seed_offset, self.trials)
 
 
 def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, ...]:
-    """Return the first `n` trials of a session with the object known exactly."""
+    """Return the first `n` trials of a session with the true path of the object."""
     return tuple(movement.trial for movement in movements(session, n, seed))
 
 
 def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLDER) -> tuple[TouchTrial, ...]:
     """Return the first `n` trials of a session as tracked in rendered eye views.
 
-    `folder` keeps every trial under a name that identifies movement and code, so a trial is rendered once and an
+    `folder` keeps every trial under a name that identifies movement and code: a trial is rendered once, and an
     interrupted run resumes.
     """
     if session == "motor":
         raise ValueError("rendered motor trials; expected visual, inner, outer or palm: a motor double touch is felt")
-    made = movements(session, n, seed)
+    planned = movements(session, n, seed)
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / f"{movement.stimulus}_{_digest(movement, code_digest())}.npz" for movement in made]
-    todo = [(movement, file) for movement, file in zip(made, files, strict=True) if not file.exists()]
-    if todo:
-        with worker_pool(min(_PROCESSES, len(todo))) as pool:
-            done = pool.map(_render_to, *zip(*todo, strict=True))
-            for _ in tqdm(done, "rendering", len(todo), unit="trial", disable=None):
+    files = [folder / f"{movement.stimulus}_{_digest(movement, code_digest())}.npz" for movement in planned]
+    missing = [(movement, file) for movement, file in zip(planned, files, strict=True) if not file.exists()]
+    if missing:
+        with worker_pool(min(_PROCESSES, len(missing))) as pool:
+            rendered = pool.map(_render_to, *zip(*missing, strict=True))
+            for _ in tqdm(rendered, "rendering", len(missing), unit="trial", disable=None):
                 pass
-    return tuple(_read(movement, file) for movement, file in zip(made, files, strict=True))
+    return tuple(_read(movement, file) for movement, file in zip(planned, files, strict=True))
 
 
 def render_trial(movement: Movement) -> TouchTrial:
     """Return a movement as tracked in rendered eye views, the eyes following the track."""
     is_marker = movement.stimulus == "marker"
-    icub, skin, stimulus = load_icub(), icub_skin(), make_stimulus(movement.stimulus)
+    icub = load_icub()
+    skin = icub_skin()
     rig = icub_rig(icub)
     rng = np.random.default_rng(int(_digest(movement), 16))  # the noise depends on the movement, not on the code
     tracker = Tracker(TrackerParams("marker" if is_marker else "generic"), rig, rng, own_body=Silhouette(icub))
@@ -90,6 +94,7 @@ def render_trial(movement: Movement) -> TouchTrial:
     joints: list[Array] = []
     true = movement.trial
     q = true.joints_rad[0]
+    stimulus = make_stimulus(movement.stimulus)
     with Eyes(icub, rig, stimulus, "none" if is_marker else "hand", Sensor(noise_sigma=NOISE_SIGMA)) as eyes:
         for t, arms, p in zip(true.stamps_s, true.joints_rad, true.positions, strict=True):
             q = np.where(gaze_mask(icub), q, arms)
@@ -114,8 +119,7 @@ def _render_to(movement: Movement, file: Path) -> None:
 
 def _read(movement: Movement, file: Path) -> TouchTrial:
     stored = read_archive(file, _KIND, _VERSION, _TRACKED)
-    tracked = {name: stored[name].astype(float) for name in _TRACKED}
-    return replace(movement.trial, **tracked)
+    return replace(movement.trial, **{name: stored[name].astype(float) for name in _TRACKED})
 
 
 def _digest(movement: Movement, code: bytes = b"") -> str:

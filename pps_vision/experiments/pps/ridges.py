@@ -1,0 +1,82 @@
+"""The ridge of positive samples in a taxel's map: its line, offset and width (R Fig 8); charts of maps."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from learning.pps.memory import Counts, MemoryParams, PPSMemory
+from pps_vision.app.report.figures import draw_landscape
+from pps_vision.experiments.charts import panels
+from pps_vision.types import Array
+
+FINE = MemoryParams(bins=(120, 60))
+"""Bins of 2.5 mm and 50 ms, in which the ridge is measured."""
+
+
+def orthogonal_line(x: ArrayLike, y: ArrayLike, weights: ArrayLike) -> tuple[float, float]:
+    """Return offset and slope of x = offset + slope · y, the line of least weighted squared orthogonal distances.
+
+    NaN where every line fits as well, or a line along x fits best. The arguments have as many elements.
+    """
+    points = np.stack([np.ravel(x), np.ravel(y)]).astype(float)
+    w = np.ravel(weights).astype(float)
+    if w.sum() == 0:
+        return np.nan, np.nan
+    center = points @ w / w.sum()
+    deviations = points - center[:, None]
+    variances, directions = np.linalg.eigh((deviations * w) @ deviations.T)
+    along_x, along_y = directions[:, 1]
+    if variances[1] - variances[0] <= 1e-12 * variances[1] or abs(along_y) < 1e-9:
+        return np.nan, np.nan
+    slope = along_x / along_y
+    return float(center[0] - slope * center[1]), float(slope)
+
+
+def bin_centers(params: MemoryParams) -> tuple[Array, Array]:
+    """Return D in m and TTC in s (D bins, TTC bins) of the bins' centres."""
+    (d0, d1), (t0, t1) = params.distance_range_m, params.ttc_range_s
+    n_distance, n_ttc = params.bins
+    distance = d0 + (np.arange(n_distance) + 0.5) * (d1 - d0) / n_distance
+    ttc = t0 + (np.arange(n_ttc) + 0.5) * (t1 - t0) / n_ttc
+    D, TTC = np.meshgrid(distance, ttc, indexing="ij")
+    return D, TTC
+
+
+def offsets(memory: PPSMemory, weights: Array | None = None) -> Array:
+    """Return the distance (n,) m at which each taxel's line crosses TTC = 0; NaN without a line.
+
+    Without errors this is the radius of the object (R, "Analysis of the systematic errors"). Distances are in metres
+    and times in seconds: nearly all scatter is then along the distance, as in the data.
+
+    Args:
+        memory: Map of n taxels.
+        weights: (n, D bins, TTC bins) of the bins (default: their positive samples; R: `memory.frequency`).
+    """
+    D, TTC = bin_centers(memory.params)
+    taxels = memory.counts[..., 0] if weights is None else weights
+    return np.array([orthogonal_line(D, TTC, taxel)[0] for taxel in taxels])
+
+
+def ridge_width(counts: Counts) -> float:
+    """Return the standard deviation in m of the positive samples' D about their line; NaN without a line.
+
+    `counts` (D bins, TTC bins, 2) are of the bins `FINE`.
+    """
+    D, TTC = bin_centers(FINE)
+    positive = counts[..., 0]
+    offset, slope = orthogonal_line(D, TTC, positive)
+    return float(np.sqrt((positive * (D - offset - slope * TTC) ** 2).sum() / max(positive.sum(), 1)))
+
+
+def landscape_chart(landscapes: Mapping[str, ArrayLike], columns: int) -> Figure:
+    """Draw the activation over D and TTC of each map, as R's figures do, under its title."""
+    figure, axes = panels(len(landscapes), columns, 3.2, 2.8)
+    for axis, (title, activation) in zip(axes, landscapes.items(), strict=True):
+        draw_landscape(axis, activation)
+        axis.set_title(title, fontsize=9)
+    figure.colorbar(axes[0].images[0], ax=axes, label="activation", shrink=0.7)
+    figure.supxlabel("distance D (cm)", fontsize=9)
+    figure.supylabel("time to contact TTC (s)", fontsize=9)
+    return figure

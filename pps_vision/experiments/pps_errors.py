@@ -1,0 +1,128 @@
+"""R's five sources of robot error: their cost to predictions, compensation by learning, invariance to modality."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from learning.pps.trials import TouchTrial
+from pps_vision.app.encounters.postures import TRIALS, SessionName
+from pps_vision.experiments.charts import bars, panels
+from pps_vision.experiments.pps.predictors import Trials, by_map, outcomes
+from pps_vision.experiments.pps.robot_errors import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
+from pps_vision.experiments.pps.scores import auroc, brier
+from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
+from pps_vision.experiments.pps.taxel_trials import in_taxel_frames
+from pps_vision.experiments.study import Part, interval
+from pps_vision.experiments.tables import Table, estimate
+
+TrialSets = tuple[list[TouchTrial], list[TouchTrial]]
+Sets = tuple[Trials, Trials]
+"""Training and test trials."""
+CASES = ("no errors", "errors, map trained without", "errors, map trained with", "encoder offsets estimated too")
+MODALITIES: dict[SessionName, str] = {"motor": "finger, felt", "visual": "finger, seen", "inner": "objects, seen"}
+_MODALITY_TRIALS: dict[SessionName, int] = {"motor": 45, "visual": 45, "inner": 53}
+
+
+def scores(sets: Iterable[Sets]) -> dict[str, list[float]]:
+    """Return AUROC and Brier score of R's map on pairs of training and test trials, with 95 % over the pairs."""
+    predictions = [(outcomes(test), by_map(training, test)) for training, test in sets]
+    return {
+        "auroc": interval([[auroc(touched, p)] for touched, p in predictions]),
+        "brier": interval([[brier(touched, p)] for touched, p in predictions]),
+    }
+
+
+def compensation(study: "PpsErrors") -> dict[str, Any]:
+    """Return the scores by source of error and case, with 95 % over robots."""
+    exact = [exact_trials("inner", study.size(TRIALS["inner"]), study.seed + i) for i in (0, 1)]
+    training, test = (in_taxel_frames(trials) for trials in exact)
+    sources = {**{name: errors_from(name) for name in SOURCES}, "all": ErrorSources()}
+    numbers: dict[str, Any] = {}
+    for name, source in tqdm(sources.items(), desc="errors", unit="source", disable=None):
+        sets: dict[str, list[Sets]] = {case: [] for case in CASES}
+        for k in range(study.n if name == "all" else study.n_single):
+            robot = MiscalibratedRobot.draw(source, np.random.default_rng((study.seed, k)))
+            observed = _observed(robot, exact, (study.seed, k, 1))
+            calibrated = robot.calibrated(observed[0])
+            with_errors = _perceived(robot, observed)
+            estimated = _perceived(calibrated, _observed(calibrated, exact, (study.seed, k, 1)))
+            case_sets = ((training, test), (training, with_errors[1]), with_errors, estimated)
+            for case, case_set in zip(CASES, case_sets, strict=True):
+                sets[case].append(case_set)
+        numbers[name] = {case: scores(sets[case]) for case in CASES}
+    return {"sources": numbers}
+
+
+def _observed(robot: MiscalibratedRobot, exact: Iterable[Iterable[TouchTrial]], seed: tuple[int, ...]) -> TrialSets:
+    """Training and test trials as a robot measures them, with the slack drawn from `seed`."""
+    rng = np.random.default_rng(seed)
+    training, test = ([robot.observe(trial, True, rng) for trial in trials] for trials in exact)
+    return training, test
+
+
+def _perceived(robot: MiscalibratedRobot, observed: TrialSets) -> Sets:
+    training, test = (in_taxel_frames(trials, robot.model, robot.skin) for trials in observed)
+    return training, test
+
+
+def draw_compensation(numbers: dict[str, Any]) -> Figure:
+    """Draw AUROC by source and case."""
+    figure, (axis,) = panels(1, width=9.0)
+    sources = numbers["sources"]
+    series = {case: [source[case]["auroc"] for source in sources.values()] for case in CASES}
+    bars(axis, list(sources), series, "AUROC (95 % over robots)")
+    axis.set_ylim(0.5, 1)
+    axis.legend(fontsize=8, ncols=2)
+    return figure
+
+
+def tabulate_compensation(numbers: dict[str, Any]) -> Table:
+    """Return both scores with all sources together, and the Brier score above that without errors."""
+    cases = numbers["sources"]["all"]
+    best = cases["no errors"]["brier"][0]
+    rows = []
+    for case in CASES:
+        above = "–" if case == "no errors" else estimate([value - best for value in cases[case]["brier"]], 2)
+        rows.append([case, estimate(cases[case]["auroc"]), estimate(cases[case]["brier"]), above])
+    return Table(["all five sources", "AUROC", "Brier score", "above that without errors"], rows)
+
+
+def invariance(study: "PpsErrors") -> dict[str, Any]:
+    """Return the scores by modality of training and of test: two thirds of the trials train, the last third tests."""
+    sets = {}
+    for name, n in _MODALITY_TRIALS.items():
+        trials = in_taxel_frames(study.measured_trials(name, n))
+        n_training = 2 * len(trials) // 3
+        sets[name] = (trials[:n_training], trials[n_training:])
+    return {"modalities": {a: {b: scores([(sets[a][0], sets[b][1])]) for b in sets} for a in sets}}
+
+
+def tabulate_invariance(numbers: dict[str, Any]) -> Table:
+    """Return the AUROC by modality."""
+    modalities = numbers["modalities"]
+    rows = [[MODALITIES[a], *(f"{modalities[a][b]['auroc'][0]:.3f}" for b in MODALITIES)] for a in MODALITIES]
+    return Table(["AUROC, trained on (rows), tested on", *MODALITIES.values()], rows)
+
+
+@dataclass(frozen=True)
+class PpsErrors(SessionStudy):
+    """Compensation: scores of R's map 0.15 s before the touch with R's five error sources, one by one and together.
+
+    R: "the learned representations automatically compensate". Invariance: the map is trained on felt fingers, seen
+    fingers or objects and tested on each.
+    """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"n_single": 1}
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "compensation": Part(compensation, draw_compensation, tabulate_compensation),
+        "invariance": Part(invariance, table=tabulate_invariance),
+    }
+
+    n: int = 20
+    """Robots with all sources together."""
+    n_single: int = 3
+    """Robots with each source alone."""

@@ -1,0 +1,151 @@
+"""Touches predicted 0.15 s ahead: calibration on rendered approaches, and the authors' real trials."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from pps_vision.experiments import charts
+from pps_vision.experiments.pps.predictors import (
+    Predictor,
+    by_authors_map,
+    by_base_rate,
+    by_map,
+    by_shrunk_map,
+    corrected,
+    in_blocks,
+    outcomes,
+)
+from pps_vision.experiments.pps.scores import auroc, brier, brier_gain, expected_calibration_error
+from pps_vision.experiments.pps.session_trials import SessionStudy
+from pps_vision.experiments.pps.taxel_trials import in_taxel_frames, load_trials
+from pps_vision.experiments.study import DATA, Part, interval, percent_of
+from pps_vision.experiments.tables import Table, estimate, judged
+from pps_vision.types import Array, Mask
+
+HELD_OUT = 40
+"""Rendered approaches that test the calibration."""
+AUROC_GOAL = 0.95
+ERROR_GOAL = 0.05
+_BINS = 10  # of the reliability diagram
+CALIBRATED: dict[str, Predictor] = {
+    "base rate": by_base_rate,
+    "R's map": by_map,
+    "R's map, corrected": corrected(by_map),
+}
+SHOWN = ("R's map", "R's map, corrected")
+REAL_TRIALS: dict[str, Predictor] = {
+    "base rate": by_base_rate,
+    "R's map": by_map,
+    "R's map, authors' code, averaged": by_authors_map,
+    "R's map, shrunk to the base rate": by_shrunk_map,
+}
+SPLITS = {"quarters": "quarters", "early_late": "first 24 → last 13"}
+_EARLY_SHARE = 24 / 37
+
+
+def calibration(study: "PpsPrediction") -> dict[str, Any]:
+    """Return scores and the reliability diagram by predictor; intervals are over the held-out approaches."""
+    training = in_taxel_frames(study.measured_trials("inner"))
+    test = in_taxel_frames(study.measured_trials("inner", HELD_OUT, seed_offset=1))
+    touched = outcomes(test)
+    numbers = {}
+    for name, predict in CALIBRATED.items():
+        p = predict(training, test)
+        errors = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
+        scores = {key: score_interval(score, touched, p) for key, score in errors.items()}
+        numbers[name] = {"scores": scores, "touched_percent": percent_touched(touched, p)}
+    return {"n": len(test), "methods": numbers}
+
+
+def score_interval(score: Callable[[ArrayLike, ArrayLike], float], touched: Mask, p: Array) -> list[float]:
+    """Return a score of probabilities (trials, taxels) with its 95 % interval by resampling trials."""
+    return interval(list(np.stack([touched, p], axis=-1)), lambda rows: score(rows[:, 0], rows[:, 1]))
+
+
+def percent_touched(touched: Mask, p: Array) -> list[list[float] | None]:
+    """Return the touched percentage by tenths of the probability, with Wilson's interval; None of an empty tenth."""
+    tenth = np.minimum((_BINS * p).astype(int), _BINS - 1)
+    bins = [touched[tenth == k] for k in range(_BINS)]
+    return [percent_of(int(outcome.sum()), outcome.size) if outcome.size else None for outcome in bins]
+
+
+def draw_calibration(numbers: dict[str, Any]) -> Figure:
+    """Draw the reliability of R's map before and after correction."""
+    figure, (axis,) = charts.panels(1, width=5.2)
+    stated = 100 * (np.arange(_BINS) + 0.5) / _BINS
+    shown = {name: numbers["methods"][name]["touched_percent"] for name in SHOWN}
+    charts.calibration(axis, stated.tolist(), shown, "touched (%)")
+    axis.legend(fontsize=8)
+    return figure
+
+
+def tabulate_calibration(numbers: dict[str, Any]) -> Table:
+    """Return the scores; a missed goal is bold."""
+    rows = []
+    for name, method in numbers["methods"].items():
+        scores = method["scores"]
+        auroc_cell = judged(estimate(scores["auroc"]), scores["auroc"][0] < AUROC_GOAL)
+        error_cell = judged(estimate(scores["calibration_error"]), scores["calibration_error"][0] > ERROR_GOAL)
+        rows.append([name, auroc_cell, estimate(scores["brier"]), error_cell])
+    return Table(["", f"AUROC (goal {AUROC_GOAL})", "Brier score", f"calibration error (goal {ERROR_GOAL})"], rows)
+
+
+def real_trials(study: "PpsPrediction") -> dict[str, Any]:
+    """Return the scores on the authors' trials; only "skipped" without the data.
+
+    The trials follow each other in time, and blocks of consecutive trials are held out. Holding out single trials would
+    lower each taxel's rate of touch exactly where it is touched.
+    """
+    path = study.data / "pps_real_robot" / "trials_forearm_internal.npz"
+    if not path.exists():
+        return {"skipped": f"no {path}"}
+    trials = load_trials(path)
+    n_early = round(_EARLY_SHARE * len(trials))
+    first = trials[:n_early]
+    last = trials[n_early:]
+    touched = outcomes(trials)
+    numbers = {
+        name: {
+            "quarters": _scores(touched, in_blocks(predict, trials), in_blocks(by_base_rate, trials)),
+            "early_late": _scores(touched[n_early:], predict(first, last), by_base_rate(first, last)),
+        }
+        for name, predict in REAL_TRIALS.items()
+    }
+    return {"n": len(trials), "touched": touched.sum(axis=0).tolist(), "methods": numbers}
+
+
+def _scores(touched: Mask, p: Array, base_rate: Array) -> dict[str, list[float]]:
+    """AUROC, Brier score, and its gain on the base rate."""
+    return {
+        "auroc": score_interval(auroc, touched, p),
+        "brier": interval(list((p - touched) ** 2)),
+        "gain": list(brier_gain(touched, p, base_rate)),
+    }
+
+
+def tabulate_real_trials(numbers: dict[str, Any]) -> Table:
+    """Return the scores by predictor and split."""
+    columns = {"auroc": "AUROC", "brier": "Brier score", "gain": "below the base rate's"}
+    rows = [
+        [name, *(estimate(method[split][key]) for split in SPLITS for key in columns)]
+        for name, method in numbers["methods"].items()
+    ]
+    return Table(["", *(f"{column}, {split}" for split in SPLITS.values() for column in columns.values())], rows)
+
+
+@dataclass(frozen=True)
+class PpsPrediction(SessionStudy):
+    """Calibration: 53 rendered approaches train, 40 others test. Real trials: the authors' 37 trials on four taxels."""
+
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "calibration": Part(calibration, draw_calibration, tabulate_calibration),
+        "real_trials": Part(real_trials, table=tabulate_real_trials),
+    }
+
+    data: Path = DATA
+    """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""

@@ -1,0 +1,339 @@
+"""A single taxel: R's Monte Carlos (Figs 2, 3), the authors' published counts, prediction after one touch (Fig 9)."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from pps_vision.app.report.figures import landscape
+from pps_vision.experiments.baselines.single_taxel import (
+    NORMAL,
+    UNBOUNDED,
+    Simulation,
+    count_paths,
+    empty_map,
+    from_landing,
+    from_taxel,
+    sample_paths,
+)
+from pps_vision.experiments.pps.ridges import (
+    FINE,
+    bin_centers,
+    landscape_chart,
+    offsets,
+    orthogonal_line,
+    ridge_width,
+)
+from pps_vision.experiments.pps.taxel_trials import load_trials
+from pps_vision.experiments.study import DATA, Part, PartsStudy, SampledStudy
+from pps_vision.experiments.tables import Table
+from pps_vision.types import Array, Mask
+
+Counts = NDArray[np.int64]
+Perceive = Callable[[ArrayLike, ArrayLike], tuple[Array, Array]]
+"""D and TTC of displacements and velocities (T, n, 3)."""
+Path3D = tuple[Array, Array, Mask]
+"""Displacements and velocities (T, n, 3) in the taxels' frames, and the touched taxels (n,)."""
+
+EXACT = Simulation()
+NOISY = replace(EXACT, position_noise_m=0.001, velocity_noise_m_s=0.01)
+SIMULATIONS = {"exact": EXACT, "noisy": NOISY, "noisy, offset −10 cm": replace(NOISY, offset_m=-0.10)}
+OBJECTS = 500
+
+FIG9_TRIALS = {1: (17,), 4: (14, 15, 16, 17)}
+"""Trials behind Fig 9; no other trial, or four consecutive trials, comes as near to the published counts."""
+PAPER_CM = {"inner forearm": 2.11, "outer forearm": 1.73, "palm": 1.16}
+"""R Fig 8: mean offsets by body part, in the order of the released file's `part`."""
+REFERENCE_POINTS: dict[str, Perceive] = {
+    "the last sample": from_landing,
+    "the taxel": partial(from_taxel, field=UNBOUNDED),
+}
+_FIG3_OFFSET_M = -0.10
+_FIG3_RADII_M = (0.10, np.inf)  # greatest distances of a sample from the normal through the path's end
+
+THRESHOLD = 0.4
+"""Activation that starts avoidance (R)."""
+LEAD_S = 0.3
+"""Goal: time before the touch from which the activation exceeds the threshold."""
+RADIUS_M = 0.035
+"""Radius of the ball."""
+FIELDS = {"surface": ReceptiveField(distance_to="surface"), "centre": ReceptiveField(distance_to="centre")}
+MAPS = {
+    "8×4, σ 1 bin (R, default)": MemoryParams(),
+    "8×4, σ 0.5 bin": MemoryParams(sigma_bins=0.5),
+    "16×8, σ 0.5 bin": MemoryParams(bins=(16, 8), sigma_bins=0.5),
+    "8×4, TTC ≤ 1.2 s, σ 0.75 bin (R's code)": MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75),
+}
+APPROACHES = {
+    "5–15 cm/s": EXACT,
+    "5 cm/s": replace(EXACT, speed_m_s=(0.05, 0.05)),
+    "30 cm/s": replace(EXACT, speed_m_s=(0.30, 0.30)),
+    "5–15 cm/s, noise 1 mm, 1 cm/s": NOISY,
+}
+
+
+def monte_carlo(study: "PpsTaxel") -> dict[str, Any]:
+    """Return, by reference point and simulation, where the ridge crosses TTC = 0, its width and the first map."""
+    return {
+        "landscapes": {
+            reference: {name: simulated_ridge(s, reference, study.n, study.seed) for name, s in SIMULATIONS.items()}
+            for reference in ("taxel", "landing")
+        }
+    }
+
+
+def simulated_ridge(simulation: Simulation, reference: str, n: int, seed: int) -> dict[str, Any]:
+    """Return medians over `n` simulations, and the map of the first one."""
+    crossings = []
+    widths = []
+    for k in range(n):
+        fine = _simulated_map(simulation, reference, seed, k, FINE)
+        crossings.append(100 * float(offsets(fine)[0]))
+        widths.append(100 * ridge_width(fine.counts[0]))
+    first = _simulated_map(simulation, reference, seed, 0, MemoryParams())
+    return {
+        "crosses_ttc_0_at_cm": [round(float(q), 2) for q in np.percentile(crossings, (50, 25, 75))],
+        "ridge_width_cm": round(float(np.median(widths)), 2),
+        "activation": np.round(landscape(first), 2).tolist(),
+    }
+
+
+def _simulated_map(simulation: Simulation, reference: str, seed: int, k: int, params: MemoryParams) -> PPSMemory:
+    paths = sample_paths(simulation, OBJECTS, np.random.default_rng([seed, k]))
+    if reference == "landing":
+        D, TTC = from_landing(paths.d_m, paths.v_m_s, simulation.offset_m)
+    else:
+        D, TTC = from_taxel(paths.d_m, paths.v_m_s, ReceptiveField())
+    return count_paths(empty_map(len(simulation.taxels_m), params), D, TTC, paths.touched)
+
+
+def draw_monte_carlo(numbers: dict[str, Any]) -> Figure:
+    """Draw the maps: one row by the taxel, one by the landing point."""
+    maps = {
+        f"{name}, from the {reference}\ncrosses TTC = 0 at {ridge['crosses_ttc_0_at_cm'][0]:.1f} cm": ridge[
+            "activation"
+        ]
+        for reference, ridges in numbers["landscapes"].items()
+        for name, ridge in ridges.items()
+    }
+    return landscape_chart(maps, columns=3)
+
+
+def authors_counts(study: "PpsTaxel") -> dict[str, Any]:
+    """Return the differences from the published counts, and the offsets of R Fig 8; "skipped" without the data."""
+    folder = study.data / "pps_real_robot"
+    if not folder.exists():
+        return {"skipped": f"no {folder}"}
+    return {
+        "monte_carlo": count_monte_carlo(_arrays(folder / "monte_carlo_500_events.npz")),
+        "fig3": count_fig3(_arrays(folder / "monte_carlo_500_noisy_events.npz")),
+        "fig9": count_fig9(folder),
+        "ridge_cm": published_ridge_cm(_arrays(folder / "monte_carlo_500_noisy_events.npz")),
+        "fig8": fig8(_arrays(folder / "systematic_offsets.npz")),
+    }
+
+
+def _arrays(file: Path) -> dict[str, NDArray[Any]]:
+    with np.load(file) as archive:
+        return dict(archive)
+
+
+def _published(data: Mapping[str, NDArray[Any]]) -> Counts:
+    return np.stack([data["positive_counts"], data["negative_counts"]], axis=-1).astype(np.int64)
+
+
+def count_monte_carlo(data: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
+    """Return the differences for the Monte Carlo of 500 objects, by the point from which D and TTC are measured."""
+    paths = []
+    for start, end, outcome in zip(data["offsets"][:-1], data["offsets"][1:], data["outcome"], strict=True):
+        # A second taxel, touched by the misses alone, makes them negative samples of the first.
+        d, v = (np.repeat(data[name][start:end, None], 2, axis=1) for name in ("position_m", "velocity_m_s"))
+        paths.append((d, v, np.array([outcome > 0, outcome <= 0])))
+    return {
+        point: _difference(_count(paths, perceive, 2, 3.0)[0], _published(data))
+        for point, perceive in REFERENCE_POINTS.items()
+    }
+
+
+def count_fig3(data: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
+    """Return the differences for the noisy Monte Carlo behind R Fig 3, by the greatest distance from the normal.
+
+    D and TTC (R eqs 1–2) are both measured from a point 10 cm above the path's end along the normal.
+    """
+    positions = data["position_m"].astype(float)
+    starts = data["offsets"]
+    event = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    from_end = positions - positions[starts[1:] - 1][event]
+    shifted = from_end + _FIG3_OFFSET_M * NORMAL
+    D, TTC = from_taxel(shifted[:, None], data["velocity_m_s"].astype(float)[:, None], UNBOUNDED)
+    from_normal = np.linalg.norm(from_end[:, :2], axis=1)
+    differences = {}
+    for radius in _FIG3_RADII_M:
+        counts = []
+        for hit in (True, False):
+            used = (from_normal < radius) & ((data["outcome"] > 0)[event] == hit)
+            memory = count_samples(empty_map(1, MemoryParams()), D[used], TTC[used], np.ones(1, bool))
+            counts.append(memory.counts[0, ..., 0])
+        within = "" if np.isinf(radius) else f", within {100 * radius:g} cm of its normal"
+        difference = _difference(np.stack(counts, axis=-1).astype(np.int64), _published(data))
+        differences[f"the last sample, shifted by 10 cm{within}"] = difference
+    return differences
+
+
+def count_fig9(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the differences for the maps after 1 and 4 trials, by the point from which D and TTC are measured."""
+    data = _arrays(folder / "histograms_after_1_and_4_trials.npz")
+    named = [[data[f"E{n}_{sign}"] for sign in ("positive", "negative")] for n in FIG9_TRIALS]
+    published = np.array(named).astype(np.int64).transpose(0, *range(2, np.ndim(named)), 1)
+    paths = [(trial.d_m, trial.v_m_s, trial.touched) for trial in load_trials(folder / "trials_forearm_internal.npz")]
+    return {
+        point: _difference(
+            np.stack([_count([paths[k] for k in trials], perceive, 4, 1.2) for trials in FIG9_TRIALS.values()]),
+            published,
+        )
+        for point, perceive in REFERENCE_POINTS.items()
+    }
+
+
+def _count(paths: Iterable[Path3D], perceive: Perceive, n_taxels: int, ttc_max_s: float) -> Counts:
+    """Counts (n, 8, 4, 2) of D and TTC on a body part of n taxels."""
+    memory = empty_map(n_taxels, MemoryParams(ttc_range_s=(0.0, ttc_max_s)))
+    for d, v, touched in paths:
+        memory = count_samples(memory, *perceive(d, v), touched)
+    return memory.counts.astype(np.int64)
+
+
+def _difference(ours: Counts, published: Counts) -> dict[str, Any]:
+    more = int(np.maximum(ours - published, 0).sum())
+    fewer = int(np.maximum(published - ours, 0).sum())
+    percent = round(100 * (more + fewer) / float(published.sum()), 3)
+    return {"l1_percent": percent, "only_ours": more, "only_theirs": fewer, "samples": int(published.sum())}
+
+
+def published_ridge_cm(data: Mapping[str, NDArray[Any]]) -> dict[str, float]:
+    """Return where the line through the noisy Monte Carlo's published counts crosses TTC = 0, by weights and bins."""
+    positive, negative = data["positive_counts"], data["negative_counts"]
+    weights = {"positive counts": positive, "f": positive / np.maximum(positive + negative, 1)}
+    return {
+        f"{name}, {bins}": 100 * orthogonal_line(*axes, w)[0]
+        for name, w in weights.items()
+        for bins, axes in {"bin centres": bin_centers(MemoryParams()), "spread over the ranges": _spread_bins()}.items()
+    }
+
+
+def fig8(data: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
+    """Return the offsets of ten taxels (R Fig 8) by weights and places of the bins, beside the stated ones."""
+    weights = {"edited landscape": data["edited_landscape"], "positive counts": data["positive_counts"]}
+    places = {"spread over the ranges": _spread_bins(), "bin centres": bin_centers(MemoryParams())}
+    errors = {}
+    for weight, taxels in weights.items():
+        for place, axes in places.items():
+            offset_m = np.array([orthogonal_line(*axes, taxel)[0] for taxel in taxels])
+            errors[f"{weight}, {place}"] = {
+                "means_cm": [100 * float(offset_m[data["part"] == part].mean()) for part in range(len(PAPER_CM))],
+                "largest_error_mm": 1000 * float(np.abs(offset_m - data["offset_m"]).max()),
+            }
+    return errors
+
+
+def _spread_bins() -> tuple[Array, Array]:
+    """D in m and TTC in s (8, 4) as the authors place bins: the first and the last at the ends of the ranges."""
+    params = MemoryParams()
+    D, TTC = np.meshgrid(np.linspace(*params.distance_range_m, 8), np.linspace(*params.ttc_range_s, 4), indexing="ij")
+    return D, TTC
+
+
+def tabulate_authors_counts(numbers: dict[str, Any]) -> dict[str, Table]:
+    """Return the differences, and the offsets of R Fig 8."""
+    keys = ("l1_percent", "only_ours", "only_theirs", "samples")
+    rows = [
+        [f"{name}, from {point}", *(f"{difference[key]:g}" for key in keys)]
+        for name in ("monte_carlo", "fig3", "fig9")
+        for point, difference in numbers[name].items()
+    ]
+    header = ["counts", "L1 difference (%)", "only ours", "only the authors'", "samples"]
+    fig8_rows = [
+        [weights, *(f"{mean:.2f}" for mean in errors["means_cm"]), f"{errors['largest_error_mm']:.2f}"]
+        for weights, errors in numbers["fig8"].items()
+    ]
+    parts = [f"{part}, R {paper} cm" for part, paper in PAPER_CM.items()]
+    fig8_header = ["weights, bins", *parts, "largest error of ten taxels (mm)"]
+    return {"": Table(header, rows), "fig8": Table(fig8_header, fig8_rows)}
+
+
+def single_touch(study: "PpsTaxel") -> dict[str, Any]:
+    """Return, by approach, reference of D and map, the share (%) of repeated approaches above the threshold."""
+    shares: dict[str, Any] = {}
+    for name, simulation in APPROACHES.items():
+        shares[name] = {}
+        for reference, field in FIELDS.items():
+            shares[name][reference] = {}
+            for label, params in MAPS.items():
+                rng = np.random.default_rng(study.seed)
+                until_touch_s, activations = repeat_approaches(simulation, params, field, study.approaches, rng)
+                above = 100 * np.mean(activations > THRESHOLD, axis=1)
+                shares[name][reference][label] = {
+                    "above_at_lead_percent": round(float(above[np.argmin(np.abs(until_touch_s - LEAD_S))]), 1),
+                    "above_at_touch_percent": round(float(above[-1]), 1),
+                }
+    return {"approaches": shares}
+
+
+def repeat_approaches(
+    simulation: Simulation, params: MemoryParams, field: ReceptiveField, n: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return the time until the touch (T,) s and the activation (T, n) of maps that have counted only that approach.
+
+    The simulated paths are those of the ball's lowest point.
+    """
+    paths = [sample_paths(simulation, 2000, rng) for _ in range(-(-n // 100))]  # 8 % touch the first taxel
+    d = np.concatenate([batch.d_m[batch.touched[:, 0], :, 0] for batch in paths])[:n] + RADIUS_M * NORMAL
+    v = np.concatenate([batch.v_m_s[batch.touched[:, 0], :, 0] for batch in paths])[:n]
+    D, TTC = (samples.T for samples in distance_and_ttc(field, d, NORMAL, v, RADIUS_M))
+    memory = count_samples(empty_map(n, params), D, TTC, np.ones(n, bool))  # every approach has its own taxel
+    return np.arange(len(D) - 1, -1, -1) * simulation.step_s, activation(memory, D, TTC)
+
+
+def tabulate_single_touch(numbers: dict[str, Any]) -> Table:
+    """Return the share of approaches above the threshold 0.3 s before the touch, and at the last sample."""
+    approaches = numbers["approaches"]
+    rows = []
+    for reference in FIELDS:
+        for label in MAPS:
+            shares = [approach[reference][label] for approach in approaches.values()]
+            cells = [f"{share['above_at_lead_percent']:g} / {share['above_at_touch_percent']:g}" for share in shares]
+            rows.append([f"D to the {reference}, {label}", *cells])
+    return Table([f"above {THRESHOLD} at {LEAD_S} s / at the touch (%)", *approaches], rows)
+
+
+@dataclass(frozen=True)
+class PpsTaxel(PartsStudy, SampledStudy):
+    """Monte Carlo: the map of the first of three virtual taxels after 500 objects, trained on touches only.
+
+    D and TTC are measured from the landing point, as in R's published maps, and from the taxel, as in R's text.
+
+    Authors' counts: our counts of the released paths against the published counts; differences are L1, in percent.
+
+    Single touch: the activation of a map that has counted one touch by a ball, while the approach is repeated.
+    """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"approaches": 5}
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "monte_carlo": Part(monte_carlo, draw_monte_carlo),
+        "authors_counts": Part(authors_counts, table=tabulate_authors_counts),
+        "single_touch": Part(single_touch, table=tabulate_single_touch),
+    }
+
+    n: int = 20
+    """Simulations of the Monte Carlo, of which medians are taken."""
+    approaches: int = 300
+    """Approaches of each kind after a single touch."""
+    data: Path = DATA
+    """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""

@@ -1,0 +1,107 @@
+"""Movements of R's sessions against geometry, as exact trials, rendered, and measured by miscalibrated robots."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import SEED
+
+from control.double_touch import FINGERTIP_RADIUS_M
+from learning.pps.trials import TouchTrial
+from pps_vision.experiments.pps.movements import AIMED, SessionName, movements
+from pps_vision.experiments.pps.robot_errors import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
+from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials
+from pps_vision.experiments.pps_sessions import misaimed_touches
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
+from pps_vision.types import Array
+
+ROBOT = load_icub()
+SKIN = icub_skin()
+
+
+def rng(k: int = 0) -> np.random.Generator:
+    return np.random.default_rng((SEED, k))
+
+
+@pytest.mark.parametrize("name", ["motor", "inner", "outer", "palm"])
+def test_a_trial_ends_in_its_touch(name: SessionName) -> None:
+    part, _ = AIMED[name]
+    on_part = np.array([taxel.startswith(part) for taxel in SKIN.taxel_ids])
+    for trial in exact_trials(name, 2, SEED):
+        taxels = np.array([SKIN.at(ROBOT.at(q))[0] for q in trial.joints_rad])
+        gaps = np.linalg.norm(taxels - trial.positions[:, None], axis=2) - trial.radius_m[:, None]
+        np.testing.assert_array_equal(gaps[-1] <= TOUCH_RADIUS_M, trial.touched)
+        assert trial.touched[on_part].any()
+        assert gaps.min() > -0.006  # no object penetrates the skin
+        assert gaps[0, on_part].min() > 0.10  # it starts beyond most of the receptive field
+        mean = 0.5 * (trial.velocities[1:] + trial.velocities[:-1])
+        np.testing.assert_allclose(np.diff(trial.positions, axis=0), 0.05 * mean, atol=4e-4)
+        if name == "motor":
+            tips = [ROBOT.at(q).point("right_index_tip") for q in trial.joints_rad]
+            np.testing.assert_allclose(trial.positions, tips, atol=1e-12)
+
+
+def test_a_rendered_trial_is_tracked_and_read_again(tmp_path: Path) -> None:
+    (movement,) = movements("inner", 1, SEED)
+    (trial,) = rendered_trials("inner", 1, SEED, tmp_path)
+    errors = np.linalg.norm(trial.positions - movement.trial.positions, axis=1)
+    assert np.isfinite(errors[-20:]).mean() > 0.8
+    assert np.nanmax(errors[-20:]) < 0.04
+    (file,) = tmp_path.iterdir()
+    written_ns = file.stat().st_mtime_ns
+    np.testing.assert_array_equal(rendered_trials("inner", 1, SEED, tmp_path)[0].positions, trial.positions)
+    assert file.stat().st_mtime_ns == written_ns
+
+
+def from_taxels(robot: MiscalibratedRobot, trial: TouchTrial) -> Array:
+    """(n, 3) m, the object's end relative to the taxels by the robot's model."""
+    taxels, _ = robot.skin.at(robot.model.at(trial.joints_rad[-1]))
+    end: Array = trial.positions[-1] - taxels
+    return end
+
+
+@pytest.mark.parametrize("by_eyes", [True, False])
+def test_without_errors_the_measurement_is_the_truth(by_eyes: bool) -> None:
+    (trial,) = exact_trials("motor", 1, SEED)
+    for source in (errors_from(), errors_from("cameras")):
+        measured = MiscalibratedRobot.draw(source, rng()).observe(trial, by_eyes, rng())
+        if not by_eyes or source == errors_from():  # a felt fingertip does not depend on the cameras
+            np.testing.assert_allclose(measured.positions, trial.positions, atol=1e-6)
+            np.testing.assert_allclose(measured.velocities, trial.velocities, atol=1e-5)
+
+
+def test_every_source_displaces_the_object_and_all_by_centimetres() -> None:
+    (trial,) = exact_trials("inner", 1, SEED)
+    true = from_taxels(MiscalibratedRobot.draw(errors_from(), rng()), trial)
+
+    def error_m(sources: ErrorSources, k: int) -> float:
+        robot = MiscalibratedRobot.draw(sources, rng(k))
+        return float(np.linalg.norm(from_taxels(robot, robot.observe(trial, True, rng(1))) - true, axis=1).mean())
+
+    assert all(0.0005 < error_m(errors_from(source), 0) < 0.1 for source in SOURCES)
+    assert 0.01 < np.median([error_m(ErrorSources(), k) for k in range(8)]) < 0.08
+
+
+def test_encoder_offsets_estimated_from_touches_halve_the_error() -> None:
+    trials = exact_trials("inner", 8, SEED)
+    only_joints = {**vars(errors_from()), "joint_rad": float(np.deg2rad(4.0))}
+    robot = MiscalibratedRobot.draw(ErrorSources(**only_joints), rng(1))
+    true = MiscalibratedRobot.draw(errors_from(), rng())
+
+    def error_m(model: MiscalibratedRobot) -> float:
+        errors = [from_taxels(model, model.observe(t, True, rng())) - from_taxels(true, t) for t in trials]
+        return float(np.median(np.linalg.norm(errors, axis=2)))
+
+    assert error_m(robot) > 0.02
+    assert error_m(robot.calibrated([robot.observe(t, True, rng()) for t in trials])) < 0.5 * error_m(robot)
+
+
+def test_a_robot_without_errors_touches_the_taxel_that_it_aims_at() -> None:
+    """The first touch is aimed at taxel 27, the first inner taxel."""
+    exact = MiscalibratedRobot.draw(errors_from(), rng())
+    (trial,) = misaimed_touches(exact, 1, SEED)
+    gaps = np.linalg.norm(from_taxels(exact, trial), axis=1) - FINGERTIP_RADIUS_M
+    assert gaps.argmin() == SKIN.index("left_forearm:27")
+    assert gaps.min() < 0.0075  # a step at 15 cm/s
+    np.testing.assert_array_equal(gaps <= TOUCH_RADIUS_M, trial.touched)
