@@ -362,7 +362,7 @@ class PpsSessions(SessionStudy):
     miscalibrated robots. Offsets: the taxels' offsets read from their maps, against the true ones.
     """
 
-    SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.1, "starts": 4}
+    SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.05, "starts": 4}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "landscapes": Part(landscapes, draw_landscapes, tabulate_landscapes),
         "double_touches": Part(double_touches, table=tabulate_double_touches),
