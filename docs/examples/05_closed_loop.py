@@ -7,7 +7,7 @@ import numpy as np
 import pps_vision as pv
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import PipelineParams
-from pps_vision.app.simulation import log_of, make_episode, open_world, simulate
+from pps_vision.app.simulation import log_of, make_episode, open_scene, simulate
 from pps_vision.robot.silhouette import Silhouette
 from tracking.tracker import TrackerParams
 
@@ -21,18 +21,18 @@ def cautious(skin):
     return replace(empty, counts=counts)
 
 
-with open_world(noise_sigma=2.0, seed=0) as world:
+with open_scene(noise_sigma=2.0, seed=0) as scene:
     for avoid in (False, True):
         rng = np.random.default_rng(5)
-        episode = make_episode("approach", world, "left_forearm:3", "ball", rng, speed_m_s=0.15)
-        tracker = pv.Tracker(TrackerParams(), world.rig, rng, own_body=Silhouette(world.robot))
-        pipeline = pv.Pipeline(PipelineParams(), world.robot, world.skin, tracker, cautious(world.skin), rng)
+        episode = make_episode("approach", scene, "left_forearm:3", "ball", rng, speed_m_s=0.15)
+        tracker = pv.Tracker(TrackerParams(), scene.rig, rng, own_body=Silhouette(scene.robot))
+        pipeline = pv.Pipeline(PipelineParams(), scene.robot, scene.skin, tracker, cautious(scene.skin), rng)
         episode = replace(episode, seconds=episode.seconds / 2)  # until it withdraws
         steps = []
-        for one in simulate(world, episode, pipeline.step, avoid):  # one.step: track, activation, command
+        for one in simulate(scene, episode, pipeline.step, avoid):  # one.step: track, activation, command
             steps.append(one)
             if one.touched.any():
                 break
-        log = log_of(world, episode, steps, avoid)
+        log = log_of(scene, episode, steps, avoid)
         what = "touched" if log.was_touched else "not touched"
         print(f"avoidance {'on' if avoid else 'off'}: {what}, smallest gap {100 * log.surface_gap_m.min():.1f} cm")

@@ -22,12 +22,12 @@ from pps_vision.app.simulation import (
     PERIOD_S,
     EpisodeLog,
     Kind,
+    SimulationScene,
     SimulationStep,
-    World,
     log_of,
     make_episode,
     new_pipeline,
-    open_world,
+    open_scene,
     simulate,
     train,
 )
@@ -64,20 +64,20 @@ _COLUMNS = {
 
 def demo(out: Path, trials: int, noise: float, seed: int) -> None:
     """Train, run the episodes, and write the report; arguments as of `pps-vision demo`."""
-    with whole_folder(out) as folder, open_world(noise, seed) as world:
-        memory = train(world, trials, _TOUCH_EVERY)
+    with whole_folder(out) as folder, open_scene(noise, seed) as scene:
+        memory = train(scene, trials, _TOUCH_EVERY)
         save_memory(folder / "memory.npz", memory)
         with progress(total=1, desc="reachable space", unit="map", after_s=0.0) as bar:
             map_params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
-            reachable_map = train_reachable_map(world.robot, "left", np.random.default_rng(seed), map_params)
+            reachable_map = train_reachable_map(scene.robot, "left", np.random.default_rng(seed), map_params)
             bar.update()
         reachable_map.save(folder / "reach.npz")
         stopwatch = Stopwatch()
-        logs = _run_episodes(world, memory, reachable_map, folder, stopwatch, seed)
+        logs = _run_episodes(scene, memory, reachable_map, folder, stopwatch, seed)
         numbers = {log.title: _numbers(log) for log in logs}
         given = {"versions": versions.versions(), "seed": seed, "trials": trials, "noise_grey_levels": noise}
         write_json(folder / SUMMARY, {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
-        text = _page(world, trials, noise, seed, folder, memory, logs, numbers, stopwatch)
+        text = _page(scene, trials, noise, seed, folder, memory, logs, numbers, stopwatch)
         (folder / REPORT).write_text(text, encoding="utf-8")
     for log in logs:
         touched, moved = "touched" if log.was_touched else "not touched", "moved" if log.was_commanded else "still"
@@ -86,7 +86,12 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
 
 
 def _run_episodes(
-    world: World, memory: PPSMemory, reachable_map: ReachableMap, folder: Path, stopwatch: Stopwatch, seed: int
+    scene: SimulationScene,
+    memory: PPSMemory,
+    reachable_map: ReachableMap,
+    folder: Path,
+    stopwatch: Stopwatch,
+    seed: int,
 ) -> list[EpisodeLog]:
     """The logs of the four episodes, filmed two by two; demo.png is the frame of the approach in which the skin is
     touched without avoidance."""
@@ -94,11 +99,11 @@ def _run_episodes(
     for kind, avoid, title in progress(_EPISODES, desc="episodes", unit="episode", after_s=0.0):
         # the same seed for both approaches: the same path with and without avoidance
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
-        episode = replace(make_episode(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
-        pipeline = new_pipeline(world, memory, stopwatch, reachable_map)
-        steps = list(simulate(world, episode, pipeline.step, avoid))
-        images.append([drawn(world, step, title) for step in steps])
-        logs.append(log_of(world, episode, steps, avoid))
+        episode = replace(make_episode(kind, scene, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
+        pipeline = new_pipeline(scene, memory, stopwatch, reachable_map)
+        steps = list(simulate(scene, episode, pipeline.step, avoid))
+        images.append([drawn(scene, step, title) for step in steps])
+        logs.append(log_of(scene, episode, steps, avoid))
     write_side_by_side(folder / "demo.mp4", (images[0], images[1]), (images[2], images[3]))
     touching = int(np.argmax(logs[0].touched.any(axis=1)))
     save_png(folder / "demo.png", np.hstack([images[0][touching], images[1][touching]]))
@@ -113,7 +118,7 @@ def write_side_by_side(file: Path, *pairs: tuple[Sequence[Image], Sequence[Image
                 film.add(np.hstack([of[min(k, len(of) - 1)] for of in (left, right)]))
 
 
-def drawn(world: World, row: SimulationStep, title: str) -> Image:
+def drawn(scene: SimulationScene, row: SimulationStep, title: str) -> Image:
     """One frame of the video (480, 640, 3): the left eye, and the right one in the corner."""
     activation, reach = row.step.activation, row.step.reachability
     most = int(np.argmax(activation.probability))
@@ -121,7 +126,7 @@ def drawn(world: World, row: SimulationStep, title: str) -> Image:
     if reach is not None:
         degree = f" (R {reach.degree:.2f})" if np.isfinite(reach.degree) else ""
         captions.append(f"left hand: {reach.status.value}{degree}")
-    tracking, view = row.step.tracking, world.rig.view_of(row.frame)
+    tracking, view = row.step.tracking, scene.rig.view_of(row.frame)
     pair = draw_pair(row.frame, view, tracking.track, tracking.detections, row.taxels, activation.probability, captions)
     width = pair.shape[1] // 2
     image = pair[:, :width].copy()
@@ -162,7 +167,7 @@ def _cell(value: object) -> str:
 
 
 def _page(
-    world: World,
+    scene: SimulationScene,
     trials: int,
     noise: float,
     seed: int,
@@ -208,7 +213,7 @@ def _page(
             "Turn it with the mouse. Blue: tracked position of the octopus with its own 95 % ellipsoids; black: the "
             "truth. Grey: the robot's bodies, the line between its eyes and its taxels (a short line along each "
             "normal) at the start; orange and red: the same where the arm has moved farthest, avoidance on.",
-            path3d(_scene(world, logs[1]), logs[1].track_m[known], stds[:, None] ** 2 * np.eye(3)),
+            path3d(_scene(scene, logs[1]), logs[1].track_m[known], stds[:, None] ** 2 * np.eye(3)),
         ),
         page.Section(
             "Coordinates",
@@ -231,18 +236,18 @@ def _page(
     )
 
 
-def _scene(world: World, log: EpisodeLog) -> list[tuple[str, Array]]:
+def _scene(scene: SimulationScene, log: EpisodeLog) -> list[tuple[str, Array]]:
     """Lines of the 3D view: the track, the truth, and the robot at the start and where its arm has moved farthest."""
-    moved = np.linalg.norm(log.q_rad[:, world.arm] - log.q_rad[0, world.arm], axis=1)
+    moved = np.linalg.norm(log.q_rad[:, scene.arm] - log.q_rad[0, scene.arm], axis=1)
     lines = [("#2060c0", log.track_m), ("#222222", log.truth_m)]
     for color, skin_color, q in (
         ("#c8c8c8", "#c8c8c8", log.q_rad[0]),
         ("#e09040", "#d02020", log.q_rad[int(moved.argmax())]),
     ):
-        posture = world.robot.at(q)
-        points, normals = world.skin.at(posture)
+        posture = scene.robot.at(q)
+        points, normals = scene.skin.at(posture)
         gap = np.full_like(points, np.nan)
-        view = world.rig.view(q)
+        view = scene.rig.view(q)
         lines += [(color, body_lines(posture)), (color, np.array([view.left.center, view.right.center]))]
         lines.append((skin_color, np.stack([points, points + _NORMAL_M * normals, gap], axis=1).reshape(-1, 3)))
     return lines

@@ -1,8 +1,8 @@
 """The closed loop in simulation: rendered eyes, a policy that commands the robot, and a robot that obeys.
 
-with open_world(noise_sigma=2.0, seed=0) as world:
-    episode = make_episode("approach", world, "left_forearm:3", "ball", rng, speed_m_s=0.1)
-    for step in simulate(world, episode, new_pipeline(world, memory).step):
+with open_scene(noise_sigma=2.0, seed=0) as scene:
+    episode = make_episode("approach", scene, "left_forearm:3", "ball", rng, speed_m_s=0.1)
+    for step in simulate(scene, episode, new_pipeline(scene, memory).step):
         ...
 """
 
@@ -72,7 +72,7 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class World:
+class SimulationScene:
     """The robot, its skin and eyes, and the random numbers of the simulation."""
 
     setup: RobotSetup
@@ -159,46 +159,49 @@ class EpisodeLog:
 
 
 @contextmanager
-def open_world(
+def open_scene(
     noise_sigma: float, seed: int, setup: RobotSetup | None = None, side: Side | None = None
-) -> Iterator[World]:
+) -> Iterator[SimulationScene]:
     """A robot, by default the iCub with the skin of its left forearm and palm; `noise_sigma` of the pixels in grey
     levels of 255; the `side` of the arm that avoids, by default the setup's."""
     setup = setup or icub_setup(icub_skin(("left_forearm", "left_palm")))
     with Eyes(setup.robot, setup.rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=noise_sigma)) as eyes:
-        yield World(setup, eyes, np.random.default_rng(seed), side or setup.side)
+        yield SimulationScene(setup, eyes, np.random.default_rng(seed), side or setup.side)
 
 
 def new_pipeline(
-    world: World, memory: PPSMemory, stopwatch: Stopwatch | None = None, reachable_map: ReachableMap | None = None
+    scene: SimulationScene,
+    memory: PPSMemory,
+    stopwatch: Stopwatch | None = None,
+    reachable_map: ReachableMap | None = None,
 ) -> Pipeline:
     """A pipeline with a new tracker and an earlier memory."""
     timing = {} if stopwatch is None else {"stages": stopwatch}
-    tracker = Tracker(TrackerParams(), world.rig, world.rng, own_body=Silhouette(world.robot), **timing)
+    tracker = Tracker(TrackerParams(), scene.rig, scene.rng, own_body=Silhouette(scene.robot), **timing)
     return Pipeline(
-        PipelineParams.of(world.setup, world.side), world.robot, world.skin, tracker, memory, world.rng, reachable_map
+        PipelineParams.of(scene.setup, scene.side), scene.robot, scene.skin, tracker, memory, scene.rng, reachable_map
     )
 
 
-def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True) -> Iterator[SimulationStep]:
+def simulate(scene: SimulationScene, episode: Episode, policy: Policy, avoid: bool = True) -> Iterator[SimulationStep]:
     """Yield the frames of an episode: render, let the policy command, move the robot.
 
     The robot begins at home with its eyes on the object.  Without `avoid` the arm does not obey.
     """
-    robot = world.robot
+    robot = scene.robot
     stimulus = make_stimulus(episode.stimulus)
-    world.eyes.set_stimulus(stimulus)
-    arm = world.arm
-    q = world.home
+    scene.eyes.set_stimulus(stimulus)
+    arm = scene.arm
+    q = scene.home
     if episode.motion is not None:
         q = gaze_at(robot, q, episode.motion(0.0)[0])
     for k in range(int(np.ceil(episode.seconds / PERIOD_S - 1e-9))):
         t = k * PERIOD_S
-        taxels, _ = world.skin.at(robot.at(q))
+        taxels, _ = scene.skin.at(robot.at(q))
         p, v = episode.motion(t) if episode.motion is not None else (np.full(3, np.nan), np.zeros(3))
         touched = touched_taxels(taxels, p, stimulus.radius_m)
         state = SceneState(q, None if episode.motion is None else p, v)
-        frame = world.eyes.render(state, t, world.rng)
+        frame = scene.eyes.render(state, t, scene.rng)
         step = policy(frame, touched)
         yield SimulationStep(frame, step, p, taxels, touched, q)
         dq = step.command.dq_rad_s.copy()
@@ -209,10 +212,10 @@ def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True)
             q = robot.clamp(q)  # commands keep the limits, own motion does not
 
 
-def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoid: bool = True) -> EpisodeLog:
+def log_of(scene: SimulationScene, episode: Episode, steps: Iterable[SimulationStep], avoid: bool = True) -> EpisodeLog:
     """The arrays of the frames of an episode; `avoid` as in `simulate`."""
     rows = list(steps)
-    arm = world.arm
+    arm = scene.arm
     radius_m = make_stimulus(episode.stimulus).radius_m
     tracks = [row.step.tracking.track for row in rows]
     truth = np.array([row.position for row in rows])
@@ -220,7 +223,7 @@ def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoi
     speed = np.array([float(np.linalg.norm(row.step.response.velocity_root)) for row in rows])
     return EpisodeLog(
         title=episode.title,
-        taxel_ids=world.skin.taxel_ids,
+        taxel_ids=scene.skin.taxel_ids,
         stamps_s=np.array([row.frame.stamp_s for row in rows]),
         status=tuple(track.status for track in tracks),
         truth_m=truth,
@@ -236,24 +239,24 @@ def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoi
     )
 
 
-def train(world: World, trials: int, touch_every: int = 1) -> PPSMemory:
+def train(scene: SimulationScene, trials: int, touch_every: int = 1) -> PPSMemory:
     """The memory after `trials` approaches, with alternating taxels and objects.
 
     One in `touch_every` approaches ends in a touch; the others are near misses.
     """
     if trials < 1:
         raise InputError("training", f"{trials} trials; expected at least one")
-    memory = PPSMemory.empty(world.skin)
+    memory = PPSMemory.empty(scene.skin)
     for trial in progress(range(trials), desc="training", unit="approach", after_s=0.0):
         number, is_near_miss = divmod(trial, touch_every)
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
         stimulus = _TRAINED_WITH[number % len(_TRAINED_WITH)]
-        speed = world.rng.uniform(*SPEED_M_S)
+        speed = scene.rng.uniform(*SPEED_M_S)
         kind: Kind = "near_miss" if is_near_miss else "approach"
-        episode = make_episode(kind, world, taxel, stimulus, world.rng, speed, None if is_near_miss else 0.0)
-        pipeline = new_pipeline(world, memory)
+        episode = make_episode(kind, scene, taxel, stimulus, scene.rng, speed, None if is_near_miss else 0.0)
+        pipeline = new_pipeline(scene, memory)
         contact_frames = 0
-        for step in simulate(world, episode, pipeline.step, avoid=False):
+        for step in simulate(scene, episode, pipeline.step, avoid=False):
             contact_frames += bool(step.touched.any())
             if contact_frames == _CONTACT_FRAMES:
                 break
@@ -263,7 +266,7 @@ def train(world: World, trials: int, touch_every: int = 1) -> PPSMemory:
 
 def make_episode(
     kind: Kind,
-    world: World,
+    scene: SimulationScene,
     taxel: str,
     stimulus: StimulusName,
     rng: np.random.Generator,
@@ -276,7 +279,7 @@ def make_episode(
         kind: approach: until the surface is within `reach_m` of a taxel's home position, then back; recede: from just
             out of touch; static: 5 cm away from the skin, then at rest 12–15 cm from the taxel; own_arm: no object;
             near_miss: the approach ends `reach_m` before the skin.
-        world: Robot and skin.
+        scene: Robot and skin.
         taxel: Target "part:id".
         stimulus: Object.
         rng: Random numbers of the path.
@@ -288,15 +291,15 @@ def make_episode(
     """
     if kind == "own_arm":
         return Episode("own arm moving", stimulus, None, 4.0, "arm")
-    q_home = world.home
-    posture = world.robot.at(q_home)
-    index = world.skin.index(taxel)
-    taxels, _ = world.skin.at(posture)
+    q_home = scene.home
+    posture = scene.robot.at(q_home)
+    index = scene.skin.index(taxel)
+    taxels, _ = scene.skin.at(posture)
     point = taxels[index]
     radius = make_stimulus(stimulus).radius_m
     if reach_m is None:
         reach_m = rng.uniform(*_NEAR_MISS_M) if kind == "near_miss" else REACH_M.get(kind, 0.0)
-    aim = at_taxel(world.skin, posture, index, radius + reach_m)
+    aim = at_taxel(scene.skin, posture, index, radius + reach_m)
     for _ in range(200):
         visit = make_approach(rng, aim, speed_m_s)
         motion: Motion = visit
@@ -316,7 +319,7 @@ def make_episode(
             seconds = 5.0
             title = "at rest"
         begins_touching = touched_taxels(taxels, motion(0.0)[0], radius).any()
-        if not begins_touching and can_follow(world.robot, world.rig, q_home, motion, seconds):
+        if not begins_touching and can_follow(scene.robot, scene.rig, q_home, motion, seconds):
             return Episode(f"{stimulus} {title}", stimulus, motion, seconds)
     raise InputError(
         "episode", f"no {kind} about {taxel} stays in view of both eyes; expected a taxel that they see at home"

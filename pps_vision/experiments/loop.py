@@ -14,11 +14,11 @@ from pps_vision.app.simulation import (
     SPEED_M_S,
     EpisodeLog,
     Kind,
-    World,
+    SimulationScene,
     log_of,
     make_episode,
     new_pipeline,
-    open_world,
+    open_scene,
     simulate,
     train,
 )
@@ -56,12 +56,12 @@ class Loop(SampledStudy):
 
     def run(self) -> dict[str, Any]:
         """Return the counts by case."""
-        with open_world(NOISE_SIGMA, self.seed) as world:
-            memory = train(world, self.training_trials)
+        with open_scene(NOISE_SIGMA, self.seed) as scene:
+            memory = train(scene, self.training_trials)
             cases: dict[str, Any] = {}
             for case in LOOP_CASES:
                 ms: list[float] = []
-                logs = [self.episode(world, memory, case, k, ms) for k in tqdm(range(self.n), case, disable=None)]
+                logs = [self.episode(scene, memory, case, k, ms) for k in tqdm(range(self.n), case, disable=None)]
                 gaps_m = [log.surface_gap_m for log in logs]
                 cases[case] = {
                     "episodes": len(logs),
@@ -85,7 +85,7 @@ class Loop(SampledStudy):
         return {"": Table(["case", "touched (%)", "commanded (%)", "smallest gap (mm)", *time], rows)}
 
     def episode(
-        self, world: World, memory: PPSMemory, case: LoopCase, number: int, ms: list[float] | None = None
+        self, scene: SimulationScene, memory: PPSMemory, case: LoopCase, number: int, ms: list[float] | None = None
     ) -> EpisodeLog:
         """Run one episode; approaches of the same number are the same with avoidance on and off.
 
@@ -95,8 +95,8 @@ class Loop(SampledStudy):
         kinds = sorted({kind for kind, _ in LOOP_CASES.values()})
         rng = np.random.default_rng((self.seed, number, kinds.index(kind)))
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
-        episode = make_episode(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
-        pipeline = new_pipeline(world, memory)
+        episode = make_episode(kind, scene, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
+        pipeline = new_pipeline(scene, memory)
 
         def step(frame: StereoFrame, touched: Mask) -> PipelineStep:
             result, frame_ms = timed(partial(pipeline.step, frame, touched))
@@ -104,4 +104,4 @@ class Loop(SampledStudy):
                 ms.append(frame_ms)
             return result
 
-        return log_of(world, episode, simulate(world, episode, step, avoid), avoid)
+        return log_of(scene, episode, simulate(scene, episode, step, avoid), avoid)

@@ -18,7 +18,16 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits
 from learning.reach.track_reachability import TrackReachability
 from learning.reach.training import train_reachable_map
-from pps_vision.app.simulation import Episode, EpisodeLog, World, can_follow, log_of, new_pipeline, open_world, simulate
+from pps_vision.app.simulation import (
+    Episode,
+    EpisodeLog,
+    SimulationScene,
+    can_follow,
+    log_of,
+    new_pipeline,
+    open_scene,
+    simulate,
+)
 from pps_vision.experiments.reach_truth import closed_form, map_params
 from pps_vision.experiments.study import NOISE_SIGMA, Part, PartsStudy, SampledStudy, Values, interval, percent
 from pps_vision.experiments.tables import Table, estimate
@@ -58,24 +67,24 @@ def _run_loop(study: "ReachInLoop") -> dict[str, Any]:
     rests.  The truth is closed-form inverse kinematics at the ball's true position.
     """
     params = replace(map_params(study.n_labels), gaze_limits=_LOOP_GAZE)
-    with open_world(NOISE_SIGMA, study.seed) as world:
-        learned = train_reachable_map(world.robot, "left", np.random.default_rng(study.seed), params)
+    with open_scene(NOISE_SIGMA, study.seed) as scene:
+        learned = train_reachable_map(scene.robot, "left", np.random.default_rng(study.seed), params)
         runs = []
         for k in tqdm(range(study.n), desc="runs", disable=None):
-            pipeline = new_pipeline(world, PPSMemory.empty(world.skin), reachable_map=learned)
-            episode = crossing(world, k % 2 == 0, np.random.default_rng((study.seed, k)))
-            log = log_of(world, episode, simulate(world, episode, pipeline.step, avoid=False), avoid=False)
-            runs.append(judge(world.robot, learned, log))
-        ms = _frame_ms(world.robot, learned, np.random.default_rng((study.seed, study.n)))
+            pipeline = new_pipeline(scene, PPSMemory.empty(scene.skin), reachable_map=learned)
+            episode = crossing(scene, k % 2 == 0, np.random.default_rng((study.seed, k)))
+            log = log_of(scene, episode, simulate(scene, episode, pipeline.step, avoid=False), avoid=False)
+            runs.append(judge(scene.robot, learned, log))
+        ms = _frame_ms(scene.robot, learned, np.random.default_rng((study.seed, study.n)))
     counts = {name: int(sum(np.sum(run[name]) for run in runs)) for name in runs[0] if name not in _VERDICTS}
     shares = {name: interval([run[name] for run in runs], percent) for name in _VERDICTS}
     return {**counts, **shares, "ms": ms}
 
 
-def crossing(world: World, reachable: bool, rng: np.random.Generator) -> Episode:
+def crossing(scene: SimulationScene, reachable: bool, rng: np.random.Generator) -> Episode:
     """Return a ball on a straight line from within or out of reach, along which both eyes see it."""
-    model = GazeModel(world.robot)
-    arm = closed_form(world.robot, "left")
+    model = GazeModel(scene.robot)
+    arm = closed_form(scene.robot, "left")
     while True:
         start = model.points(random_gaze(_PATH_GAZE, 1, rng))[0]
         if np.isfinite(arm.solve(start[None])[0, 0]) != reachable:
@@ -84,7 +93,7 @@ def crossing(world: World, reachable: bool, rng: np.random.Generator) -> Episode
         end = start + rng.uniform(*_LENGTH_M) * direction / np.linalg.norm(direction)
         motion = Linear(start, end, rng.uniform(*_SPEED_M_S))
         visible = np.isfinite(model.gaze(end[None], _PATH_GAZE)).all()
-        if visible and can_follow(world.robot, world.rig, world.home, motion, _SECONDS):
+        if visible and can_follow(scene.robot, scene.rig, scene.home, motion, _SECONDS):
             return Episode("crossing", "ball", motion, _SECONDS)
 
 

@@ -19,7 +19,7 @@ from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
 from pps_vision.app.demo import THRESHOLD, _cell, _numbers, _scene, demo, drawn
-from pps_vision.app.simulation import World
+from pps_vision.app.simulation import SimulationScene
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Reachability, ReachStatus, Status, StereoFrame
@@ -71,8 +71,8 @@ def test_the_demo_writes_its_report(
     """Three frames of each episode, a memory of one taxel, and a map where the right of the neck is reachable."""
     seeds, speeds_m_s = [], []
 
-    def trained(world: World, trials: int, touch_every: int) -> PPSMemory:
-        memory = PPSMemory.empty(world.skin)
+    def trained(scene: SimulationScene, trials: int, touch_every: int) -> PPSMemory:
+        memory = PPSMemory.empty(scene.skin)
         memory.counts[0, 2:4, 0, 0], memory.counts[1, 2, 0] = 25, (49, 99)  # the second has too few positive ones
         return memory
 
@@ -82,10 +82,10 @@ def test_the_demo_writes_its_report(
         none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
         return ReachableMap(side, lattice.limits, signed, 0 * signed, 0 * signed, 1.0, 0.1, 0.0, none, 0)
 
-    def short(world: World, episode: object, step: object, avoid: bool) -> object:
+    def short(scene: SimulationScene, episode: object, step: object, avoid: bool) -> object:
         seeds.append((episode.motion(0.0)[0].tolist(), avoid))  # type: ignore[attr-defined]
         speeds_m_s.append(np.linalg.norm(episode.motion(0.01)[1]))  # type: ignore[attr-defined]
-        return islice(whole(world, episode, step, avoid), 3)  # type: ignore[arg-type]
+        return islice(whole(scene, episode, step, avoid), 3)  # type: ignore[arg-type]
 
     whole = module.simulate
     for name, replaced in (("train", trained), ("train_reachable_map", mapped), ("simulate", short)):
@@ -128,14 +128,14 @@ def test_no_encounters_are_refused(refused) -> None:
 
 
 @pytest.fixture(scope="module")
-def unseen() -> World:
-    """A world that nobody renders."""
-    return World(icub_setup(icub_skin(("left_forearm", "left_palm"))), None, np.random.default_rng(0), "left")  # type: ignore[arg-type]
+def unseen() -> SimulationScene:
+    """A scene that nobody renders."""
+    return SimulationScene(icub_setup(icub_skin(("left_forearm", "left_palm"))), None, np.random.default_rng(0), "left")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("touched", [False, True])
 def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(
-    unseen: World, touched: bool, monkeypatch: pytest.MonkeyPatch
+    unseen: SimulationScene, touched: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Grey 80 and 200; the right eye at three tenths of its size, 8 px from the border; a touch is flashed."""
     captions, draw = [], module.draw_pair
@@ -167,7 +167,7 @@ def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(
     assert (image[240, 1] == [250, 40, 40]).all() == touched
 
 
-def test_the_scene_shows_the_robot_at_the_start_and_where_its_arm_has_moved_farthest(unseen: World) -> None:
+def test_the_scene_shows_the_robot_at_the_start_and_where_its_arm_has_moved_farthest(unseen: SimulationScene) -> None:
     """Of three postures the second; each taxel is a line of 12 mm along its normal."""
     q = np.tile(unseen.home, (3, 1))
     q[1:, unseen.arm[0]] += (0.4, 0.1)

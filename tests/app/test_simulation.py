@@ -17,12 +17,12 @@ from pps_vision.app.simulation import (
     Episode,
     Kind,
     OwnMotion,
-    World,
+    SimulationScene,
     can_follow,
     first_contact,
     log_of,
     make_episode,
-    open_world,
+    open_scene,
     own_rate,
     simulate,
     train,
@@ -39,14 +39,14 @@ LOOP = Loop(n=1, seed=SEED)
 
 
 @pytest.fixture(scope="module")
-def world() -> Iterator[World]:
-    with open_world(noise_sigma=2.0, seed=LOOP.seed) as world:
-        yield world
+def scene() -> Iterator[SimulationScene]:
+    with open_scene(noise_sigma=2.0, seed=LOOP.seed) as scene:
+        yield scene
 
 
 @pytest.fixture(scope="module")
-def memory(world: World) -> PPSMemory:
-    return train(world, trials=3)
+def memory(scene: SimulationScene) -> PPSMemory:
+    return train(scene, trials=3)
 
 
 def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
@@ -65,8 +65,10 @@ def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
     ],
 )
 @pytest.mark.parametrize("number", range(LOOP.n))
-def test_episodes(world: World, memory: PPSMemory, case: LoopCase, touched: bool, commanded: bool, number: int) -> None:
-    log = LOOP.episode(world, memory, case, number)
+def test_episodes(
+    scene: SimulationScene, memory: PPSMemory, case: LoopCase, touched: bool, commanded: bool, number: int
+) -> None:
+    log = LOOP.episode(scene, memory, case, number)
     print(f"seed {LOOP.seed}, {case} {number}: gap {1000 * np.nanmin([np.inf, *log.surface_gap_m.min(1)]):.0f} mm")
     assert log.was_touched == touched
     assert log.was_commanded == commanded
@@ -75,7 +77,7 @@ def test_episodes(world: World, memory: PPSMemory, case: LoopCase, touched: bool
     if case != "own arm":
         assert np.isfinite(log.track_m[20:, 0]).mean() > 0.9
         assert 1e-4 < np.nanmedian(log.track_std_m) < 0.01
-    limits = world.robot.lower_rad - 1e-9, world.robot.upper_rad + 1e-9
+    limits = scene.robot.lower_rad - 1e-9, scene.robot.upper_rad + 1e-9
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
 
 
@@ -99,16 +101,16 @@ def test_first_contact_is_where_the_reach_is_met() -> None:
         assert np.linalg.norm(before[:, None] - taxels, axis=2).min() >= reach - 1e-9
 
 
-def test_a_reach_beyond_the_start_of_an_approach_is_refused(world: World) -> None:
+def test_a_reach_beyond_the_start_of_an_approach_is_refused(scene: SimulationScene) -> None:
     with pytest.raises(InputError, match=r"to stop 1\.5\d* m from it; expected a smaller object or reach"):
-        make_episode("approach", world, "left_forearm:3", "ball", np.random.default_rng(SEED), 0.1, reach_m=1.5)
+        make_episode("approach", scene, "left_forearm:3", "ball", np.random.default_rng(SEED), 0.1, reach_m=1.5)
 
 
 def test_a_training_episode_ends_0_7_s_after_the_touch(
-    world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    scene: SimulationScene, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is touched from 2.5 s on, in frames 50 ms apart; the withdrawal, 3 s after, is not learned from."""
-    empty, frames = PPSMemory.empty(world.skin), []
+    empty, frames = PPSMemory.empty(scene.skin), []
 
     def simulated(*_: object, avoid: bool) -> Iterator[SimpleNamespace]:
         assert not avoid
@@ -119,22 +121,22 @@ def test_a_training_episode_ends_0_7_s_after_the_touch(
     monkeypatch.setattr(simulation, "simulate", simulated)
     pipeline = SimpleNamespace(step=None, finish=lambda: empty)
     monkeypatch.setattr(simulation, "new_pipeline", lambda *_: pipeline)
-    assert train(world, trials=1) is empty
+    assert train(scene, trials=1) is empty
     assert frames == list(range(50 + 14))
     assert capsys.readouterr().err == "training: 0 of 1 after 00:00\n"
     with pytest.raises(InputError, match="0 trials; expected at least one"):
-        train(world, trials=0)
+        train(scene, trials=0)
 
 
-def test_near_misses_come_between_the_touches(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_near_misses_come_between_the_touches(scene: SimulationScene, monkeypatch: pytest.MonkeyPatch) -> None:
     """One in three touches; the others come as near as 4–16 cm, and then the episode ends.  All come at 5–15 cm/s."""
     nearest_m: list[float] = []
     speeds_m_s: list[float] = []
     learned: list[str] = []
 
-    def moved(world: World, episode: Episode, *_: object, **__: object) -> Iterator[SimpleNamespace]:
+    def moved(scene: SimulationScene, episode: Episode, *_: object, **__: object) -> Iterator[SimpleNamespace]:
         times = np.linspace(0, episode.seconds, 400)
-        taxels, _ = world.skin.at(world.robot.at(world.home))
+        taxels, _ = scene.skin.at(scene.robot.at(scene.home))
         points = np.array([episode.motion(t)[0] for t in times])  # type: ignore[misc]
         gaps = np.linalg.norm(points[:, None] - taxels, axis=2).min(axis=1) - make_stimulus(episode.stimulus).radius_m
         nearest_m.append(float(gaps.min()))
@@ -145,7 +147,7 @@ def test_near_misses_come_between_the_touches(world: World, monkeypatch: pytest.
     names = {one: lambda one=one: learned.append(one) for one in ("finish", "miss")}
     monkeypatch.setattr(simulation, "simulate", moved)
     monkeypatch.setattr(simulation, "new_pipeline", lambda *_: SimpleNamespace(step=None, **names))
-    train(world, trials=24, touch_every=3)
+    train(scene, trials=24, touch_every=3)
     assert learned == ["finish", "miss", "miss"] * 8
     touching, missing = np.array(nearest_m)[::3], np.delete(nearest_m, slice(None, None, 3))
     assert (np.abs(touching) < 1e-3).all()
@@ -160,14 +162,14 @@ def test_near_misses_come_between_the_touches(world: World, monkeypatch: pytest.
     [(True, "", True), (False, "", False), (True, "arm", False), (True, "head", True)],
 )
 def test_the_robot_moves_by_its_commands_and_its_own_motion(
-    world: World, avoid: bool, own_motion: OwnMotion, arm_obeys: bool
+    scene: SimulationScene, avoid: bool, own_motion: OwnMotion, arm_obeys: bool
 ) -> None:
     """All joints are commanded 0.02 rad/s; of an arm that does not obey, or swings by itself, the command is void."""
-    command = SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.full(world.robot.n_joints, 0.02)))
+    command = SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.full(scene.robot.n_joints, 0.02)))
     episode = Episode("", "ball", None, 0.2, own_motion)
-    steps = list(simulate(world, episode, lambda frame, touched: command, avoid))  # type: ignore[arg-type,return-value]
+    steps = list(simulate(scene, episode, lambda frame, touched: command, avoid))  # type: ignore[arg-type,return-value]
     assert len(steps) == 4
-    q = world.home
+    q = scene.home
     for k, step in enumerate(steps):
         np.testing.assert_allclose(step.q_rad, q, atol=1e-12)
         np.testing.assert_allclose(step.frame.joints_left_rad, q, atol=1e-12)
@@ -175,8 +177,8 @@ def test_the_robot_moves_by_its_commands_and_its_own_motion(
         assert np.isnan(step.position).all()
         assert not step.touched.any()
         commanded = np.full(len(q), 0.02)
-        commanded[world.arm] *= arm_obeys
-        q = q + 0.05 * (commanded + own_rate(world.robot, own_motion, world.arm, 0.05 * k))
+        commanded[scene.arm] *= arm_obeys
+        q = q + 0.05 * (commanded + own_rate(scene.robot, own_motion, scene.arm, 0.05 * k))
 
 
 class NoEyes:
@@ -194,10 +196,10 @@ class NoEyes:
 
 
 @pytest.fixture
-def unseen() -> World:
-    """A world that nobody renders."""
+def unseen() -> SimulationScene:
+    """A scene that nobody renders."""
     setup = icub_setup(icub_skin(("left_forearm", "left_palm")))
-    return World(setup, NoEyes(), np.random.default_rng(0), "left")  # type: ignore[arg-type]
+    return SimulationScene(setup, NoEyes(), np.random.default_rng(0), "left")  # type: ignore[arg-type]
 
 
 def command(q: Array, joint: int, rate: float) -> SimpleNamespace:
@@ -205,7 +207,7 @@ def command(q: Array, joint: int, rate: float) -> SimpleNamespace:
     return SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.where(np.arange(len(q)) == joint, rate, 0.0)))
 
 
-def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen: World) -> None:
+def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen: SimulationScene) -> None:
     """A cube that comes to the skin in 1 s: it touches the taxels within 20 mm of its surface."""
     index, way = unseen.skin.index("left_forearm:3"), np.array([0.05, -0.05, -0.1])
     begin = unseen.skin.at(unseen.robot.at(unseen.home))[0][index] - way
@@ -225,14 +227,14 @@ def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(
     assert steps[-1].touched[index]
 
 
-def test_what_moves_by_itself_keeps_the_limits_of_its_joints(unseen: World) -> None:
+def test_what_moves_by_itself_keeps_the_limits_of_its_joints(unseen: SimulationScene) -> None:
     yaw = unseen.robot.indices(("neck_yaw",))[0]
     step = command(unseen.home, yaw, 1.0)
     steps = list(simulate(unseen, Episode("", "ball", None, 3.0, "head"), lambda *_: step))  # type: ignore[arg-type,return-value]
     assert max(one.q_rad[yaw] for one in steps) == unseen.robot.upper_rad[yaw]
 
 
-def test_the_eyes_begin_on_the_space_12_cm_before_the_skin(unseen: World) -> None:
+def test_the_eyes_begin_on_the_space_12_cm_before_the_skin(unseen: SimulationScene) -> None:
     points, normals = unseen.skin.at(unseen.robot.at(unseen.setup.home_rad))
     ahead = points.mean(axis=0) + 0.12 * normals.mean(axis=0)
     np.testing.assert_allclose(fixation_point(unseen.robot.at(unseen.home)), ahead, atol=1e-3)
@@ -240,16 +242,16 @@ def test_the_eyes_begin_on_the_space_12_cm_before_the_skin(unseen: World) -> Non
     np.testing.assert_array_equal(unseen.home[unmoved], unseen.setup.home_rad[unmoved])
 
 
-def gaps_of(world: World, episode: Episode, times: Array) -> tuple[Array, Array]:
+def gaps_of(scene: SimulationScene, episode: Episode, times: Array) -> tuple[Array, Array]:
     """Where the object is (T, 3), and the gaps (T, n) from its surface to the taxels of the robot at home."""
-    taxels = world.skin.at(world.robot.at(world.home))[0]
+    taxels = scene.skin.at(scene.robot.at(scene.home))[0]
     points = np.array([episode.motion(t)[0] for t in times])  # type: ignore[misc]
     radius_m = make_stimulus(episode.stimulus).radius_m
     return points, np.linalg.norm(points[:, None] - taxels, axis=2) - radius_m
 
 
 @pytest.mark.parametrize(("kind", "gap_m"), [("approach", 0.017), ("recede", 0.030)])
-def test_an_approach_touches_and_what_recedes_does_not(unseen: World, kind: Kind, gap_m: float) -> None:
+def test_an_approach_touches_and_what_recedes_does_not(unseen: SimulationScene, kind: Kind, gap_m: float) -> None:
     """The surface comes within 17 mm of a taxel, 20 being a touch, or begins 30 mm from one; both rest for the last
     half second where an approach begins."""
     episode = make_episode(kind, unseen, "left_forearm:3", "octopus", np.random.default_rng(1), 0.1)
@@ -262,7 +264,7 @@ def test_an_approach_touches_and_what_recedes_does_not(unseen: World, kind: Kind
     assert gaps[0].min() == pytest.approx(gaps.min() if kind == "recede" else gaps[-1].min(), abs=1e-4)
 
 
-def test_a_static_object_comes_5_cm_and_rests_12_to_15_cm_from_the_taxel(unseen: World) -> None:
+def test_a_static_object_comes_5_cm_and_rests_12_to_15_cm_from_the_taxel(unseen: SimulationScene) -> None:
     rests, index = [], unseen.skin.index("left_forearm:3")
     for seed in range(12):
         episode = make_episode("static", unseen, "left_forearm:3", "octopus", np.random.default_rng(seed), 0.1)
@@ -277,7 +279,7 @@ def test_a_static_object_comes_5_cm_and_rests_12_to_15_cm_from_the_taxel(unseen:
     assert episode.seconds == 5.0
 
 
-def test_an_arm_that_moves_has_nothing_near_and_what_begins_in_touch_is_no_episode(unseen: World) -> None:
+def test_an_arm_that_moves_has_nothing_near_and_what_begins_in_touch_is_no_episode(unseen: SimulationScene) -> None:
     rng = np.random.default_rng(0)
     assert make_episode("own_arm", unseen, "left_forearm:3", "ball", rng, 0.1) == Episode(
         "own arm moving", "ball", None, 4.0, "arm"
@@ -288,7 +290,7 @@ def test_an_arm_that_moves_has_nothing_near_and_what_begins_in_touch_is_no_episo
 
 @pytest.mark.parametrize(("border_px", "seen"), [(26.0, True), (24.0, False)])
 def test_an_object_is_followed_25_pixels_within_both_images(
-    unseen: World, monkeypatch: pytest.MonkeyPatch, border_px: float, seen: bool
+    unseen: SimulationScene, monkeypatch: pytest.MonkeyPatch, border_px: float, seen: bool
 ) -> None:
     """By eyes that rest, half a metre away; it is nearer to the border of the left image than to that of the right."""
     view = unseen.rig.view(unseen.home)
@@ -299,7 +301,7 @@ def test_an_object_is_followed_25_pixels_within_both_images(
 
 @pytest.mark.parametrize(("near_at_s", "distance_m", "seen"), [(0, 0.23, True), (0, 0.21, False), (2, 0.21, False)])
 def test_what_comes_nearer_than_22_cm_to_an_eye_is_not_followed(
-    unseen: World, near_at_s: float, distance_m: float, seen: bool
+    unseen: SimulationScene, near_at_s: float, distance_m: float, seen: bool
 ) -> None:
     """In the first of two seconds or in the last."""
     view = unseen.rig.view(unseen.home)
@@ -311,7 +313,7 @@ def test_what_comes_nearer_than_22_cm_to_an_eye_is_not_followed(
     assert can_follow(unseen.robot, unseen.rig, unseen.home, motion, 2.0) == seen
 
 
-def test_an_episode_as_arrays(unseen: World) -> None:
+def test_an_episode_as_arrays(unseen: SimulationScene) -> None:
     """Two frames of a ball, 30 mm in radius, whose centre is 5 and 4 cm before a taxel; the arm is commanded in the
     second."""
     ball, arm = make_stimulus("ball").radius_m, unseen.arm[0]
@@ -346,7 +348,7 @@ def test_an_episode_as_arrays(unseen: World) -> None:
         assert [one.degree for one in log.reachability] == [0.8]
 
 
-def test_a_head_that_sways_turns_by_its_rate(unseen: World) -> None:
+def test_a_head_that_sways_turns_by_its_rate(unseen: SimulationScene) -> None:
     """10°/s in neck yaw and pitch, once in 2 and in 2.5 s."""
     robot, arm = unseen.robot, unseen.arm
     head = robot.indices(robot.names.gaze_joints)[:2]
@@ -359,7 +361,7 @@ def test_a_head_that_sways_turns_by_its_rate(unseen: World) -> None:
     assert not own_rate(robot, "", arm, 0.3).any()
 
 
-def test_an_arm_that_swings_turns_a_few_degrees_to_each_side(unseen: World) -> None:
+def test_an_arm_that_swings_turns_a_few_degrees_to_each_side(unseen: SimulationScene) -> None:
     """Each joint by its own angle, so many times in 20 s; the last two and all others rest."""
     times, arm = np.arange(0, 20, 0.005), unseen.arm
     swing = np.array([own_rate(unseen.robot, "arm", arm, t) for t in times])

@@ -12,7 +12,7 @@ from data import shared_data
 from learning.pps.memory import PPSMemory, load_memory
 from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
-from pps_vision.app.simulation import World, log_of, make_episode, new_pipeline, open_world, simulate
+from pps_vision.app.simulation import SimulationScene, log_of, make_episode, new_pipeline, open_scene, simulate
 from pps_vision.errors import InputError
 from pps_vision.experiments.reach_kinematics.official_icub import compare_joints
 from pps_vision.recordings.robot_file import read_robot, robot_setup
@@ -52,19 +52,19 @@ def test_a_touch_is_learned_by_the_taxels_that_felt_it(memory: PPSMemory) -> Non
 
 @pytest.mark.parametrize("avoid", [False, True])
 def test_the_arm_withdraws_from_what_it_learned_would_touch(memory: PPSMemory, avoid: bool) -> None:
-    with open_world(2.0, 3, SETUP) as world:
-        log = _episode(world, memory, avoid)
+    with open_scene(2.0, 3, SETUP) as scene:
+        log = _episode(scene, memory, avoid)
     assert log.was_touched == (not avoid)
     assert log.was_commanded == avoid
     moved = np.ptp(log.q_rad, axis=0) > 1e-9
     assert moved.any() == avoid
 
 
-def _episode(world: World, memory: PPSMemory, avoid: bool):
-    episode = make_episode("approach", world, "forearm:4", "ball", np.random.default_rng(5), 0.12)
+def _episode(scene: SimulationScene, memory: PPSMemory, avoid: bool):
+    episode = make_episode("approach", scene, "forearm:4", "ball", np.random.default_rng(5), 0.12)
     until_s = episode.motion.contact_s + 0.2
-    steps = simulate(world, episode, new_pipeline(world, memory).step, avoid)
-    return log_of(world, episode, list(takewhile(lambda step: step.frame.stamp_s < until_s, steps)), avoid)
+    steps = simulate(scene, episode, new_pipeline(scene, memory).step, avoid)
+    return log_of(scene, episode, list(takewhile(lambda step: step.frame.stamp_s < until_s, steps)), avoid)
 
 
 def test_the_map_of_the_arm_holds_for_where_its_hand_has_been(tmp_path: Path) -> None:

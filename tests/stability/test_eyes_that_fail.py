@@ -12,7 +12,15 @@ import pytest
 from data import SEED
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.simulation import EpisodeLog, World, log_of, make_episode, new_pipeline, open_world, simulate
+from pps_vision.app.simulation import (
+    EpisodeLog,
+    SimulationScene,
+    log_of,
+    make_episode,
+    new_pipeline,
+    open_scene,
+    simulate,
+)
 from pps_vision.types import Image, Status, StereoFrame
 
 FAILS_S, RECOVERS_S, LOST_WITHIN_S = 1.5, 2.65, 0.6
@@ -54,21 +62,21 @@ FAULTS: dict[str, Fault] = {
 
 
 @pytest.fixture(scope="module")
-def world() -> Iterator[World]:
-    with open_world(noise_sigma=2.0, seed=SEED) as world:
-        yield world
+def scene() -> Iterator[SimulationScene]:
+    with open_scene(noise_sigma=2.0, seed=SEED) as scene:
+        yield scene
 
 
-def anxious(world: World) -> PPSMemory:
+def anxious(scene: SimulationScene) -> PPSMemory:
     """A skin that has been touched by everything that came near."""
-    memory = PPSMemory.empty(world.skin)
+    memory = PPSMemory.empty(scene.skin)
     counts = memory.counts.copy()
     counts[..., 0] = 1
     return replace(memory, counts=counts)
 
 
-def meet(world: World, fault: Fault) -> EpisodeLog:
-    faulty = replace(world, eyes=FaultyEyes(world.eyes, fault))
+def meet(scene: SimulationScene, fault: Fault) -> EpisodeLog:
+    faulty = replace(scene, eyes=FaultyEyes(scene.eyes, fault))
     rng = np.random.default_rng(SEED)
     episode = make_episode("approach", faulty, "left_forearm:3", "ball", rng, speed_m_s=0.05)
     episode = replace(episode, seconds=3.5)
@@ -84,14 +92,14 @@ def meet(world: World, fault: Fault) -> EpisodeLog:
 
 
 @pytest.fixture(scope="module")
-def met(world: World) -> Met:
+def met(scene: SimulationScene) -> Met:
     """What comes of each fault, met once."""
-    return cache(lambda fault: meet(world, FAULTS[fault]))
+    return cache(lambda fault: meet(scene, FAULTS[fault]))
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=str)
 def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(
-    world: World, met: Met, fault: str
+    scene: SimulationScene, met: Met, fault: str
 ) -> None:
     log = met(fault)
     status, error = np.array(log.status), np.linalg.norm(log.track_m - log.truth_m, axis=1)
@@ -101,14 +109,14 @@ def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(
     lost = (log.stamps_s > FAILS_S + LOST_WITHIN_S) & (log.stamps_s < RECOVERS_S)
     assert not np.isin(status[lost], ["tracking", "coasting"]).any()
     assert log.speed_m_s[lost & (log.stamps_s > FAILS_S + LOST_WITHIN_S + 0.35)].max() == 0
-    limits = world.robot.lower_rad - 1e-9, world.robot.upper_rad + 1e-9
+    limits = scene.robot.lower_rad - 1e-9, scene.robot.upper_rad + 1e-9
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
 
 
-def test_the_head_does_not_spin_after_a_frozen_image(world: World, met: Met) -> None:
+def test_the_head_does_not_spin_after_a_frozen_image(scene: SimulationScene, met: Met) -> None:
     """What rests in a frozen image seems to turn with the head: whoever believes it turns on for ever."""
     log = met("both eyes frozen")
-    gaze = np.rad2deg(log.q_rad[:, world.robot.indices(world.robot.names.gaze_joints)])
+    gaze = np.rad2deg(log.q_rad[:, scene.robot.indices(scene.robot.names.gaze_joints)])
     before = gaze[np.searchsorted(log.stamps_s, FAILS_S) - 1]
     until_lost = gaze[(log.stamps_s >= FAILS_S) & (log.stamps_s <= FAILS_S + LOST_WITHIN_S)]
     assert np.abs(until_lost - before).max() < 10

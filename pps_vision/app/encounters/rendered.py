@@ -11,7 +11,7 @@ from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.app.encounters.kinematic import EncounterMonitor, EncounterResult
 from pps_vision.app.encounters.tracks import TrackError, measured_error
 from pps_vision.app.encounters.training import Memories
-from pps_vision.app.simulation import Episode, World, new_pipeline, simulate
+from pps_vision.app.simulation import Episode, SimulationScene, new_pipeline, simulate
 from pps_vision.robot.icub import icub_setup
 from pps_vision.types import Array
 from rendering.eyes import Eyes
@@ -54,8 +54,8 @@ def render_encounter(
     lines_of_sight: list[Array] = []
     is_tracked: list[bool] = []
     first_s = np.inf
-    with open_encounter(scene, encounter, noise_sigma, seed, lit=True) as world:
-        steps = simulate(world, episode, new_pipeline(world, memories.of_both).step)
+    with open_encounter(scene, encounter, noise_sigma, seed, lit=True) as simulation:
+        steps = simulate(simulation, episode, new_pipeline(simulation, memories.of_both).step)
         for step, later in pairwise(steps):
             t = step.frame.stamp_s
             track = step.step.tracking.track
@@ -83,8 +83,8 @@ def render_encounter(
 @contextmanager
 def open_encounter(
     scene: EncounterScene, encounter: Encounter, noise_sigma: float, seed: int, lit: bool = False
-) -> Iterator[World]:
-    """The simulation's world with the encounter's posture as home, and its arm as the one that avoids.
+) -> Iterator[SimulationScene]:
+    """The simulation's scene with the encounter's posture as home, and its arm as the one that avoids.
 
     `lit`: as bright as drawn, by turns in diffuse light and with the highlights of lamps.
     """
@@ -94,4 +94,4 @@ def open_encounter(
     fidelity = Fidelity(lighting="lights" if lit and seed % 2 else "baked")
     sensor = Sensor(noise_sigma=noise_sigma, exposure=exposure)
     with Eyes(setup.robot, setup.rig, make_stimulus(encounter.stimulus), sensor=sensor, fidelity=fidelity) as eyes:
-        yield World(setup, eyes, np.random.default_rng(seed), encounter.side)
+        yield SimulationScene(setup, eyes, np.random.default_rng(seed), encounter.side)
