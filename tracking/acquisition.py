@@ -21,8 +21,8 @@ from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import Background
-from tracking.change import Change, ChangeOfMovingEye, ChangeOfRestingEye
 from tracking.ego_motion import Box
+from tracking.foreground import Change, MovingForeground, StaticForeground
 from tracking.marker import MarkerParams
 from tracking.marker_acquisition import is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
@@ -66,7 +66,7 @@ class Candidate:
     mask: Mask
     box: Box
     """Region of the image that `mask` (h, w) is of."""
-    emerges: bool = False
+    is_partly_occluded: bool = False
     """Whether it comes from behind something, so that a part of it may still be hidden."""
 
 
@@ -167,10 +167,10 @@ class Acquisition:
         then = trigger.image_before(camera.view, camera.stamp_s)
         change: Change | None = None
         if then is not None and background.is_known(camera.view):
-            change = ChangeOfRestingEye(background, camera.view, then, camera.image)
+            change = StaticForeground(background, camera.view, then, camera.image)
         elif then is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
             before = partial(trigger.seen_before, camera.view, camera.stamp_s)
-            change = ChangeOfMovingEye(background, camera.view, before, camera.image)
+            change = MovingForeground(background, camera.view, before, camera.image)
         found = (segment(camera.image, one, self._optics[eye], change) for one in regions)
         parts = [candidate for candidate in found if candidate is not None]
         if then is None and eye == 0:  # the eye moves: flow tells whether what has a motion region's colours moves too
@@ -194,7 +194,9 @@ class Acquisition:
                 self._counts["rejected by colour"] += 1
                 continue
             one, other = self._whole_outline(0, cameras, a, b), self._whole_outline(1, cameras, b, a)
-            if one is None or other is None or (a.emerges and b.emerges):  # then neither eye shows its size
+            if (
+                one is None or other is None or (a.is_partly_occluded and b.is_partly_occluded)
+            ):  # then neither eye shows its size
                 self._counts["rejected since half hidden"] += 1
                 continue
             ratio = one.angular_radius_rad / other.angular_radius_rad
@@ -209,10 +211,10 @@ class Acquisition:
 
     def _whole_outline(self, eye: int, cameras: CameraFrames, one: Candidate, other: Candidate) -> Outline | None:
         """The outline of a candidate's whole object: that of a disc as large as the other eye sees, if it sees a larger
-        one that fits; else the candidate's own, None if it emerges, since a part of it may be hidden."""
-        own = None if one.emerges else one.outline
+        one that fits; else the candidate's own, None if it is_partly_occluded, since a part of it may be hidden."""
+        own = None if one.is_partly_occluded else one.outline
         ratio = other.outline.angular_radius_rad / one.outline.angular_radius_rad
-        if ratio < (1.0 if one.outline.is_partial or one.emerges else _MAX_RATIO):
+        if ratio < (1.0 if one.outline.is_partial or one.is_partly_occluded else _MAX_RATIO):
             return one.outline
         if not other.outline.is_disc:
             return own
@@ -241,14 +243,14 @@ def segment(image: Image, region: Region2D, optics: Optics, change: Change | Non
     mask, model = _grow(bins, seed)
     if mask is not None and masks.is_cut(mask, box, image):
         mask = model = None
-    by_color, emerges = model is not None, False
+    by_color, is_partly_occluded = model is not None, False
     if change is not None:
         is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
         by_color = mask is not None and change.confirms(mask, box, is_distinct)
-        moved = change.moving(seed, box)  # the object, unless distinct colours show it too
+        moved = change.moved_mask(seed, box)  # the object, unless distinct colours show it too
         if moved is None and not by_color:
-            moved = change.emerging(seed, box)
-            emerges = moved is not None
+            moved = change.disoccluded_mask(seed, box)
+            is_partly_occluded = moved is not None
         if moved is not None and not (is_distinct and mask is not None and change.shows_the_object(mask, moved)):
             mask, model, by_color = moved, _model(bins, moved), False
         elif not by_color:
@@ -259,7 +261,7 @@ def segment(image: Image, region: Region2D, optics: Optics, change: Change | Non
     if shape is None:
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
-    return Candidate(shape, model, evidence, region.flow, by_color, mask, box, emerges)
+    return Candidate(shape, model, evidence, region.flow, by_color, mask, box, is_partly_occluded)
 
 
 def _sine(a: Array, b: Array) -> float:

@@ -106,16 +106,16 @@ class Background:
         inside = box[0] - left, box[1] - top, box[2] - left, box[3] - top
         return edge_of_background(image[top:bottom, left:right], self.moving.seen(view, wide), 1.0, mask, inside)
 
-    def absorb(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
+    def set_from(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
         """Take what the image shows in a mask (h, w) of the region `box` for background, at rest or moving."""
         if not self.is_known(view):
-            self.moving.absorb(image, view, stamp_s, mask, box)
+            self.moving.set_from(image, view, stamp_s, mask, box)
             return
         x0, y0, x1, y1 = box
         now = smoothed(image, box).astype(np.float32) / np.float32(self._gain_of(image))
         self._mean[y0:y1, x0:x1][mask] = now[mask]
 
-    def learn(
+    def update(
         self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
     ) -> None:
         """Take an image in, except around the box (x, y, width, height px) of what is tracked."""
@@ -131,9 +131,9 @@ class Background:
                 self._rests = np.zeros(image.shape[:2], bool)
                 box = max(int(x), 0), max(int(y), 0), max(int(x + w), 0), max(int(y + h), 0)
                 self._mean[box[1] : box[3], box[0] : box[2]] = self._behind(view, box, image)
-                self.moving.forget()
+                self.moving.invalidate()
             else:
-                self.moving.learn(image, view, stamp_s, object_px)
+                self.moving.update(image, view, stamp_s, object_px)
             return
         height, top = len(image), self._row
         bottom = min(top + math.ceil(height * (stamp_s - self._learned_s) / _PERIOD_S), height)
@@ -145,7 +145,7 @@ class Background:
         layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
         _learn(now, *layers, gain, self._threshold, stamp_s, self.memory_s, kept)
         if bottom == height:
-            self._absorb_empty_places(image, view, stamp_s)
+            self._set_ghosts(image, view, stamp_s)
 
     def _behind(self, view: View, box: Box, image: Image) -> Pixels | float:
         """What the moving eye learned of a box that an object hides."""
@@ -156,7 +156,7 @@ class Background:
         seen[seen < 0] = _UNKNOWN
         return seen
 
-    def _absorb_empty_places(self, image: Image, view: View, stamp_s: float) -> None:
+    def _set_ghosts(self, image: Image, view: View, stamp_s: float) -> None:
         """Where something was learned as background and has left."""
         rests = self._rests.view(np.uint8)
         left, top, width, height = cv2.boundingRect(rests)
@@ -172,16 +172,16 @@ class Background:
                 mask = mask[box[1] - y + 2 : box[3] - y + 2, box[0] - x + 2 : box[2] - x + 2]
                 edge = edge_of_background(image, self._mean, self._gain_of(image), mask, box)
                 if edge is not None and edge > SURELY_EMPTY:
-                    self.absorb(image, view, stamp_s, masks.dilated(mask, 2), box)
+                    self.set_from(image, view, stamp_s, masks.dilated(mask, 2), box)
 
-    def forget(self, image: Image, view: View, mask: Mask, box: Box) -> None:
+    def invalidate(self, image: Image, view: View, mask: Mask, box: Box) -> None:
         """Know no more what is behind an object, a mask (h, w) of the region `box`, where it looks like the background,
         and where anything else has changed: it may have rested there when the background was learned."""
         if self.is_known(view):
             doubtful = self.differs(image, view, box) ^ mask
             self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
 
-    def forget_around(self, image: Image, view: View, box_px: tuple[float, float, float, float]) -> None:
+    def invalidate_box(self, image: Image, view: View, box_px: tuple[float, float, float, float]) -> None:
         """Know no more what is behind an object's box (x, y, width, height px) and what has changed within two of its
         widths: it may have rested there when the background was learned."""
         if not self.is_known(view):

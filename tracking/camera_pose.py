@@ -12,7 +12,7 @@ from pps_vision.geometry.camera import StereoRig, StereoView, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image, StereoFrame
 from tracking.ego_motion import ROOM_M
-from tracking.registration import Misalignment, Reference
+from tracking.image_rotation import Misalignment, Reference
 
 _ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
 _REST_PX, _SAME_PX = 0.1, 0.5  # a smaller rotation is none; both eyes' rotations may differ by so much

@@ -27,8 +27,8 @@ _WIDE_SEARCH = 1.2  # of the object's size: within two of it 1 m/s may reverse f
 _SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row, above which its hue does not separate it
 _RESTS_PX = 1.0  # shift from one image to the next of what rests
-_EMPTY = 0.25  # sum of `learned_edge` beyond `LEARNED_EDGE` that makes a place empty
-_SURE = -3.0  # least such sum
+_GHOST = 0.25  # ghost score above which the object is a ghost
+_MIN_GHOST_SCORE = -3.0
 _MIN_STD_PX = 0.7  # of a prior
 _MAX_STD_PX = 40.0
 
@@ -44,16 +44,16 @@ class CameraState(NamedTuple):
     """Apparent diameter."""
     by_background: bool = False
     """Whether it is followed by what differs from the background, since colours do not separate it."""
-    emptiness: float = 0.0
-    """Evidence that it is the empty place of something that was learned as background: the sum over images of
-    `learned_edge` beyond `LEARNED_EDGE` where it rests."""
+    ghost_score: float = 0.0
+    """Evidence that it is a ghost, the uncovered place of an object that was learned as background: sum over images of
+    `learned_edge` − `LEARNED_EDGE`, where it rests."""
     view: View | None = None
     """Last pose of the camera."""
 
     @property
-    def is_empty(self) -> bool:
-        """Whether what is followed is the empty place of something that was learned as background."""
-        return self.emptiness > _EMPTY
+    def is_ghost(self) -> bool:
+        """Whether the object is a ghost: the uncovered place of an object that was learned as background."""
+        return self.ghost_score > _GHOST
 
 
 class CameraTracker:
@@ -117,29 +117,29 @@ class CameraTracker:
             evidence = different
             target, found_object = search(prior, evidence)
         if found_object is None and evidence is not None and not before.touched:  # it has turned abruptly
-            last_px = before.cloud.now[:, :2].mean(axis=0)
+            last_px = before.particles.current[:, :2].mean(axis=0)
             target, found_object = search(Prior(last_px, _WIDE_SEARCH * before.size, prior.growth), evidence)
         if self.marker is not None and found_object is not None and found_object.outline.is_partial:
             return state, None  # what hides it may have its hue
         if found_object is not None and state.by_background:
-            emptiness = self._emptiness(state, camera, before, found_object)
-            state = state._replace(emptiness=emptiness)
+            ghost_score = self._ghost_score(state, camera, before, found_object)
+            state = state._replace(ghost_score=ghost_score)
         return state._replace(target=target, view=camera.view), found_object
 
-    def _emptiness(self, state: CameraState, camera: CameraFrame, before: Target, found: ImageDetection) -> float:
-        """The state's `emptiness` after another image; of what moves it can only fall."""
-        was_px = before.cloud.now[:, :2].mean(axis=0)
+    def _ghost_score(self, state: CameraState, camera: CameraFrame, before: Target, found: ImageDetection) -> float:
+        """The updated `ghost_score`; it can only fall while the object moves."""
+        was_px = before.particles.current[:, :2].mean(axis=0)
         if state.view is not None and state.view is not camera.view:
             was_px = camera.view.project(state.view.center + ROOM_M * state.view.rays(was_px))
         rests = math.dist(was_px.tolist(), found.outline.center_px.tolist()) < _RESTS_PX
-        if not rests and state.emptiness <= _SURE:
-            return state.emptiness
+        if not rests and state.ghost_score <= _MIN_GHOST_SCORE:
+            return state.ghost_score
         place = self._changed_place(camera, found)
         share = None if place is None else self.background.learned_edge(camera.image, camera.view, *place)
         if share is None:
-            return state.emptiness
+            return state.ghost_score
         change = share - LEARNED_EDGE
-        return max(state.emptiness + (change if rests else min(change, 0.0)), _SURE)
+        return max(state.ghost_score + (change if rests else min(change, 0.0)), _MIN_GHOST_SCORE)
 
     def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
         """The background of the eye, at rest or moving; None where it is unknown, or the eye moves and follows a
@@ -159,12 +159,12 @@ class CameraTracker:
         mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
         return None if mask is None else (mask, box)
 
-    def absorb(self, camera: CameraFrame, found: ImageDetection) -> None:
+    def set_from(self, camera: CameraFrame, found: ImageDetection) -> None:
         """Learn what an object's place shows as background."""
         place = self._changed_place(camera, found)
         if place is not None:
             mask, box = place
-            self.background.absorb(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
+            self.background.set_from(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior

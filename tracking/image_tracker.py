@@ -14,7 +14,7 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
-from tracking.particle_filter import Cloud, Prior, propagate, resample, spawn, weigh
+from tracking.particle_filter import Particles, Prior, likelihoods, propagate, resample, sample
 
 Evidence = Callable[[Box], NDArray[np.float32] | Mask]
 """(h, w) probability that each pixel of a box is not the background, or whether it differs from it."""
@@ -62,7 +62,7 @@ class Target:
     the share of the box that the object covers, and for how many more images another thing may touch it."""
 
     model: ColorModel
-    cloud: Cloud
+    particles: Particles
     size: float
     shape: tuple[float, float]
     fill: float
@@ -100,8 +100,8 @@ class ImageTracker:
             found = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
             whole = None if found is None else fit_outline(image, found[0], roi, self.optics)
             fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
-        cloud = spawn(self.params.particles, center, size, 0.5, self.rng, shift_px)
-        return Target(model, cloud, size, shape, fill)
+        particles = sample(self.params.particles, center, size, 0.5, self.rng, shift_px)
+        return Target(model, particles, size, shape, fill)
 
     def step(
         self,
@@ -136,16 +136,16 @@ class ImageTracker:
 
         if prior:
             s = replace(s, size=s.size * prior.growth)
-        cloud = propagate(s.cloud, prior, self.rng)
-        middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
+        particles = propagate(s.particles, prior, self.rng)
+        middle, reach = particles.current[:, :2].mean(axis=0), 2.0 * particles.current[:, :2].std(axis=0)
         half = _REACH * s.size * np.array(s.shape) / 2 + reach + 4
         roi = self.region(middle, *half)
         if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
             return s, None
         bins, likelihood = likelihood_in(roi)
-        weights = weigh(cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
-        center: Array = weights @ cloud.now[:, :2]
-        s = replace(s, cloud=resample(cloud, weights, self.rng))
+        weights = likelihoods(particles, _integral(2 * likelihood - 1), roi[:2], s.shape)
+        center: Array = weights @ particles.current[:, :2]
+        s = replace(s, particles=resample(particles, weights, self.rng))
         backdrop = s.model.backdrop()[bins] if evidence is None else None
         seen = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.fill)
         if seen is not None and evidence is not None and masks.is_cut(seen[0], roi, image):
@@ -176,12 +176,12 @@ class ImageTracker:
     def follow(self, target: Target, outline: Outline) -> Target:
         """The target moved to an outline that was found without it; its colours stay."""
         size = float(np.sqrt(outline.area_px / target.fill))
-        return replace(target, cloud=_moved_to(target.cloud, outline.center_px, size), size=size)
+        return replace(target, particles=_moved_to(target.particles, outline.center_px, size), size=size)
 
     def _learn(
         self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
     ) -> tuple[Target, ImageDetection]:
-        """Cloud, size and colours follow what was seen; the size only where the whole object was."""
+        """Particles, size and colours follow what was seen; the size only where the whole object was."""
         k = _SIZE_RATE
         size = s.size if outline.is_partial else s.size * ratio ** (0.5 * k)
         seen_aspect = s.shape[0] ** 2 if outline.is_partial else outline.box_px[2] / outline.box_px[3]
@@ -189,7 +189,7 @@ class ImageTracker:
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
         model = s.model.blend(newest, _LEARN_RATE, _BACKGROUND_RATE)
         sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
-        target = Target(model, _moved_to(s.cloud, outline.center_px, size), size, sides, s.fill, s.touched)
+        target = Target(model, _moved_to(s.particles, outline.center_px, size), size, sides, s.fill, s.touched)
         w, h = size * sides[0], size * sides[1]
         x, y = outline.center_px.tolist()
         return target, ImageDetection(outline, (x - (w - 1) / 2, y - (h - 1) / 2, w, h), score)
@@ -255,12 +255,12 @@ def _without_thin_parts(mask: Mask, size: float) -> Mask:
     return core if np.count_nonzero(core) > _CORE * np.count_nonzero(mask) else mask
 
 
-def _moved_to(cloud: Cloud, center_px: Array, size: float) -> Cloud:
-    """The cloud about another centre (2,), with another mean size."""
-    now = cloud.now.copy()
+def _moved_to(particles: Particles, center_px: Array, size: float) -> Particles:
+    """The particles about another centre (2,), with another mean size."""
+    now = particles.current.copy()
     now[:, :2] += center_px - now[:, :2].mean(axis=0)
     now[:, 2] *= size / now[:, 2].mean()
-    return Cloud(now, cloud.before)
+    return Particles(now, particles.previous)
 
 
 def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:

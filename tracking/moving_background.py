@@ -67,16 +67,16 @@ class MovingBackground:
         self._recent, self._known = self._mean, (mean[..., 0] >= 0).view(np.uint8) * np.uint8(255)
         self._anchor, self._stamp_s, self.is_known = view, stamp_s, True
 
-    def forget(self) -> None:
+    def invalidate(self) -> None:
         """Begin anew."""
         self.is_known = False
 
-    def learn(self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None) -> None:
+    def update(self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None) -> None:
         """Take an image in, except around the box of what is tracked."""
         if not self.is_known or stamp_s - self._stamp_s > _PERIOD_S - 1e-6:
             self._take(image, view, stamp_s, object_px, None)
 
-    def absorb(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
+    def set_from(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
         """Take what the image shows in a mask (h, w) of the region `box` for background."""
         self._take(image, view, stamp_s, None, (mask, box))
 

@@ -105,7 +105,7 @@ class TrackerState(NamedTuple):
     appearance: tuple[Appearance, Appearance] | None = None
     cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
     belief: Belief | None = None
-    acquired: tuple[Candidate, Candidate] | None = None
+    search_result: tuple[Candidate, Candidate] | None = None
     """How the search found the object."""
     radius_m: float = math.nan
     radius_var_m2: float = math.nan
@@ -239,10 +239,10 @@ class Tracker:
             return state, None, detections
         with self.stages("image"):
             state, detections = self._follow(state, predicted, cameras)
-            if any(one.is_empty for one in state.cameras):
+            if any(one.is_ghost for one in state.cameras):
                 for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
                     if one is not None:
-                        tracker.absorb(camera, one)
+                        tracker.set_from(camera, one)
                 return self._initial, None, _NOTHING
         passing = any(one.target is not None and one.target.touched for one in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
@@ -288,14 +288,14 @@ class Tracker:
                 _, _, w, h = one.outline.box_px
                 fill = None if by_color and not one.outline.is_partial else one.outline.area_px / (w * h)
                 if by_color:
-                    tracker.background.forget(camera.image, camera.view, one.mask, one.box)
+                    tracker.background.invalidate(camera.image, camera.view, one.mask, one.box)
                 box = _whole_box(one.outline) if one.outline.is_partial else one.outline.box_px
                 targets.append(tracker.image_tracker.start(camera.image, box, one.model, shift_px, fill))
         left, right = (
-            one._replace(target=target, by_background=not by_color, emptiness=0.0)
+            one._replace(target=target, by_background=not by_color, ghost_score=0.0)
             for one, target in zip(state.cameras, targets, strict=True)
         )
-        return state._replace(cameras=(left, right), acquired=pair), _detections(*outlines)
+        return state._replace(cameras=(left, right), search_result=pair), _detections(*outlines)
 
     def _acquire_marker(
         self, state: TrackerState, cameras: CameraFrames, view: StereoView, stamp_s: float, predicted: Belief | None
@@ -309,7 +309,7 @@ class Tracker:
             return state, _NOTHING
         targets = []
         for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
-            tracker.background.forget_around(camera.image, camera.view, blob.box_px)
+            tracker.background.invalidate_box(camera.image, camera.view, blob.box_px)
             targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
         left, right = (one._replace(target=target) for one, target in zip(state.cameras, targets, strict=True))
         return state._replace(cameras=(left, right)), _detections(*marker)
@@ -385,7 +385,7 @@ class Tracker:
             belief = kalman.update(state.kalman, predicted, *measurement)
             return state, belief, belief.rejections == 0
         params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
-        flows = (state.acquired[0].flow, state.acquired[1].flow) if state.acquired else (None, None)
+        flows = (state.search_result[0].flow, state.search_result[1].flow) if state.search_result else (None, None)
         position_px = math.sqrt(params.white_share) * state.association.error_px
         measured = velocity(flows, view, observation.p_root, params.prior_std[:2], position_px) or (None, None)
         belief = kalman.start(
@@ -428,7 +428,7 @@ class Tracker:
         each = list(zip(self._cameras, cameras, detections, strict=True))
         if self.params.mode == "generic" or state.belief is None:  # a marker needs it to be found
             for tracker, camera, one in each:
-                tracker.background.learn(camera.image, camera.view, camera.stamp_s, one.box_px if one else None)
+                tracker.background.update(camera.image, camera.view, camera.stamp_s, one.box_px if one else None)
         if state.belief is None:
             return state
         belief = state.belief

@@ -160,7 +160,7 @@ class _OneEye(Protocol):
     def step(self, image: Image) -> BoxPx | None: ...
 
 
-class Particles:
+class ParticleTracker:
     """Our particle filter with the interface of the baselines."""
 
     def __init__(self, count: int, seed: int) -> None:
@@ -212,9 +212,11 @@ class HueBlob:
 
 def methods() -> dict[str, Method]:
     """Return everything that is compared, by name."""
-    ours: dict[str, Method] = {f"{n} particles": partial(_run, lambda _, seed, n=n: Particles(n, seed)) for n in COUNTS}
+    ours: dict[str, Method] = {
+        f"{n} particles": partial(_run, lambda _, seed, n=n: ParticleTracker(n, seed)) for n in COUNTS
+    }
     count = ImageTrackerParams().particles
-    default: dict[str, Method] = {DEFAULT: partial(_run, lambda _, seed: Particles(count, seed))}
+    default: dict[str, Method] = {DEFAULT: partial(_run, lambda _, seed: ParticleTracker(count, seed))}
     blob: dict[str, Method] = {"marker blob": partial(_run, lambda view, _: HueBlob(view.hue_deg))}
     return ours | default | blob | {name: partial(_run, lambda _, __, n=name: image_tracker(n)) for name in BASELINES}
 
@@ -226,7 +228,7 @@ def _run(make: Any, view: View, seed: int) -> Values:
         raise ValueError("the object is not in view of the first frame; expected a box to start with")
     tracker.start(view.images[0], view.boxes[0])
     found, ms = timed_steps(tracker.step, view.images[1:])
-    scores = tracker.scores if isinstance(tracker, Particles) else []
+    scores = tracker.scores if isinstance(tracker, ParticleTracker) else []
     iou: list[float] = []
     center_px: list[float] = []
     for box, true in zip(found, view.boxes[1:], strict=True):

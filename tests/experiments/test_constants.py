@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-import tracking.change
+import tracking.foreground
 import tracking.optical_flow
 from pps_vision.experiments import constants
 from pps_vision.experiments.constants import Constants, module_constants, parameters, scaled, times, with_parameter
@@ -15,7 +15,7 @@ from tracking.tracker import TrackerParams
 
 def test_constants_are_numbers_that_no_compiled_function_has_built_in() -> None:
     found = module_constants()
-    assert found["change._WITHIN"] == tracking.change._WITHIN
+    assert found["foreground._WITHIN"] == tracking.foreground._WITHIN
     assert "kernels._MASK_VAR" not in found  # in a compiled function
     assert not any(name.startswith("track2d.") for name in found)
 

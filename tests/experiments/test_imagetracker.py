@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.image_trackers import image_tracker
-from pps_vision.experiments.imagetracker import DEFAULT, HueBlob, Particles, View, methods
+from pps_vision.experiments.imagetracker import DEFAULT, HueBlob, ParticleTracker, View, methods
 from pps_vision.experiments.scenarios import moving
 
 
@@ -41,7 +41,7 @@ def test_a_square_that_jumps_is_held_by_who_looks_everywhere() -> None:
 
 def test_use_before_the_first_box_is_named() -> None:
     image = np.zeros((48, 64, 3), np.uint8)
-    for tracker in (image_tracker("CSRT"), image_tracker("CamShift"), HueBlob(0.0), Particles(9, 0)):
+    for tracker in (image_tracker("CSRT"), image_tracker("CamShift"), HueBlob(0.0), ParticleTracker(9, 0)):
         with pytest.raises(ValueError, match="before start"):
             tracker.step(image)
     with pytest.raises(ValueError, match=r"Boosting.*CSRT"):

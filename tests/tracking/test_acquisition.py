@@ -25,8 +25,8 @@ from tracking.acquisition import (
 )
 from tracking.appearance import ColorModel, color_bins
 from tracking.background import Background
-from tracking.change import ChangeOfMovingEye, ChangeOfRestingEye
 from tracking.ego_motion import EgoMotion
+from tracking.foreground import MovingForeground, StaticForeground
 from tracking.marker import MarkerParams, find_markers
 from tracking.marker_acquisition import _contains, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
@@ -58,14 +58,14 @@ class Search:
 
     def learn(self, frame: StereoFrame, view: StereoView) -> None:
         for camera, background in zip(camera_frames(frame, view), self._backgrounds, strict=True):
-            background.learn(camera.image, camera.view, frame.stamp_s, None)
+            background.update(camera.image, camera.view, frame.stamp_s, None)
 
 
 def learned_from(picture: Callable[[], Image], view: View) -> Background:
     """The background of an eye at rest after twelve pictures."""
     background = Background(EgoMotion(view.camera), 0.3)
     for k in range(12):
-        background.learn(picture(), view, DT * k, None)
+        background.update(picture(), view, DT * k, None)
     return background
 
 
@@ -144,7 +144,7 @@ def test_what_moves_as_a_whole_before_a_background(
     (u, v, r), box = now[0], (60, 60, 260, 180)
     seed = np.zeros((120, 200), bool)
     seed[v - 60 - r : v - 60 + r, u - 60 - r : u - 60 + r] = True
-    mask = ChangeOfRestingEye(background, view, drawn(rng, *then), drawn(rng, *now)).moving(seed, box)
+    mask = StaticForeground(background, view, drawn(rng, *then), drawn(rng, *now)).moved_mask(seed, box)
     assert (mask is not None) == seen
     if mask is not None:
         y, x = np.nonzero(mask)
@@ -169,8 +169,8 @@ def test_what_covers_a_twentieth_of_its_area_anew_moves(
     background = learned_from(lambda: picture(None), view)
     seed = np.zeros((180, 200), bool)
     seed[60:120, 80:120] = True
-    change = ChangeOfRestingEye(background, view, picture(160), picture(160 + shift_px))
-    assert (change.moving(seed, (60, 30, 260, 210)) is not None) == moves
+    change = StaticForeground(background, view, picture(160), picture(160 + shift_px))
+    assert (change.moved_mask(seed, (60, 30, 260, 210)) is not None) == moves
 
 
 def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig: StereoRig, robot: Robot) -> None:
@@ -178,8 +178,8 @@ def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig
     background = learned_from(lambda: drawn(rng, (80, 120, 18)), view)
     seed = np.zeros((120, 120), bool)
     seed[40:80, 20:60] = True
-    away = ChangeOfRestingEye(background, view, drawn(rng, (200, 120, 18)), drawn(rng, (212, 120, 18)))
-    assert away.moving(seed, (40, 60, 160, 180)) is None
+    away = StaticForeground(background, view, drawn(rng, (200, 120, 18)), drawn(rng, (212, 120, 18)))
+    assert away.moved_mask(seed, (40, 60, 160, 180)) is None
 
 
 def behind(rng: np.random.Generator, edge: int, *discs: tuple[int, int, int]) -> np.ndarray:
@@ -213,11 +213,11 @@ def test_what_comes_from_behind_something_emerges(
     background = learned_from(lambda: behind(rng, 100, *learned), view)
     seed = np.zeros((80, 80), bool)
     seed[20:60, 22:60] = True
-    change = ChangeOfRestingEye(background, view, behind(rng, 100, *then), behind(rng, 100, *now))
-    mask = change.emerging(seed, (80, 80, 160, 160))
+    change = StaticForeground(background, view, behind(rng, 100, *then), behind(rng, 100, *now))
+    mask = change.disoccluded_mask(seed, (80, 80, 160, 160))
     assert (mask is not None) == seen
     if mask is not None:
-        assert change.moving(seed, (80, 80, 160, 160)) is None  # it has not uncovered anything
+        assert change.moved_mask(seed, (80, 80, 160, 160)) is None  # it has not uncovered anything
         u, v, r = now[0]
         y, x = np.mgrid[80:160, 80:160]
         assert np.mean(mask == (((x - u) ** 2 + (y - v) ** 2 < r * r) & (x >= 100))) > 0.97
@@ -232,8 +232,8 @@ def test_what_the_image_or_the_searched_region_cuts_off_does_not_emerge(
     background = learned_from(lambda: behind(rng, 0), view)
     seed = np.zeros((80, 80), bool)
     seed[35:45, u - left - 5 : u - left + 5] = True
-    change = ChangeOfRestingEye(background, view, behind(rng, 0), behind(rng, 0, (u, 120, 20)))
-    assert (change.emerging(seed, (left, 80, left + 80, 160)) is not None) == seen
+    change = StaticForeground(background, view, behind(rng, 0), behind(rng, 0, (u, 120, 20)))
+    assert (change.disoccluded_mask(seed, (left, 80, left + 80, 160)) is not None) == seen
 
 
 def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(robot: Robot, rig: StereoRig) -> None:
@@ -288,9 +288,9 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
     alone = segment(now, region, optics)
     assert alone is not None
     assert alone.outline.box_px[3] > 55  # nothing but colour: the bar belongs to it
-    assert segment(now, region, optics, ChangeOfRestingEye(background, view, picture(116), now)) is None
+    assert segment(now, region, optics, StaticForeground(background, view, picture(116), now)) is None
     moved, place = picture(180), Region2D((170, 100, 25, 30), np.ones((30, 25), bool), 1.0)
-    free = segment(moved, place, optics, ChangeOfRestingEye(background, view, picture(172), moved))
+    free = segment(moved, place, optics, StaticForeground(background, view, picture(172), moved))
     assert free is not None  # away from the bar
     assert free.by_color
     assert free.outline.center_px == pytest.approx([180, 120], abs=0.5)
@@ -396,8 +396,8 @@ def test_colours_show_the_object_if_they_cover_most_of_what_moves(rig: StereoRig
     """Before an eye at rest 0.8 of both together, or any part of what is not solid; before one that moves 0.6."""
     view, image = rig.view(home(robot)).left, np.zeros((20, 100, 3), np.uint8)
     background = Background(EgoMotion(rig.left), 0.3)
-    rest = ChangeOfRestingEye(background, view, image, image)
-    moving = ChangeOfMovingEye(background, view, lambda _: None, image)
+    rest = StaticForeground(background, view, image, image)
+    moving = MovingForeground(background, view, lambda _: None, image)
     whole = half(0, 50)
     assert [rest.shows_the_object(half(0, w), whole) for w in (38, 40, 42, 60, 65)] == [False, False, True, True, False]
     assert [moving.shows_the_object(half(0, w), whole) for w in (28, 30, 32, 80, 90)] == [
@@ -583,9 +583,14 @@ def candidate(evidence: float, like: float = 1.0, angle_rad: float = 0.1, **chan
         ([candidate(1.0)], [candidate(9.0, angle_rad=0.119)], (0, 0), {}),
         ([candidate(1.0, angle_rad=0.121)], [candidate(9.0)], None, {"size": 1}),
         ([candidate(1.0)], [candidate(9.0, angle_rad=0.121)], None, {"size": 1}),
-        ([candidate(1.0, emerges=True)], [candidate(9.0, angle_rad=0.09)], (0, 0), {}),
-        ([candidate(1.0, emerges=True)], [candidate(9.0, angle_rad=0.101)], None, {"half hidden": 1}),
-        ([candidate(1.0, emerges=True)], [candidate(9.0, emerges=True)], None, {"half hidden": 1}),
+        ([candidate(1.0, is_partly_occluded=True)], [candidate(9.0, angle_rad=0.09)], (0, 0), {}),
+        ([candidate(1.0, is_partly_occluded=True)], [candidate(9.0, angle_rad=0.101)], None, {"half hidden": 1}),
+        (
+            [candidate(1.0, is_partly_occluded=True)],
+            [candidate(9.0, is_partly_occluded=True)],
+            None,
+            {"half hidden": 1},
+        ),
     ],
 )
 def test_the_best_pair_has_most_evidence_of_those_that_may_be_one_object(

@@ -15,7 +15,7 @@ from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, all_colors, color_bins, histogram, is_same_object
 from tracking.marker import MarkerParams, find_markers, threshold
 from tracking.outline import Optics
-from tracking.particle_filter import Cloud, Prior, propagate, resample, spawn, weigh
+from tracking.particle_filter import Particles, Prior, likelihoods, propagate, resample, sample
 
 
 def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
@@ -54,8 +54,8 @@ def test_a_color_only_the_object_has_is_the_object() -> None:
 
 def test_resampling_keeps_each_particle_as_often_as_it_weighs(rng: np.random.Generator) -> None:
     weights = rng.dirichlet(np.ones(50))
-    cloud = Cloud(np.column_stack([np.arange(50.0), np.zeros(50), np.ones(50)]), np.zeros((50, 3)))
-    counts = np.bincount(resample(cloud, weights, rng).now[:, 0].astype(int), minlength=50)
+    particles = Particles(np.column_stack([np.arange(50.0), np.zeros(50), np.ones(50)]), np.zeros((50, 3)))
+    counts = np.bincount(resample(particles, weights, rng).current[:, 0].astype(int), minlength=50)
     assert np.all(np.abs(counts - 50 * weights) < 1)
 
 
@@ -63,14 +63,16 @@ def test_the_cloud_finds_a_bright_box_and_follows_a_prior(rng: np.random.Generat
     likelihood = np.zeros((120, 160))
     likelihood[50:70, 80:100] = 1.0
     integral = cv2.integral(2 * likelihood - 1)
-    cloud = propagate(spawn(400, np.array([84.0, 55.0]), 20.0, 6.0, rng), None, rng)
-    weights = weigh(cloud, integral, (0, 0), (1.0, 1.0))
-    assert np.linalg.norm(weights @ cloud.now[:, :2] - [89.5, 59.5]) < 1.5
-    on = propagate(Cloud(cloud.now, cloud.now - [4.0, -7.0, 0.0]), None, rng)
-    assert np.linalg.norm(on.now[:, :2].mean(axis=0) - cloud.now[:, :2].mean(axis=0) - [4, -7]) < 1  # as it went
-    moved = propagate(cloud, Prior(np.array([30.0, 40.0]), 1.0, 1.1), rng)
-    assert np.linalg.norm(moved.now[:, :2].mean(axis=0) - [30, 40]) < 0.5
-    assert moved.now[:, 2].mean() == pytest.approx(1.1 * cloud.now[:, 2].mean(), rel=0.02)
+    particles = propagate(sample(400, np.array([84.0, 55.0]), 20.0, 6.0, rng), None, rng)
+    weights = likelihoods(particles, integral, (0, 0), (1.0, 1.0))
+    assert np.linalg.norm(weights @ particles.current[:, :2] - [89.5, 59.5]) < 1.5
+    on = propagate(Particles(particles.current, particles.current - [4.0, -7.0, 0.0]), None, rng)
+    assert (
+        np.linalg.norm(on.current[:, :2].mean(axis=0) - particles.current[:, :2].mean(axis=0) - [4, -7]) < 1
+    )  # as it went
+    moved = propagate(particles, Prior(np.array([30.0, 40.0]), 1.0, 1.1), rng)
+    assert np.linalg.norm(moved.current[:, :2].mean(axis=0) - [30, 40]) < 0.5
+    assert moved.current[:, 2].mean() == pytest.approx(1.1 * particles.current[:, 2].mean(), rel=0.02)
 
 
 def test_mask_operations_are_those_of_mathematical_morphology(rng: np.random.Generator) -> None:

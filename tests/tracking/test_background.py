@@ -29,7 +29,7 @@ def draw(rng: np.random.Generator, patch: tuple[float, float, float] | None = No
 def learned(rng: np.random.Generator, noise: float = 2.0) -> Background:
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     for k in range(12):
-        background.learn(draw(rng, noise=noise), VIEW, DT * k, None)
+        background.update(draw(rng, noise=noise), VIEW, DT * k, None)
     return background
 
 
@@ -65,7 +65,7 @@ def test_what_rests_for_long_enough_becomes_background(rng: np.random.Generator)
     background = learned(rng)
     for k in range(12, 40):
         image = draw(rng, (160.0, 150.0, 170.0))
-        background.learn(image, VIEW, DT * k, None)
+        background.update(image, VIEW, DT * k, None)
         stays = background.evidence(image, VIEW, WHOLE)[INNER].mean()
         if k < 12 + 0.3 / DT - 1:
             assert stays > 0.99
@@ -77,7 +77,7 @@ def test_it_becomes_background_as_soon_at_any_rate_of_images(fps: int, rng: np.r
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     changed_s = 1.0
     for k in range(int((changed_s + 0.9) * fps) + 3):
-        background.learn(draw(rng, (60.0, 50.0, 70.0) if k / fps >= changed_s else None), VIEW, k / fps, None)
+        background.update(draw(rng, (60.0, 50.0, 70.0) if k / fps >= changed_s else None), VIEW, k / fps, None)
         stays = changed_s <= k / fps < changed_s + 0.3 - 1 / fps
         if stays or k / fps > changed_s + 0.3 + 2 * 0.2 + 2 / fps:
             evidence = background.evidence(draw(rng, (60.0, 50.0, 70.0)), VIEW, WHOLE)[INNER]
@@ -88,14 +88,14 @@ def test_what_keeps_changing_does_not_become_background(rng: np.random.Generator
     background = learned(rng)
     for k in range(12, 60):
         level = 160.0 + 20.0 * (k // 4 % 2)
-        background.learn(draw(rng, (level, level, level)), VIEW, DT * k, None)
+        background.update(draw(rng, (level, level, level)), VIEW, DT * k, None)
     assert background.evidence(draw(rng), VIEW, WHOLE)[INNER].mean() < 0.2
 
 
 def test_the_tracked_object_does_not_become_background(rng: np.random.Generator) -> None:
     background = learned(rng)
     for k in range(12, 60):
-        background.learn(draw(rng, (160.0, 150.0, 170.0)), VIEW, DT * k, BOX)
+        background.update(draw(rng, (160.0, 150.0, 170.0)), VIEW, DT * k, BOX)
     assert background.evidence(draw(rng, (160.0, 150.0, 170.0)), VIEW, WHOLE)[INNER].min() == 1
     assert background.evidence(draw(rng), VIEW, WHOLE)[INNER].mean() < 0.2
 
@@ -103,7 +103,7 @@ def test_the_tracked_object_does_not_become_background(rng: np.random.Generator)
 def test_a_change_of_the_light_is_no_evidence(rng: np.random.Generator) -> None:
     background = learned(rng)
     brighter = np.clip(1.15 * draw(rng, (60.0, 50.0, 70.0)).astype(float), 0, 255).astype(np.uint8)
-    background.learn(brighter, VIEW, 12 * DT, None)
+    background.update(brighter, VIEW, 12 * DT, None)
     evidence = background.evidence(brighter, VIEW, WHOLE)
     assert evidence[INNER].min() == 1
     evidence[96:134, 146:194] = 0
@@ -120,7 +120,7 @@ def test_it_begins_anew_when_the_eye_moves(rng: np.random.Generator) -> None:
     moved = View(LEFT_EYE, transform(translation=(0.001, 0.0, 0.0)))
     patch = (160.0, 150.0, 170.0)
     assert not background.evidence(draw(rng, patch), moved, WHOLE).any()
-    background.learn(draw(rng, patch), moved, 0.6, None)
+    background.update(draw(rng, patch), moved, 0.6, None)
     assert background.evidence(draw(rng, patch), moved, WHOLE)[INNER].mean() < 0.5
     assert not background.is_known(VIEW)
 
@@ -141,14 +141,14 @@ def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_th
     """A disc was there when the background was learned, and has left; or it has come, and stays."""
     background, place = Background(EgoMotion(LEFT_EYE), 10.0), np.s_[100:130, 155:185]
     for k in range(12):
-        background.learn(_textured(rng, was_learned), VIEW, DT * k, None)
+        background.update(_textured(rng, was_learned), VIEW, DT * k, None)
     now = _textured(rng, not was_learned)
     mask = background.differs(now, VIEW, WHOLE)
     share = background.learned_edge(now, VIEW, mask, WHOLE)
     assert share is not None
     assert share > 0.8 if was_learned else share < 0.2
     for k in range(12, 21):
-        background.learn(_textured(rng, not was_learned), VIEW, DT * k, None)
+        background.update(_textured(rng, not was_learned), VIEW, DT * k, None)
     left = background.differs(_textured(rng, not was_learned), VIEW, WHOLE)[place].mean()
     assert left < 0.01 if was_learned else left > 0.8
 
@@ -174,7 +174,7 @@ def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng: np.random.
     wall stays known."""
     background = learned(rng)
     near, far = ((75, 110), (255, 110), (165, 45), (165, 172)), ((40, 110), (285, 110), (165, 15), (165, 205))
-    background.forget_around(_marked(rng, *near, *far), VIEW, BOX)
+    background.invalidate_box(_marked(rng, *near, *far), VIEW, BOX)
     wall = background.differs(draw(rng), VIEW, WHOLE)
     for x, y in near:
         assert wall[y + 2 : y + 10, x + 2 : x + 10].all()
@@ -183,14 +183,14 @@ def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng: np.random.
     assert wall[100:130, 150:190].all()
     assert np.count_nonzero(wall) < 40 * 30 + 4 * 16**2
     other = View(LEFT_EYE, transform(translation=(0.1, 0.0, 0.0)))
-    background.forget_around(draw(rng), other, (0.0, 0.0, 320.0, 240.0))  # not its background
+    background.invalidate_box(draw(rng), other, (0.0, 0.0, 320.0, 240.0))  # not its background
     assert not background.differs(draw(rng), VIEW, (0, 0, 60, 60)).any()
 
 
 def test_at_the_border_what_is_behind_an_object_is_known_no_more(rng: np.random.Generator) -> None:
     """Its box begins beyond the left and the upper border; the whole image is within two of its sizes."""
     background = learned(rng)
-    background.forget_around(draw(rng), VIEW, (-10.0, -5.0, 120.0, 90.0))
+    background.invalidate_box(draw(rng), VIEW, (-10.0, -5.0, 120.0, 90.0))
     wall = background.differs(draw(rng), VIEW, WHOLE)
     assert wall[:90, :120].all()
     assert not wall[92:, 122:].any()
@@ -201,7 +201,7 @@ def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: 
     background, image = learned(rng), _marked(rng, (150, 100), (180, 100))
     mask = np.zeros((40, 60), bool)
     mask[10:22, 10:30] = True  # the first mark, and 8 px of wall to its right
-    background.forget(image, VIEW, mask, (140, 90, 200, 130))
+    background.invalidate(image, VIEW, mask, (140, 90, 200, 130))
     wall = background.differs(draw(rng), VIEW, WHOLE)
     assert not wall[102:110, 152:160].any()
     assert wall[102:110, 163:169].all()
@@ -221,11 +221,11 @@ def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator
     dark = (draw(rng, patch) / 1.5).astype(np.uint8)
     mask = np.zeros((50, 60), bool)
     mask[10:40, 10:50] = True
-    background.absorb(dark, VIEW, 0.7, mask, (140, 90, 200, 140))
+    background.set_from(dark, VIEW, 0.7, mask, (140, 90, 200, 140))
     assert not background.differs(draw(rng, patch), VIEW, WHOLE)[INNER].any()
     assert background.differs(draw(rng), VIEW, WHOLE)[INNER].all()
     for k in range(12, 40):  # it has been learned, not marked as changing
-        background.learn(draw(rng, patch), VIEW, DT * k, None)
+        background.update(draw(rng, patch), VIEW, DT * k, None)
     assert background.evidence(draw(rng, patch), VIEW, WHOLE)[INNER].max() < 0.5
 
 
@@ -251,7 +251,7 @@ def test_what_an_object_hides_at_first_is_unknown(
     box: tuple[float, float, float, float], rng: np.random.Generator
 ) -> None:
     background = Background(EgoMotion(LEFT_EYE), 0.3)
-    background.learn(draw(rng, noise=0.0), VIEW, 0.0, box)
+    background.update(draw(rng, noise=0.0), VIEW, 0.0, box)
     hidden = np.zeros((240, 320), bool)
     x, y, w, h = (int(one) for one in box)
     hidden[max(y, 0) : y + h, max(x, 0) : x + w] = True
@@ -265,7 +265,7 @@ def test_what_an_object_hides_at_first_is_what_the_moving_eye_had_learned_there(
     background.moving.start(mean, VIEW, 0.0)
     patch = draw(rng, noise=0.0)
     patch[102:128, 152:188] = (160, 150, 170)
-    background.learn(patch, VIEW, 0.1, BOX)
+    background.update(patch, VIEW, 0.1, BOX)
     unknown = background.differs(draw(rng, noise=0.0), VIEW, WHOLE)
     assert unknown[101:109, 151:159].all()
     unknown[99:111, 149:161] = False
@@ -278,7 +278,7 @@ def test_beside_what_is_unknown_a_pixel_is_compared_with_itself(rng: np.random.G
     neighbour is unknown."""
     ramp = np.repeat(np.clip(np.arange(320.0) - 150, 0, 10)[None, :, None] * 20 + np.full(3, 30), 240, axis=0)
     image, background = ramp.astype(np.uint8), Background(EgoMotion(LEFT_EYE), 0.3)
-    background.learn(image, VIEW, 0.0, (100.0, 60.0, 54.0, 120.0))  # up to column 153
+    background.update(image, VIEW, 0.0, (100.0, 60.0, 54.0, 120.0))  # up to column 153
     here, shifted = (background.differs(one, VIEW, WHOLE) for one in (image, np.roll(image, 1, axis=1)))
     assert here[120, 152:156].tolist() == [True, True, False, False]
     assert shifted[120, 152:158].tolist() == [True, True, True, False, False, False]
@@ -289,7 +289,7 @@ def test_three_tenths_of_its_size_around_the_object_nothing_is_learned(rng: np.r
     background, image = learned(rng, noise=0.0), draw(rng, noise=0.0)
     image[60:180, 100:240] = (160, 150, 170)
     for k in range(12, 32):
-        background.learn(image, VIEW, DT * k, BOX)
+        background.update(image, VIEW, DT * k, BOX)
     kept = np.zeros((240, 320), bool)
     kept[92:138, 139:201] = True
     np.testing.assert_array_equal(background.differs(image, VIEW, WHOLE), kept)
@@ -361,9 +361,9 @@ def test_all_rows_are_learned_once_in_a_fifth_of_a_second_from_the_first_on(rng:
     """A strip that is 3 levels brighter is a tenth of that further after 0.2 s; a quarter of its rows once more after
     another 50 ms, the next after another."""
     background, image = Background(EgoMotion(LEFT_EYE), 10.0), draw(rng, noise=0.0)
-    background.learn(image, VIEW, 0.0, None)
+    background.update(image, VIEW, 0.0, None)
     image[:, :42] += 3
     for stamp_s, learned_twice in ((0.2, 0), (0.25, 60), (0.3, 120)):
-        background.learn(image.copy(), VIEW, stamp_s, None)
+        background.update(image.copy(), VIEW, stamp_s, None)
         expected = np.where(np.arange(240) < learned_twice, 3 * (1 - 0.9**2), 0.3)
         np.testing.assert_allclose(background._mean[:, 20, 0] - WALL[0], expected, atol=1e-3)

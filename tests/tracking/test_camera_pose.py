@@ -12,7 +12,7 @@ from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image, StereoFrame
 from tracking.camera_pose import PoseEstimator, _LateJoints, exact_or_late
-from tracking.registration import Misalignment
+from tracking.image_rotation import Misalignment
 
 PRIOR_S = 0.02
 

@@ -213,7 +213,7 @@ def learned(rng: np.random.Generator, marker: MarkerParams | None = None) -> Cam
     """One that knows the empty wall, as an eye at rest sees it."""
     tracker = camera_tracker(rng, marker)
     for k in range(12):
-        tracker.background.learn(picture(rng), VIEW, 0.05 * k, None)
+        tracker.background.update(picture(rng), VIEW, 0.05 * k, None)
     return tracker
 
 
@@ -254,13 +254,13 @@ def test_evidence_of_an_empty_place_adds_up_where_it_rests(
     tracker = learned(rng)
     image = picture(rng, (disc(150, 110, 18), BLUE))
     before = tracker.image_tracker.start(image, BOX)
-    at_px = before.cloud.now[:, :2].mean(axis=0)
+    at_px = before.particles.current[:, :2].mean(axis=0)
 
-    def after(emptiness: float, edge: float | None, moved_px: float = 0.0) -> float:
+    def after(ghost_score: float, edge: float | None, moved_px: float = 0.0) -> float:
         monkeypatch.setattr(tracker.background, "learned_edge", lambda *_: edge)
         one = of_size(36.0, (at_px[0] + 0.6 * moved_px, at_px[1] - 0.8 * moved_px))
-        state = CameraState(before, emptiness=emptiness)
-        return tracker._emptiness(state, seen_from(image), before, ImageDetection(one, one.box_px, 1.0))
+        state = CameraState(before, ghost_score=ghost_score)
+        return tracker._ghost_score(state, seen_from(image), before, ImageDetection(one, one.box_px, 1.0))
 
     assert after(0.1, 1.0) == pytest.approx(0.5)
     assert after(0.1, 0.0) == pytest.approx(-0.5)
@@ -271,7 +271,7 @@ def test_evidence_of_an_empty_place_adds_up_where_it_rests(
     assert after(0.1, 1.0, 1.1) == 0.1
     assert after(0.1, 0.0, 1.1) == pytest.approx(-0.5)
     assert after(-3.0, 1.0, 1.1) == -3.0
-    assert [CameraState(emptiness=one).is_empty for one in (0.2, 0.3)] == [False, True]
+    assert [CameraState(ghost_score=one).is_ghost for one in (0.2, 0.3)] == [False, True]
 
 
 def test_what_rests_before_an_eye_that_turns_moves_in_its_image(
@@ -281,22 +281,24 @@ def test_what_rests_before_an_eye_that_turns_moves_in_its_image(
     tracker, image = camera_tracker(rng), picture(rng, (disc(150, 110, 18), BLUE))
     turned = View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, 0.05, 0.0]))[0], (0.02, 0.0, 0.0)))
     before = tracker.image_tracker.start(image, BOX)
-    at_px = before.cloud.now[:, :2].mean(axis=0)
+    at_px = before.particles.current[:, :2].mean(axis=0)
     monkeypatch.setattr(tracker.background, "learned_edge", lambda *_: 1.0)
     monkeypatch.setattr(tracker, "_changed_place", lambda *_: (np.ones((10, 10), bool), (0, 0, 10, 10)))
     state, resting = CameraState(before, view=VIEW), turned.project(VIEW.center + 1.2 * VIEW.rays(at_px))
-    for place, emptiness in ((resting, 0.4), (at_px, 0.0)):
+    for place, ghost_score in ((resting, 0.4), (at_px, 0.0)):
         one = of_size(36.0, (float(place[0]), float(place[1])))
         found = ImageDetection(one, one.box_px, 1.0)
-        assert tracker._emptiness(state, seen_from(image, turned), before, found) == pytest.approx(emptiness)
+        assert tracker._ghost_score(state, seen_from(image, turned), before, found) == pytest.approx(ghost_score)
 
 
 def test_of_a_place_without_a_background_nothing_is_known(rng: np.random.Generator) -> None:
     """Nor does an object before it become one; a moving eye that follows a marker needs none."""
     camera, one = seen_from(picture(rng, (disc(150, 110, 18), BLUE))), of_size(36.0)
     tracker, found = camera_tracker(rng), ImageDetection(one, one.box_px, 1.0)
-    assert tracker._emptiness(CameraState(emptiness=0.2), camera, tracker.image_tracker.start(camera.image, BOX), found)
-    tracker.absorb(camera, found)
+    assert tracker._ghost_score(
+        CameraState(ghost_score=0.2), camera, tracker.image_tracker.start(camera.image, BOX), found
+    )
+    tracker.set_from(camera, found)
     assert not tracker.background.is_known(VIEW)
     moved = View(LEFT_EYE, transform(translation=(0.01, 0.0, 0.0)))
     assert learned(rng, MarkerParams())._known_background(seen_from(camera.image, moved)) is None

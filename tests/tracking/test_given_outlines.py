@@ -116,11 +116,11 @@ def test_a_place_that_turns_out_to_be_empty_is_background_and_no_object(monkeypa
     rng, absorbed = np.random.default_rng(3), []
     tracker = Tracker(TrackerParams(), RIG, rng)
     detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in both())
-    monkeypatch.setattr(CameraTracker, "absorb", lambda self, camera, found: absorbed.append((self.name, found)))
+    monkeypatch.setattr(CameraTracker, "set_from", lambda self, camera, found: absorbed.append((self.name, found)))
     monkeypatch.setattr(tracker, "_acquire", lambda state, *_, **__: (state, detected))
     status = []
     for k in range(9):
-        cameras = tuple(CameraState(emptiness=1.0 * (k == 6 and eye == 1)) for eye in (0, 1))
+        cameras = tuple(CameraState(ghost_score=1.0 * (k == 6 and eye == 1)) for eye in (0, 1))
         follow = lambda state, *_, cameras=cameras, **__: (state._replace(cameras=cameras), detected)  # noqa: E731
         monkeypatch.setattr(tracker, "_follow", follow)
         images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
@@ -297,7 +297,7 @@ def test_what_is_found_elsewhere_at_once_was_lost_and_an_unconfirmed_object_was_
         tracker = Tracker(TrackerParams(), RIG, np.random.default_rng(3))
         for k, frame in enumerate(frames(n + 1)):
             with pytest.MonkeyPatch.context() as patch:
-                cameras = tuple(CameraState(emptiness=1.0 * (empty and k == n)) for _ in range(2))
+                cameras = tuple(CameraState(ghost_score=1.0 * (empty and k == n)) for _ in range(2))
                 given(tracker, patch, both(), cameras)
                 if k == n and not empty:
                     patch.setattr(tracker, "_follow", lambda state, *_, **__: (state, NOTHING))
@@ -421,7 +421,7 @@ def found_by(tracker: Tracker, patch: pytest.MonkeyPatch, pair: tuple[Candidate,
     forgotten = list[Array]()
     patch.setattr(tracker._acquisition, "step", lambda *_: pair)
     for one in tracker._cameras:
-        patch.setattr(one.background, "forget", lambda _image, _view, mask, _box: forgotten.append(mask))
+        patch.setattr(one.background, "invalidate", lambda _image, _view, mask, _box: forgotten.append(mask))
     return forgotten
 
 
@@ -445,7 +445,7 @@ def test_the_particles_of_what_was_found_go_on_as_its_flow_says(
     forgotten = found_by(tracker, monkeypatch, pair)  # type: ignore[arg-type]
     images = frames(2)
     before = tracker.state._replace(
-        stamps_s=(1.0, 1.01), cameras=(CameraState(emptiness=0.2), CameraState(emptiness=0.2))
+        stamps_s=(1.0, 1.01), cameras=(CameraState(ghost_score=0.2), CameraState(ghost_score=0.2))
     )
     later = replace(images[1], stamp_left_s=1.06, stamp_right_s=1.12)
     view = StereoView(LEFT, RIGHT)
@@ -457,13 +457,13 @@ def test_the_particles_of_what_was_found_go_on_as_its_flow_says(
         assert one is not None
         assert one.outline is outline
         assert target.model is model
-        moved = target.cloud.now[:, :2] - target.cloud.before[:, :2]
+        moved = target.particles.current[:, :2] - target.particles.previous[:, :2]
         np.testing.assert_allclose(moved, np.broadcast_to(shift, moved.shape), atol=1e-9)
-        assert (state.by_background, state.emptiness) == (not is_told, 0.0)
+        assert (state.by_background, state.ghost_score) == (not is_told, 0.0)
         if not is_told:
             assert target.fill == pytest.approx(254 / 18**2)
     assert len(forgotten) == (2 if is_told else 0)
-    assert after.acquired == pair
+    assert after.search_result == pair
 
 
 def test_of_what_the_border_cuts_the_whole_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -479,7 +479,7 @@ def test_of_what_the_border_cuts_the_whole_is_followed(monkeypatch: pytest.Monke
     assert target is not None
     assert target.size == pytest.approx(18.0)
     assert target.fill == pytest.approx(100 / (8 * 18))
-    assert target.cloud.now[:, 0].mean() == pytest.approx(-1.5, abs=0.3)  # the middle of columns -10 to 7
+    assert target.particles.current[:, 0].mean() == pytest.approx(-1.5, abs=0.3)  # the middle of columns -10 to 7
 
 
 def test_a_search_that_finds_nothing_or_another_thing_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,7 +45,7 @@ def learned(rng: np.random.Generator, n: int, start: tuple[float, float] | None 
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     for k in range(n):
         disc_px = None if start is None else (start[0], start[1] + 8 * k)
-        background.learn(seen(turned(k), rng, disc_px)[0], turned(k), DT * k, None)
+        background.update(seen(turned(k), rng, disc_px)[0], turned(k), DT * k, None)
     return background
 
 
@@ -85,7 +85,7 @@ def test_the_place_that_an_object_has_left_becomes_background(rng: np.random.Gen
 @pytest.mark.parametrize("is_object", [True, False])
 def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object: bool, rng: np.random.Generator) -> None:
     background, view, at = Background(EgoMotion(LEFT_EYE), 0.3), turned(3), (150.0, 120.0)
-    background.moving.learn(seen(turned(0), rng, None if is_object else at)[0], turned(0), 0.0, None)
+    background.moving.update(seen(turned(0), rng, None if is_object else at)[0], turned(0), 0.0, None)
     u, v = view.project(view.center + WALL_M * turned(0).rays(at))
     place = (_U - u) ** 2 + (_V - v) ** 2 < RADIUS**2
     image, _ = seen(view, rng, (u, v) if is_object else None)
@@ -102,7 +102,7 @@ def test_the_tracked_object_s_place_is_kept(rng: np.random.Generator) -> None:
         view = turned(24 - k if k > 18 else k)
         u, v = view.project(view.center + WALL_M * direction)
         image, disc = seen(view, rng, (u, v))
-        background.learn(image, view, DT * k, (u - RADIUS, v - RADIUS, 2 * RADIUS, 2 * RADIUS))
+        background.update(image, view, DT * k, (u - RADIUS, v - RADIUS, 2 * RADIUS, 2 * RADIUS))
         if k > 30:
             break
     x0, y0 = int(u) - 30, int(v) - 30
@@ -115,7 +115,7 @@ def still(rng: np.random.Generator, *images: tuple[float, bool]) -> tuple[Moving
     the disc that differs from it."""
     background, at = MovingBackground(EgoMotion(LEFT_EYE)), (160.0, 120.0)
     for stamp_s, with_disc in images:
-        background.learn(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s, None)
+        background.update(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s, None)
     image, disc = seen(turned(0), rng, at)
     return background, float(background.differs(image, turned(0), WHOLE)[disc].mean())
 
@@ -142,7 +142,7 @@ def test_what_is_said_to_rest_is_background_at_once(rng: np.random.Generator) ->
     background, share = still(rng, (0.0, False), (0.5, True))
     assert share > 0.95
     image, disc = seen(turned(0), rng, (160.0, 120.0))
-    background.absorb(image, turned(0), 0.6, disc[80:160, 120:200], (120, 80, 200, 160))
+    background.set_from(image, turned(0), 0.6, disc[80:160, 120:200], (120, 80, 200, 160))
     assert background.differs(image, turned(0), WHOLE)[disc].mean() < 0.05
 
 
@@ -154,15 +154,15 @@ def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> No
         assert not background.is_known
         assert background.differs(image, turned(0), box).all()
         assert not background.evidence(image, turned(0), box).any()
-        background.learn(image, turned(0), 0.0, None)
+        background.update(image, turned(0), 0.0, None)
         assert not background.differs(image, turned(0), box).any()
-        background.forget()
+        background.invalidate()
 
 
 def test_what_is_tracked_is_not_learned_nor_is_what_is_near_it(rng: np.random.Generator) -> None:
     """Around a box of 40 × 20 px at (100, 80), 0.3 of its sides more."""
     background = MovingBackground(EgoMotion(LEFT_EYE))
-    background.learn(seen(turned(0), rng)[0], turned(0), 0.0, (100.0, 80.0, 40.0, 20.0))
+    background.update(seen(turned(0), rng)[0], turned(0), 0.0, (100.0, 80.0, 40.0, 20.0))
     unknown = np.argwhere(background.seen(turned(0), WHOLE)[..., 0] < 0)
     np.testing.assert_allclose([unknown.min(axis=0), unknown.max(axis=0)], [(74, 88), (105, 151)], atol=1)
 
@@ -180,7 +180,7 @@ def test_how_much_must_differ(noise: float, levels: int, differs: bool, rng: np.
         return np.clip(np.rint(grey + noise * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
 
     for k in range(3):
-        background.learn(image(0), turned(0), 0.5 * k, None)
+        background.update(image(0), turned(0), 0.5 * k, None)
     now = image(levels)
     share = background.differs(now, turned(0), WHOLE)[patch].mean()
     assert share > 0.95 if differs else share < 0.25
@@ -196,7 +196,7 @@ def test_an_error_of_a_pixel_is_no_difference(shift_px: int, differs: bool) -> N
     background = MovingBackground(EgoMotion(LEFT_EYE))
     images = [np.broadcast_to(bars[at : at + 320, None], (240, 320, 3)).copy() for at in (0, shift_px)]
     for k in range(3):
-        background.learn(images[0], turned(0), 0.5 * k, None)
+        background.update(images[0], turned(0), 0.5 * k, None)
     assert background.differs(images[1], turned(0), (10, 10, 310, 230)).any() == differs
 
 
@@ -204,7 +204,7 @@ def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rn
     background, at, rest = learned(rng, 12), (150.0, 120.0), turned(11)
     box = (at[0] - 20, at[1] - 20, 40.0, 40.0)
     for k in (12, 13):
-        background.learn(seen(rest, rng, at)[0], rest, DT * k, box)
+        background.update(seen(rest, rng, at)[0], rest, DT * k, box)
     assert background.is_known(rest)
     image, disc = seen(rest, rng, at)
     assert (background.evidence(image, rest, WHOLE) > 0.5)[disc].mean() > 0.9, "it is still no background"
@@ -234,7 +234,7 @@ def test_the_distance_of_what_rests_is_found_by_an_eye_that_shifts(wall_m: float
         x = rays[..., 0] / rays[..., 2] + view.center[0] / wall_m
         at = (np.stack([x, rays[..., 1] / rays[..., 2]], axis=-1) * 400 + (450, 300)).astype(np.float32)
         images.append(cv2.remap(WALL, at, np.empty(0, np.float32), cv2.INTER_LINEAR).astype(np.uint8))
-    background.learn(images[0], views[0], 0.0, None)
-    background.learn(images[1], views[1], 0.5, None)
+    background.update(images[0], views[0], 0.0, None)
+    background.update(images[1], views[1], 0.5, None)
     assert background._nearness == pytest.approx(1 / wall_m, abs=0.29)  # the rays' distance is larger at the sides
     assert background.differs(images[1], views[1], (40, 20, 280, 220)).mean() < 0.01

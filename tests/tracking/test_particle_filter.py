@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from tracking.particle_filter import SHARPNESS, Cloud, Prior, box_sums, propagate, resample, spawn, weigh
+from tracking.particle_filter import SHARPNESS, Particles, Prior, box_sums, likelihoods, propagate, resample, sample
 
 
 def test_around_a_certain_prior_they_keep_some_spread(rng: np.random.Generator) -> None:
     """A twentieth of the object's size: what is predicted to a hair may still be beside it."""
     middle = np.array([160.0, 120.0])
     for std_px, expected in ((0.0, 2.0), (1.0, 2.0), (5.0, 5.0)):
-        cloud = spawn(2000, middle, 40.0, 0.0, rng)
-        moved = propagate(cloud, Prior(middle, std_px, 1.0), rng).now[:, :2]
+        particles = sample(2000, middle, 40.0, 0.0, rng)
+        moved = propagate(particles, Prior(middle, std_px, 1.0), rng).current[:, :2]
         np.testing.assert_allclose(moved.std(axis=0), expected, rtol=0.1)
 
 
@@ -21,9 +21,9 @@ def test_a_box_is_made_of_the_pixels_around_its_centre(rng: np.random.Generator)
     integral = np.zeros((21, 31))
     integral[1:, 1:] = image.cumsum(axis=0).cumsum(axis=1)
     places = [(10, 8), (11, 9), (0, 0), (29, 19)]
-    cloud = np.array([[100.0 + x, 50.0 + y, 2.0] for x, y in places])
+    particles = np.array([[100.0 + x, 50.0 + y, 2.0] for x, y in places])
     wanted = [image[max(y - 1, 0) : y + 2, max(x - 2, 0) : x + 3].sum() for x, y in places]
-    np.testing.assert_allclose(box_sums(integral, cloud, (100, 50), (1.25, 0.75)), wanted)
+    np.testing.assert_allclose(box_sums(integral, particles, (100, 50), (1.25, 0.75)), wanted)
 
 
 def test_a_box_of_the_objects_size_outweighs_a_larger_one() -> None:
@@ -33,7 +33,7 @@ def test_a_box_of_the_objects_size_outweighs_a_larger_one() -> None:
     integral = np.zeros((121, 161))
     integral[1:, 1:] = score.cumsum(axis=0).cumsum(axis=1)
     now = np.array([[89.5, 59.5, 20.0], [89.5, 59.5, 40.0]])
-    small, large = weigh(Cloud(now, now), integral, (0, 0), (2.0, 0.5))
+    small, large = likelihoods(Particles(now, now), integral, (0, 0), (2.0, 0.5))
     assert np.log(small / large) == pytest.approx(SHARPNESS * (400 + 800) / 30**2)
 
 
@@ -42,32 +42,32 @@ def test_weights_add_up_to_one_even_where_no_box_holds_the_object() -> None:
     integral = np.zeros((121, 161))
     integral[1:, 1:] = -np.ones((120, 160)).cumsum(axis=0).cumsum(axis=1)
     now = np.array([[80.0, 60.0, 1.0]] * 3 + [[80.0, 60.0, 100.0]] * 2)
-    weights = weigh(Cloud(now, now), integral, (0, 0), (0.5, 0.5))
+    weights = likelihoods(Particles(now, now), integral, (0, 0), (0.5, 0.5))
     assert weights.sum() == pytest.approx(1)
     np.testing.assert_allclose(weights[:3], 1 / 3)
-    shifted = weigh(Cloud(now[3:], now[3:]), 1e3 * integral, (0, 0), (0.01, 0.01))
+    shifted = likelihoods(Particles(now[3:], now[3:]), 1e3 * integral, (0, 0), (0.01, 0.01))
     np.testing.assert_allclose(shifted, 0.5)
 
 
 def test_without_a_prediction_they_go_on_and_spread_by_a_quarter_of_the_size(rng: np.random.Generator) -> None:
     """And their scale by 4 %; where they were is remembered."""
-    cloud = spawn(4000, np.array([100.0, 80.0]), 40.0, 2.0, rng, np.array([5.0, -3.0]))
-    np.testing.assert_allclose(cloud.now[:, :2].std(axis=0), 2.0, rtol=0.1)
-    np.testing.assert_allclose(cloud.now - cloud.before, np.tile([5.0, -3.0, 0.0], (4000, 1)), atol=1e-9)
-    assert (cloud.now[:, 2] == 40.0).all()
-    moved = propagate(cloud, None, rng)
-    np.testing.assert_allclose((moved.now - cloud.now)[:, :2].mean(axis=0), [5.0, -3.0], atol=0.6)
-    np.testing.assert_allclose((moved.now - cloud.now)[:, :2].std(axis=0), 10.0, rtol=0.08)
-    assert np.log(moved.now[:, 2] / 40.0).std() == pytest.approx(0.04, rel=0.1)
-    assert moved.before is cloud.now
-    rests = spawn(10, np.array([100.0, 80.0]), 40.0, 2.0, rng)
-    np.testing.assert_array_equal(rests.now, rests.before)
+    particles = sample(4000, np.array([100.0, 80.0]), 40.0, 2.0, rng, np.array([5.0, -3.0]))
+    np.testing.assert_allclose(particles.current[:, :2].std(axis=0), 2.0, rtol=0.1)
+    np.testing.assert_allclose(particles.current - particles.previous, np.tile([5.0, -3.0, 0.0], (4000, 1)), atol=1e-9)
+    assert (particles.current[:, 2] == 40.0).all()
+    moved = propagate(particles, None, rng)
+    np.testing.assert_allclose((moved.current - particles.current)[:, :2].mean(axis=0), [5.0, -3.0], atol=0.6)
+    np.testing.assert_allclose((moved.current - particles.current)[:, :2].std(axis=0), 10.0, rtol=0.08)
+    assert np.log(moved.current[:, 2] / 40.0).std() == pytest.approx(0.04, rel=0.1)
+    assert moved.previous is particles.current
+    rests = sample(10, np.array([100.0, 80.0]), 40.0, 2.0, rng)
+    np.testing.assert_array_equal(rests.current, rests.previous)
 
 
 def test_resampled_particles_keep_their_past(rng: np.random.Generator) -> None:
     now = rng.random((50, 3))
-    chosen = resample(Cloud(now, now - 1.0), rng.dirichlet(np.ones(50)), rng)
-    np.testing.assert_allclose(chosen.now - chosen.before, 1.0)
+    chosen = resample(Particles(now, now - 1.0), rng.dirichlet(np.ones(50)), rng)
+    np.testing.assert_allclose(chosen.current - chosen.previous, 1.0)
     last = np.zeros(50)
     last[-1] = 0.3  # of rounding no sum of weights need reach one
-    np.testing.assert_array_equal(resample(Cloud(now, now), last, rng).now, np.tile(now[-1], (50, 1)))
+    np.testing.assert_array_equal(resample(Particles(now, now), last, rng).current, np.tile(now[-1], (50, 1)))

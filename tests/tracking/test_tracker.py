@@ -348,18 +348,3 @@ def test_bad_input_is_named(world: BallScene, rng: np.random.Generator) -> None:
         StereoParams(distance_range=(2.0, 1.0))
     with pytest.raises(ValueError, match="1 particles"):
         ImageTrackerParams(particles=1)
-
-
-def test_cameras_that_follow_different_things_claim_nothing_and_lose_the_track(
-    world: BallScene, rng: np.random.Generator
-) -> None:
-    """What the right eye sees jumps sideways: the same angle at twice the distance is an object of another size."""
-    small, statuses = replace(world, radius_m=0.010, color=GREEN), []
-    tracker = Tracker(TrackerParams(mode="marker", lost_after_s=2.0), world.rig, rng)
-    _run(small, tracker, 12, rng)
-    for k in range(12, 19):
-        seen = small.frame(k, rng)
-        step = tracker.step(replace(seen, right=np.roll(seen.right, 18, axis=1)))
-        statuses.append(step.track.status)
-    assert statuses[:6] == [Status.COASTING] * 5 + [Status.LOST]
-    assert Status.TRACKING not in statuses

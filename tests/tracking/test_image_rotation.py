@@ -7,7 +7,7 @@ import pytest
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image
-from tracking.registration import Reference, _fitted_rotation
+from tracking.image_rotation import Reference, _fitted_rotation
 
 CAMERA = Camera(320, 240, 280.0, 280.0, 159.5, 119.5)
 STILL = View(CAMERA, np.eye(4))

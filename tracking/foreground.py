@@ -26,7 +26,7 @@ _WITHIN = 0.9  # of a colour's region, what the hull of its change must hold: th
 
 
 @dataclass(frozen=True)
-class ChangeOfRestingEye:
+class StaticForeground:
     """An eye at rest: its background, and its images (H, W, 3) of a moment ago and of now."""
 
     background: Background
@@ -50,7 +50,7 @@ class ChangeOfRestingEye:
         overlap = np.count_nonzero(colored & moved) / np.count_nonzero(colored | moved)
         return bool(overlap > _SAME_MASK or masks.solidity(moved) < masks.SOLID)
 
-    def moving(self, seed: Mask, box: Box) -> Mask | None:
+    def moved_mask(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) the object that has moved as a whole onto the `seed` (h, w) in `box`; None if there is none.
 
         It has uncovered about as much as it has covered.  None also for an object that still overlaps the place where
@@ -67,7 +67,7 @@ class ChangeOfRestingEye:
         moves = covered > _MOVED * np.count_nonzero(mask) and covered / _ALIKE < uncovered < _ALIKE * covered
         return mask if moves else None
 
-    def emerging(self, seed: Mask, box: Box) -> Mask | None:
+    def disoccluded_mask(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) the object that has come onto the `seed` (h, w) in `box` from behind something; None if there is none.
 
         It need not have uncovered anything, but is solid, and no place that something has left.  What comes from beyond
@@ -99,7 +99,7 @@ class ChangeOfRestingEye:
 
 
 @dataclass(frozen=True)
-class ChangeOfMovingEye:
+class MovingForeground:
     """An eye that moves: its backgrounds, its image (H, W, 3) of now, and `before`, which returns a box of its image of
     a moment ago as seen from `view`, None where there is none."""
 
@@ -118,7 +118,7 @@ class ChangeOfMovingEye:
         larger = max(np.count_nonzero(colored), np.count_nonzero(moved))
         return bool(np.count_nonzero(colored & moved) > _MOST * larger)
 
-    def moving(self, seed: Mask, box: Box) -> Mask | None:
+    def moved_mask(self, seed: Mask, box: Box) -> Mask | None:
         """As of a resting eye: a solid object that has covered and uncovered something, and is no place that something
         has left."""
         then, background = self.before(box), self.background.moving
@@ -134,12 +134,12 @@ class ChangeOfMovingEye:
         edge = self.background.learned_edge(self.now, self.view, mask, box)
         return None if edge is not None and edge > LEARNED_EDGE else mask
 
-    def emerging(self, seed: Mask, box: Box) -> Mask | None:
-        """None: what emerges shows only to an eye at rest."""
+    def disoccluded_mask(self, seed: Mask, box: Box) -> Mask | None:
+        """None: what is_partly_occluded shows only to an eye at rest."""
         return None
 
 
-Change = ChangeOfRestingEye | ChangeOfMovingEye
+Change = StaticForeground | MovingForeground
 
 
 def _meets_border(mask: Mask, box: Box, image: Image) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Mask
-from tracking.change import ChangeOfMovingEye, ChangeOfRestingEye
+from tracking.foreground import MovingForeground, StaticForeground
 
 VIEW = View(LEFT_EYE, np.eye(4))
 WHOLE = (0, 0, 120, 90)
@@ -49,11 +49,11 @@ def test_colours_are_confirmed_where_what_differs_encloses_them(differs: Mask, c
     """A disc of 15 px, in the whole image and in a box; whatever else differs that does not touch it."""
     box, colored = (30, 20, 90, 80), disc(60, 45, 15)
     for apart in (NOTHING, disc(10, 45, 5)):
-        change = ChangeOfRestingEye(background(NOTHING, differs | apart), VIEW, THEN, NOW)
+        change = StaticForeground(background(NOTHING, differs | apart), VIEW, THEN, NOW)
         assert change.confirms(colored, WHOLE, True) == confirmed
         assert change.confirms(colored[20:80, 30:90], box, True) == confirmed
     assert not change.confirms(colored, WHOLE, False)
-    assert ChangeOfMovingEye(background(NOTHING, differs), VIEW, lambda _: None, NOW).confirms(colored, WHOLE, True)
+    assert MovingForeground(background(NOTHING, differs), VIEW, lambda _: None, NOW).confirms(colored, WHOLE, True)
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def test_colours_are_confirmed_where_what_differs_encloses_them(differs: Mask, c
     ],
 )
 def test_before_an_eye_at_rest_what_moves_uncovers_as_much_as_it_covers(then: Mask, seen: bool) -> None:
-    change = ChangeOfRestingEye(background(then, disc(60, 45, 15)), VIEW, THEN, NOW)
+    change = StaticForeground(background(then, disc(60, 45, 15)), VIEW, THEN, NOW)
     for x0, y0, x1, y1 in (WHOLE, (40, 25, 85, 70)):
-        found = change.moving(disc(60, 45, 3)[y0:y1, x0:x1], (x0, y0, x1, y1))
+        found = change.moved_mask(disc(60, 45, 3)[y0:y1, x0:x1], (x0, y0, x1, y1))
         assert (found is not None) == seen
         assert found is None or np.array_equal(found, disc(60, 45, 15)[y0:y1, x0:x1])
 
@@ -106,12 +106,12 @@ def test_before_an_eye_that_moves_what_moves_is_solid_and_uncovers_some(
     """The last one goes on beyond the box."""
     box = (30, 20, 90, 80)
     crop, known = np.s_[box[1] : box[3], box[0] : box[2]], background(then, now, edge)
-    change = ChangeOfMovingEye(known, VIEW, lambda _: THEN, NOW)
-    found = change.moving(disc(60, 45, 3)[crop], box)
+    change = MovingForeground(known, VIEW, lambda _: THEN, NOW)
+    found = change.moved_mask(disc(60, 45, 3)[crop], box)
     assert (found is not None) == seen
     assert found is None or np.array_equal(found, now[crop])
-    assert ChangeOfMovingEye(known, VIEW, lambda _: None, NOW).moving(disc(60, 45, 3)[crop], box) is None
-    assert change.emerging(disc(60, 45, 3)[crop], box) is None
+    assert MovingForeground(known, VIEW, lambda _: None, NOW).moved_mask(disc(60, 45, 3)[crop], box) is None
+    assert change.disoccluded_mask(disc(60, 45, 3)[crop], box) is None
 
 
 @pytest.mark.parametrize(
@@ -130,8 +130,8 @@ def test_before_an_eye_that_moves_what_moves_is_solid_and_uncovers_some(
 )
 def test_what_emerges_is_new_and_within_the_image(then: Mask, x: int, y: int, edge: float | None, seen: bool) -> None:
     now = disc(x, y, 15)
-    change = ChangeOfRestingEye(background(then, now, edge), VIEW, THEN, NOW)
-    found = change.emerging(disc(x, y, 3), WHOLE)
+    change = StaticForeground(background(then, now, edge), VIEW, THEN, NOW)
+    found = change.disoccluded_mask(disc(x, y, 3), WHOLE)
     assert (found is not None) == seen
     assert found is None or np.array_equal(found, now)
-    assert change.emerging(disc(x + 30, y, 3) if x < 60 else disc(x - 30, y, 3), WHOLE) is None
+    assert change.disoccluded_mask(disc(x + 30, y, 3) if x < 60 else disc(x - 30, y, 3), WHOLE) is None
