@@ -44,10 +44,10 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
 
     Args:
         out: Folder for report.html and summary.json.
-        n: Encounters, those of `bench encounters` with the same seed.
+        n: Number of encounters; they are those of `bench encounters` with the same seed.
         noise: Pixel noise, grey levels of 255.
-        seed: Of encounters and of what the skin learns from before.
-        share: Of R's numbers of approaches that it learns from, without rendering.
+        seed: Seed of encounters and training.
+        share: Share of R's numbers of training approaches, which are not rendered.
 
     Raises:
         InputError: Fewer than one encounter.
@@ -57,7 +57,7 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
     scene = EncounterScene()
     with whole_folder(out) as folder, TemporaryDirectory() as videos:
         memories = {side: learn(scene, side, seed, share).of_both for side in get_args(Side)}
-        met = []
+        encounters = []
         for k in progress(range(n), desc="encounters", unit="encounter", after_s=0.0):
             encounter = draw(scene, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
             runs = []
@@ -72,12 +72,12 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             (off, images_off), (on, images_on) = runs
             video = Path(videos) / f"{k}.mp4"
             write_side_by_side(video, (images_off, images_on))
-            met.append(DemoEncounter(_title(encounter), (off, on), video))
-        rows = [{"encounter": one.title, "touched": one.is_touched, "left_mm": 1000 * one.left_m} for one in met]
-        given = {"versions": versions(), "seed": seed, "noise_grey_levels": noise}
-        write_json(folder / SUMMARY, {**given, "encounters": rows})
-        (folder / REPORT).write_text(_page(met, noise, seed), encoding="utf-8")
-    print(f"{sum(one.is_touched for one in met)} of {n} touched → {out / REPORT}")
+            encounters.append(DemoEncounter(_title(encounter), (off, on), video))
+        rows = [{"encounter": e.title, "touched": e.is_touched, "left_mm": 1000 * e.left_m} for e in encounters]
+        settings = {"versions": versions(), "seed": seed, "noise_grey_levels": noise}
+        write_json(folder / SUMMARY, {**settings, "encounters": rows})
+        (folder / REPORT).write_text(_page(encounters, noise, seed), encoding="utf-8")
+    print(f"{sum(encounter.is_touched for encounter in encounters)} of {n} touched → {out / REPORT}")
 
 
 def _title(encounter: Encounter) -> str:
@@ -85,17 +85,18 @@ def _title(encounter: Encounter) -> str:
     return f"{encounter.condition} {encounter.number}: {encounter.stimulus}, {speed}, {encounter.side} {encounter.part}"
 
 
-def chosen(met: Sequence[DemoEncounter]) -> list[tuple[str, DemoEncounter]]:
-    """Return what the report shows: the best, the median by the distance left, and all that were touched."""
-    by_distance = sorted(met, key=lambda one: one.left_m)
-    shown = {"Best": by_distance[-1], "Median": by_distance[(len(met) - 1) // 2]}
-    failed = [("Touched", one) for one in by_distance if one.is_touched and one is not shown["Median"]]
-    return [*shown.items(), *failed] if len(met) > 1 else [("Only one", met[0])]
+def chosen(encounters: Sequence[DemoEncounter]) -> list[tuple[str, DemoEncounter]]:
+    """Return the encounters of the report: the best, the median by the distance left, and all that were touched."""
+    by_distance = sorted(encounters, key=lambda encounter: encounter.left_m)
+    shown = {"Best": by_distance[-1], "Median": by_distance[(len(encounters) - 1) // 2]}
+    median = shown["Median"]
+    failed = [("Touched", encounter) for encounter in by_distance if encounter.is_touched and encounter is not median]
+    return [*shown.items(), *failed] if len(encounters) > 1 else [("Only one", encounters[0])]
 
 
-def _page(met: Sequence[DemoEncounter], noise: float, seed: int) -> str:
-    touched = sum(one.is_touched for one in met)
-    rows = [[one.title, "touched" if one.is_touched else "", f"{1000 * one.left_m:.0f}"] for one in met]
+def _page(encounters: Sequence[DemoEncounter], noise: float, seed: int) -> str:
+    touched = sum(encounter.is_touched for encounter in encounters)
+    rows = [[e.title, "touched" if e.is_touched else "", f"{1000 * e.left_m:.0f}"] for e in encounters]
     sections = [
         page.Section(
             "All encounters",
@@ -103,11 +104,11 @@ def _page(met: Sequence[DemoEncounter], noise: float, seed: int) -> str:
             page.table(["encounter", "with avoidance", "distance left (mm)"], rows),
         )
     ]
-    for what, one in chosen(met):
-        content = page.video(one.video) + page.image(figures.episodes(one.logs, THRESHOLD))
-        sections.append(page.Section(f"{what}: {one.title}", "Without avoidance and with it.", content))
+    for rank, encounter in chosen(encounters):
+        content = page.video(encounter.video) + page.image(figures.episodes(encounter.logs, THRESHOLD))
+        sections.append(page.Section(f"{rank}: {encounter.title}", "Without avoidance and with it.", content))
     return page.page(
-        f"{len(met)} encounters, {touched} touched",
+        f"{len(encounters)} encounters, {touched} touched",
         "Objects that stop at the would-be contact, press on 3 cm or fly through, seen by rendered eyes of 320×240 "
         f"pixels, pixel noise σ = {noise:g}/255, seed {seed}. The skin has learned from ball and cube.",
         "",

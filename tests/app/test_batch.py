@@ -1,7 +1,6 @@
 """Batches of tiny videos: what is finished stays, what fails fails alone, and the number of workers does not matter."""
 
 import csv
-import errno
 import json
 import os
 import re
@@ -15,7 +14,6 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas
@@ -23,10 +21,8 @@ import pytest
 from videos import write_video
 
 from learning.pps.memory import load_memory
-from pps_vision.app import batch
 from pps_vision.app.batch import Job, Task, jobs_of
 from pps_vision.app.cli import main
-from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import BUSY
 
 
@@ -117,62 +113,6 @@ def test_a_row_says_what_became_of_a_recording(tmp_path: Path) -> None:
         **{"name": "a", "status": "failed", "reason": "odd"}
     }
     assert task.row(replace(job, row="list.csv:3"), "odd")["reason"] == "list.csv:3: odd"
-
-
-def test_a_clusters_answers_stand_where_their_jobs_stood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They come in another order; the second job's workers die.  A scheduler's file is told from an address."""
-    jobs, task = [Job(name, (), (), tmp_path) for name in "abc"], Task("track", (), tmp_path)
-    schedulers, advanced = list[dict[str, object]](), list[None]()
-
-    class KilledWorker(Exception):
-        pass
-
-    class Client:
-        loop = "its loop"
-
-        def __init__(self, set_as_default: bool, **where: object) -> None:
-            assert not set_as_default
-            schedulers.append(where)
-
-        def __enter__(self) -> "Client":
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            schedulers.append({"closed": True})
-
-        def submit(self, do: object, job: Job, given: Task, pure: bool) -> object:
-            assert (do, given, pure) == (batch._do, task, False)  # an impure job may be done again
-
-            def result() -> str:
-                if job.name == "b":
-                    raise KilledWorker("b was killed")
-                return {"a": "", "c": "is odd"}[job.name]
-
-            return type("Future", (), {"result": staticmethod(result)})()
-
-    completed = lambda futures, loop: reversed(futures) if loop == Client.loop else ()  # noqa: E731
-    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client, as_completed=completed))
-    monkeypatch.setitem(sys.modules, "distributed.scheduler", SimpleNamespace(KilledWorker=KilledWorker))
-    file = tmp_path / "scheduler.json"
-    file.touch()
-    for scheduler in ("tcp://host:8786", str(file)):
-        reasons = batch._on_cluster(scheduler, jobs, task, lambda: advanced.append(None))
-        assert reasons == ["", "the workers that worked on it died: b was killed", "is odd"]
-    closed = {"closed": True}
-    assert schedulers == [{"address": "tcp://host:8786"}, closed, {"scheduler_file": str(file)}, closed]
-    assert len(advanced) == 2 * len(jobs)
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match="--scheduler needs Dask; expected the extra cluster"):
-        batch._on_cluster("tcp://host:8786", jobs, task, lambda: None)
-
-
-def test_the_skew_of_pairs_is_that_of_all_or_of_a_row(tmp_path: Path, calib: Path) -> None:
-    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
-    (tmp_path / "list.csv").write_text("name,rec,max_skew_s\na,a.mp4,0.01\nb,a.mp4,\n")
-    words = ["--calib", str(calib), "--max-skew-s", "0.05", "--out", str(tmp_path / "out")]
-    main(["batch", str(tmp_path / "list.csv"), *words])
-    a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
-    assert ("--max-skew-s 0.01" in a, "--max-skew-s 0.05" in b) == (True, True)
 
 
 def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
@@ -366,18 +306,6 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib:
         "settings.json",
         "summary.json",
     ]
-
-
-def test_a_disk_that_fills_up_at_the_end(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
-    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
-
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("pps_vision.app.batch.write_table", full)
-    said = refused("batch", tmp_path / "a.mp4", "--calib", calib, "--out", tmp_path / "out")
-    assert re.search(r"batch\.csv: cannot be written: No space left on device; expected free space", said)
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.mp4", "settings.json"]
 
 
 def test_where_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> None:

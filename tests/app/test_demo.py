@@ -10,7 +10,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from episodes import STAMPS, T, episode_log
+from episodes import T, episode_log
 from tracks import track_at
 
 from learning.pps.memory import PPSMemory, load_memory
@@ -18,7 +18,7 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
-from pps_vision.app.demo import THRESHOLD, _cell, _numbers, _scene, demo, drawn
+from pps_vision.app.demo import THRESHOLD, _numbers, demo, drawn
 from pps_vision.app.simulation import SimulationScene
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import icub_skin
@@ -43,26 +43,6 @@ def test_an_episodes_row_says_what_happened() -> None:
     assert found["track_rms_mm"] == pytest.approx(5.0)  # 3 and 4 mm off along two axes
     assert found["reachable_share"] == pytest.approx(4 / 9)  # of nine frames in which it is tracked
     assert found["degree_of_reach"] == pytest.approx(np.mean(np.arange(2, 11) / 10))
-
-
-def test_what_is_not_known_has_no_number() -> None:
-    log = episode_log(False)
-    log = replace(log, activations=0 * log.activations, track_m=np.full((T, 3), np.nan), touched=log.touched & False)
-    found = _numbers(log)
-    none = ("predicted_after_s", "track_rms_mm", "reachable_share", "degree_of_reach")
-    assert [key for key, value in found.items() if value is None] == list(none)
-    assert found["touched"] is False
-    assert found["arm_moved"] is False
-    unfixated = tuple(Reachability.without_answer(t, ReachStatus.NOT_FIXATED) for t in STAMPS)
-    found = _numbers(replace(log, reachability=unfixated))
-    assert found["reachable_share"] == 0
-    assert found["degree_of_reach"] is None
-
-
-def test_cells_of_the_table() -> None:
-    assert [_cell(value) for value in (None, True, False, 9.96, 10.0, 123.4, 0.5)] == [
-        *("–", "yes", "no", "9.96", "10", "123", "0.50")
-    ]
 
 
 def test_the_demo_writes_its_report(
@@ -165,25 +145,3 @@ def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(
     assert (image[corner & inside] == 200).all()
     assert (image[~corner & inside] == 80).all()
     assert (image[240, 1] == [250, 40, 40]).all() == touched
-
-
-def test_the_scene_shows_the_robot_at_the_start_and_where_its_arm_has_moved_farthest(unseen: SimulationScene) -> None:
-    """Of three postures the second; each taxel is a line of 12 mm along its normal."""
-    q = np.tile(unseen.home, (3, 1))
-    q[1:, unseen.arm[0]] += (0.4, 0.1)
-    q[2, unseen.robot.indices(("neck_yaw",))[0]] += 0.5
-    log = replace(episode_log(False), q_rad=q)
-    lines = _scene(unseen, log)
-    np.testing.assert_array_equal(lines[0][1], log.track_m)
-    np.testing.assert_array_equal(lines[1][1], log.truth_m)
-    assert len(lines) == 2 + 2 * 3
-    for (bodies, eyes, skin), joints in ((lines[2:5], q[0]), (lines[5:8], q[1])):
-        points, normals = unseen.skin.at(unseen.robot.at(joints))
-        begin, end, gap = np.swapaxes(skin[1].reshape(-1, 3, 3), 0, 1)
-        np.testing.assert_allclose(begin, points)
-        np.testing.assert_allclose(end - begin, 0.012 * normals, atol=1e-12)
-        assert np.isnan(gap).all()
-        view = unseen.rig.view(joints)
-        np.testing.assert_allclose(eyes[1], [view.left.center, view.right.center])
-        assert bodies[0] == eyes[0]
-        assert bodies[1].shape[1] == 3

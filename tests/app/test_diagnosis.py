@@ -5,25 +5,23 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
-import pinocchio as pin
 import pytest
 
-from pps_vision.app import diagnosis as diagnosis_module
 from pps_vision.app.cli import main
-from pps_vision.app.diagnosis import Diagnosis, _by_counts, _epipolar, _misfit_px, diagnose, length
+from pps_vision.app.diagnosis import Diagnosis, diagnose, faults_of, length
 from pps_vision.app.track import track
 from pps_vision.app.track_statistics import PathStatistics
 from pps_vision.app.track_summary import diagnosis_of, summary
 from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
+from tracking import Mode
 
 CALIBRATION = """%YAML:1.0
 M1: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
@@ -107,56 +105,6 @@ def test_a_fault_of_the_recording(
     shutil.copytree(rendered, tmp_path / "rec")
     damage(tmp_path / "rec")
     assert any(advice in line for line in diagnosis(tmp_path, capsys, tmp_path / "rec")["advice"])
-
-
-@pytest.mark.parametrize("vergence_deg", [0.0, 8.0])
-@pytest.mark.parametrize("offset_px", [0.0, 6.0])
-def test_points_fit_the_cameras_that_have_seen_them(vergence_deg: float, offset_px: float) -> None:
-    """Points before parallel and verging cameras, the right one's images higher than its calibration says."""
-    rng = np.random.default_rng(0)
-    camera, turn = Camera(320, 240, 257.0, 257.0, 159.5, 119.5), np.deg2rad(0.5 * vergence_deg)
-    poses = [transform(pin.utils.rotate("y", side * turn), (-0.034 * side, 0, 0)) for side in (1, -1)]
-    left, right = (View(camera, pose) for pose in poses)
-    points = np.column_stack([rng.uniform(-0.4, 0.4, 300), rng.uniform(-0.3, 0.3, 300), rng.uniform(0.6, 2.0, 300)])
-    a, b = left.project(points), right.project(points) + (0.0, offset_px) + 0.3 * rng.standard_normal((300, 2))
-    to_both = [(view.center - points) / np.linalg.norm(view.center - points, axis=1)[:, None] for view in (left, right)]
-    between_px = 257.0 * np.arccos(np.sum(to_both[0] * to_both[1], axis=1))
-    np.testing.assert_allclose(np.median(_epipolar(left, right, a, b)[1]), np.median(between_px), rtol=0.02)
-    as_is, exchanged = _misfit_px(_epipolar(left, right, a, b)), _misfit_px(_epipolar(left, right, b, a))
-    assert as_is < 0.4
-    assert exchanged > 2.5 * as_is
-    assert np.isinf(exchanged) == (vergence_deg == 0.0)
-
-
-@pytest.mark.parametrize(
-    ("at_px", "behind_px", "misfit_px"), [(11.0, -0.9, 3.0), (-11.0, 5.0, 3.0), (8.0, -1.1, np.inf)]
-)
-def test_an_offset_of_8_pixels_is_forgiven_and_a_point_behind_by_one(
-    at_px: float, behind_px: float, misfit_px: float
-) -> None:
-    assert _misfit_px(np.array([[at_px] * 5, [behind_px] * 5])) == misfit_px
-
-
-@pytest.mark.parametrize(
-    ("as_is", "other", "n", "said"),
-    [
-        *((np.inf, 0.5, 50, True), (np.inf, 0.5, 49, False), (5.0, 0.5, 60, True), (0.5, 5.0, 60, False)),
-        *((0.6, 0.5, 60, False), (5.0, 1.9, 60, True), (5.0, 2.2, 60, False), (90.0, 2.9, 60, True)),
-        (90.0, 3.1, 60, False),
-    ],
-)
-def test_images_are_called_exchanged_where_that_fits_well_and_far_better(
-    monkeypatch: pytest.MonkeyPatch, as_is: float, other: float, n: int, said: bool
-) -> None:
-    misfits, grey = iter((as_is, other)), np.zeros((240, 320, 3), np.uint8)
-    monkeypatch.setattr(diagnosis_module, "_matches", lambda left, right: (np.full((n, 2), 90.0),) * 2)
-    monkeypatch.setattr(diagnosis_module, "_misfit_px", lambda found: next(misfits))
-    camera = Camera(320, 240, 257.0, 257.0, 159.5, 119.5)
-    rig = StereoRig.fixed(camera, camera, transform(None, (0.07, 0.0, 0.0)))
-    found = list(diagnosis_module.exchanged([StereoFrame(grey, grey, 0.0, 0.0, None, None)], rig))
-    assert bool(found) == said
-    fits = "most lie behind the cameras" if as_is == np.inf else f"within {as_is:.1f} px"
-    assert not found or found[0].endswith(f"then fit the cameras within {other:.1f} px (median), as they are {fits}")
 
 
 def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -310,23 +258,10 @@ FRAMES = {"frames": 20}
         ),
     ],
 )
-def test_the_counts_of_the_search_name_one_thing_to_try(
-    mode: str, counts: dict[str, int], advice: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 0.0)
-    monkeypatch.setattr(diagnosis_module, "_image_shift_px", lambda recording: 0.0)
-    fixed = SimpleNamespace(robot=None)
-    assert [one[: len(advice)] for one in _by_counts(fixed, mode, counts)] == [advice]  # type: ignore[arg-type]
-    monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 7.0)
-    assert next(iter(_by_counts(fixed, mode, counts))).startswith("cameras that rest")  # type: ignore[arg-type]
-    with_joints = SimpleNamespace(robot=object())
-    assert next(iter(_by_counts(with_joints, mode, counts))).startswith(advice)  # type: ignore[arg-type]
-
-
-def test_cameras_that_move_are_not_called_a_scene_in_which_nothing_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 0.0)
-    monkeypatch.setattr(diagnosis_module, "_image_shift_px", lambda recording: 6.0)
-    assert not list(_by_counts(SimpleNamespace(robot=None), "generic", FRAMES))  # type: ignore[arg-type]
+def test_the_counts_of_the_search_name_one_thing_to_try(mode: Mode, counts: dict[str, int], advice: str) -> None:
+    diagnosis = diagnose(plain_pairs(), mode, counts, 0.0, (0.0, 0.0), 0.0)
+    assert diagnosis is not None
+    assert [line[: len(advice)] for line in diagnosis.advice] == [advice]
 
 
 @pytest.mark.parametrize(("wall", "shift_px"), [(still, None), (plain, None), (turning, 6.0)])
@@ -382,7 +317,7 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(
 def test_what_is_implausible_and_what_only_just_is_not(
     grey: int, apart_m: float, joints_deg: float | None, advice: str | None
 ) -> None:
-    found = list(diagnosis_module.faults_of(plain_pairs(grey, apart_m, joints_deg)))
+    found = list(faults_of(plain_pairs(grey, apart_m, joints_deg)))
     assert len(found) == (advice is not None)
     assert (advice or "") in "".join(found)
 
@@ -442,80 +377,19 @@ def test_a_length_is_in_metres_from_one_metre_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit_m", "baseline_m", "said"),
+    ("unit_m", "baseline_m", "text"),
     [
-        (1.0, 2.5, "; --unit-m 0.01 makes it 25 mm; --unit-m 0.0254 makes it 63.5 mm"),
-        (1.0, 47.0, "; --unit-m 0.001 makes it 47 mm; --unit-m 0.01 makes it 470 mm"),
-        (0.001, 0.0001, "; --unit-m 1 makes it 100 mm"),
-        (0.001, 1e-7, ""),
-        (1.0, 0.019, ""),
+        (1.0, 2.5, "2.5 m apart; --unit-m 0.01 makes it 25 mm; --unit-m 0.0254 makes it 63.5 mm"),
+        (1.0, 47.0, "47 m apart; --unit-m 0.001 makes it 47 mm; --unit-m 0.01 makes it 470 mm"),
+        (0.001, 0.0001, "0.1 mm apart; --unit-m 1 makes it 100 mm"),
+        (0.001, 1e-7, "0.0001 mm apart"),
     ],
 )
 def test_units_are_proposed_by_which_the_cameras_are_2_cm_to_1_m_apart(
-    unit_m: float, baseline_m: float, said: str
+    unit_m: float, baseline_m: float, text: str
 ) -> None:
-    recording = replace(plain_pairs(), unit_m=unit_m)
-    assert diagnosis_module._units(recording, baseline_m) == said
-
-
-@pytest.mark.parametrize(("n", "stamps_s"), [(10, [0, 2, 4, 6, 9]), (3, [0, 1, 2]), (1, [0])])
-def test_the_frames_looked_at_are_spread_over_the_recording(n: int, stamps_s: list[int]) -> None:
-    assert [frame.stamp_s for frame in diagnosis_module._some_frames(plain_pairs(n=n))] == stamps_s
-    in_a_row = [(then.stamp_s, now.stamp_s) for then, now in diagnosis_module._in_a_row(plain_pairs(n=n))]
-    expected = {10: [0, 2, 4, 6, 8], 3: [0, 1], 1: []}[n]
-    assert in_a_row == [(k, k + 1) for k in expected]
-
-
-def frame_of(image: np.ndarray) -> StereoFrame:
-    return StereoFrame(image, image, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(("moved", "shift_px"), [((0, 0, 5), 0.0), ((0, 3, 5), 3.0), ((4, 3, 5), 4.0)])
-def test_images_shift_where_they_do_twice(
-    monkeypatch: pytest.MonkeyPatch, moved: tuple[int, ...], shift_px: float
-) -> None:
-    """By the second largest of the shifts: something large may move once before cameras that rest."""
-    pairs = [(frame_of(texture()[:, :320]), frame_of(texture()[:, k : k + 320])) for k in moved]
-    monkeypatch.setattr(diagnosis_module, "_in_a_row", lambda recording: pairs)
-    fixed = SimpleNamespace(robot=None)
-    assert diagnosis_module._image_shift_px(fixed) == pytest.approx(shift_px, abs=0.1)  # type: ignore[arg-type]
-
-
-def test_a_change_is_the_median_of_the_pixels_and_of_the_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    images = [np.full((30, 40, 3), grey, np.uint8) for grey in (100, 93, 95, 155)]
-    images[1][0] = 0
-    pairs = [(frame_of(images[0]), frame_of(image)) for image in images[1:]]
-    monkeypatch.setattr(diagnosis_module, "_in_a_row", lambda recording: pairs)
-    assert diagnosis_module._change(plain_pairs()) == 7.0
-    pairs.clear()
-    assert diagnosis_module._change(plain_pairs()) == 0.0
-
-
-@pytest.mark.parametrize(("seam", "n_alike", "is_one"), [(39, 39, True), (41, 39, False), (39, 41, False)])
-def test_the_halves_of_one_image_continue_each_other_and_show_little_in_common(
-    monkeypatch: pytest.MonkeyPatch, seam: int, n_alike: int, is_one: bool
-) -> None:
-    """Where the halves meet, grey changes by less than four times the 10 levels of other columns; 8 % of 500 points."""
-    column = np.array([100, 110] * 10)
-    left = np.tile(column[:, None], (30, 1, 3)).astype(np.uint8)
-    right = np.tile((column + seam)[::-1, None], (30, 1, 3)).astype(np.uint8)
-    alike = np.zeros((n_alike, 2))
-    monkeypatch.setattr(diagnosis_module, "_matches", lambda left, right: (alike, alike))
-    assert right[0, 0, 0] - int(left[0, -1, 0]) == seam
-    assert diagnosis_module._one_image([StereoFrame(left, right, 0.0, 0.0)]) == is_one
-
-
-def test_points_match_where_both_images_show_the_same() -> None:
-    """A view and another 12 px to the side; hardly any where they show different things, none on a plain wall."""
-    wall = texture(1.5)
-    left_px, right_px = diagnosis_module._matches(wall[:, 12:332], wall[:, :320])
-    assert len(left_px) > 200
-    same = np.abs(right_px - left_px - (12.0, 0.0)).max(axis=1) < 1
-    assert same.mean() > 0.9
-    mirrored = np.ascontiguousarray(wall[:, 319::-1])
-    assert len(diagnosis_module._matches(wall[:, :320], mirrored)[0]) < 40
-    for images in ((wall, np.zeros_like(wall)), (np.zeros_like(wall), wall)):
-        assert [found.shape for found in diagnosis_module._matches(*images)] == [(0, 2), (0, 2)]
+    (fault,) = faults_of(replace(plain_pairs(apart_m=baseline_m), unit_m=unit_m))
+    assert fault.endswith(text)
 
 
 @pytest.fixture(scope="module")
@@ -558,4 +432,4 @@ def test_left_and_right_of_different_moments_or_a_wrong_calibration(
 
 def test_a_recording_without_a_readable_pair_is_not_judged() -> None:
     pair = tuple(MadeUp(Path(f"{side}.png"), 0.0, pixels="cannot be read") for side in ("left", "right"))
-    assert list(diagnosis_module.faults_of(Recording("made up", (pair, pair), (40, 30), []))) == []
+    assert list(faults_of(Recording("made up", (pair, pair), (40, 30), []))) == []

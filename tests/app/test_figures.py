@@ -3,15 +3,13 @@
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from episodes import T, episode_log
 from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from results import write_results
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation
 from learning.reach.labels import Labels
@@ -21,7 +19,6 @@ from pps_vision.app.evaluate import Path3D, evaluate
 from pps_vision.app.report import figures
 from pps_vision.app.report.errors import path_errors
 from pps_vision.app.report.path3d import body_lines, ellipsoid_95, path3d
-from pps_vision.app.report.tracking import _over_the_body, _over_time, read_tracked
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.types import Array
@@ -120,22 +117,6 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     assert figures.draw_landscape(bare, found).get_extent() == [-10, 20, 0, 3]
 
 
-def test_the_lowest_landscape_of_every_column_is_labelled() -> None:
-    ids = tuple(f"a:{k}" for k in range(6))
-    params = MemoryParams()
-    counts = np.ones((6, *params.bins, 2), dtype=np.int64)
-    *panels, _ = figures.landscapes(PPSMemory(ids, np.zeros(6, np.intp), counts, params)).axes
-    labelled = [bool(axis.xaxis.get_tick_params()["labelbottom"]) for axis in panels if axis.get_visible()]
-    assert labelled == [False, False, True, True, True, True]
-
-
-def test_a_memory_without_time_is_drawn_over_three_seconds() -> None:
-    params = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
-    counts = np.ones((1, 8, 1, 2), dtype=np.int64)
-    (panel, _) = figures.landscapes(PPSMemory(("a:1",), np.zeros(1, np.intp), counts, params)).axes
-    assert panel.images[0].get_extent() == [-10, 20, 0, 3]
-
-
 def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> None:
     """Reachable where the neck's yaw is positive; vergences of 13°, 17° and 22° lie between 12° and 25°."""
     ends = [tuple(np.deg2rad(pair).tolist()) for pair in ((-40, 60), (-30, 10), (12, 25))]
@@ -192,53 +173,6 @@ def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
     assert [axis.get_xlabel() for axis in (over_time, share)] == ["time (s)", "3D error (mm)"]
     (name,) = (text.get_text() for text in over_time.get_legend().texts)
     assert name.startswith("one: RMSE 4.4")
-
-
-def test_what_was_tracked_is_shown_over_time_with_its_uncertainty(tmp_path: Path) -> None:
-    tracked = read_tracked(write_results(tmp_path / "results"))
-    figure = _over_time(tracked)
-    t = 0.05 * np.arange(40)
-    for k in range(3):
-        (x, y), (_, truth) = lines(figure.axes[k])
-        np.testing.assert_allclose(x, t, atol=1e-9)
-        np.testing.assert_allclose(y, tracked.position[:, k])
-        np.testing.assert_allclose(truth, tracked.truth[:, 1 + k])
-        band = figure.axes[k].collections[0].get_paths()[0].vertices
-        here = band[np.isclose(band[:, 0], 0.05)][:, 1]
-        assert np.ptp(here) == pytest.approx(4 * np.sqrt(tracked.cov[1, k, k]))
-    ((_, distance),), ((_, ttc),) = lines(figure.axes[3]), lines(figure.axes[4])
-    np.testing.assert_allclose(distance, np.linalg.norm(tracked.position, axis=1))
-    # the helix is told to come at 0.2 m/s along z: the distance falls by 0.2 z/|p|
-    speed = 0.2 * tracked.position[:, 2] / distance
-    np.testing.assert_allclose(ttc, distance / speed)
-    (_, reach), (_, half) = lines(figure.axes[5])
-    np.testing.assert_allclose(reach, np.arange(40) / 40)
-    assert set(half) == {0.5}
-    spans = [pytest.approx(one) for one in ((0.925, 0.975), (0.975, 1.025), (0.0, 0.025))]
-    for k, axis in enumerate(figure.axes):  # predicted at the 19th, lost at the 20th, searching at the first
-        assert shaded(axis)[-3:] == spans
-        assert len(shaded(axis)) == 3 + (k < 3)  # with the band of ± 2σ
-    assert figure.axes[4].get_ylim() == (0, 5)
-    assert figure.axes[5].get_ylim() == (0, 1)
-    assert len(_over_time(replace(tracked, reach=None, truth=tracked.truth[:0])).axes) == 5
-    quantities = ("x (m)", "y (m)", "z (m)", "distance (m)", "time to contact (s)", "degree of reach")
-    assert tuple(axis.get_ylabel() for axis in figure.axes) == quantities
-    assert figure.axes[-1].get_xlabel().startswith("time (s); shaded: ")
-
-
-def test_activations_over_the_body_have_a_row_for_each_taxel(tmp_path: Path) -> None:
-    tracked = read_tracked(write_results(tmp_path / "results"))
-    axis, scale = _over_the_body(tracked).axes
-    shown = np.asarray(axis.collections[0].get_array()).reshape(3, 40)
-    np.testing.assert_allclose(shown, [np.zeros(40), np.arange(40) / 40, 1 - np.arange(40) / 40])
-    assert axis.collections[0].get_clim() == (0, 1)
-    assert axis.get_yticks().tolist() == [0, 2]
-    assert [label.get_text() for label in axis.get_yticklabels()] == ["arm", "hand"]
-    assert axis.get_ylim()[0] > axis.get_ylim()[1]
-    assert (axis.get_xlabel(), scale.get_ylabel()) == ("time (s)", "activation")
-    borders = axis.collections[1]
-    assert not isinstance(borders, PathCollection)
-    assert [p.vertices[0, 1] for p in borders.get_paths()] == [-0.5, 1.5]
 
 
 def test_an_ellipsoid_holds_95_percent_of_samples() -> None:

@@ -7,17 +7,15 @@ import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import av
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from videos import write_calibration, write_video
 
 from pps_vision.app.cli import main
-from pps_vision.app.info import _turn_deg, info
+from pps_vision.app.info import info
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.testing import check_error
@@ -80,28 +78,6 @@ def test_the_words(videos: list[str]) -> None:
     ]
     turning = str(replace(found, robot=True, cameras_turn_deg=12.345))
     assert "motion of the cameras: with joints, by which the left camera turns up to 12.35°\n" in turning + "\n"
-
-
-@pytest.mark.parametrize(
-    ("turns_deg", "largest_deg"),
-    [((0.0, 0.04), 0.0), ((0.0, -0.06), 0.06), ((2.0, 5.0, -4.0, 3.0), 6.0), ((7.0,), 0.0)],
-)
-def test_a_camera_turns_from_its_first_pose_by_more_than_an_encoder_resolves(
-    turns_deg: tuple[float, ...], largest_deg: float
-) -> None:
-    def eye_poses(turn_deg: float) -> tuple[np.ndarray, None]:
-        pose = np.eye(4)
-        pose[:3, :3] = (
-            Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix()
-            @ Rotation.from_euler("y", turn_deg, degrees=True).as_matrix()
-        )
-        return pose, None
-
-    class Turning(tuple[float, ...]):
-        robot = SimpleNamespace(eye_poses=eye_poses)
-        pairs = property(lambda self: [(SimpleNamespace(joints_rad=turn_deg), None) for turn_deg in self])
-
-    assert _turn_deg(Turning(turns_deg)) == pytest.approx(largest_deg, abs=1e-6)  # type: ignore[arg-type]
 
 
 def test_an_implausible_unit(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,23 +1,17 @@
 """What is rendered, before it is: options, the robot's own motion, the object's path; and what is written of it."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from control.fixation import fixation_error
-from pps_vision.app import render as module
 from pps_vision.app.render import _before_the_eyes, record, scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.errors import InputError
 from pps_vision.recordings.robot_file import robot_setup
-from rendering.fidelity import Fidelity
 from rendering.scene import SceneState
-from rendering.sensor import Sensor
 
 SETUP = robot_setup(None)
 
@@ -79,14 +73,6 @@ def test_a_head_that_is_still_does_not_move() -> None:
     assert all((state.q_rad == found[0][1].q_rad).all() and not state.dq_rad_s.any() for _, state in found)  # type: ignore[union-attr]
 
 
-def test_objects_move_at_5_to_15_cm_a_second_where_no_speed_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "can_follow", lambda *args: True)
-    speeds = [np.linalg.norm(states(seed, seconds=0.1)[0][1].velocity) for seed in range(12)]
-    assert 0.05 <= min(speeds) < 0.07
-    assert 0.12 < max(speeds) <= 0.151
-    assert np.linalg.norm(states(speed=0.3, seconds=0.1)[0][1].velocity) == pytest.approx(0.3, rel=0.01)
-
-
 def test_a_motion_is_about_a_point_33_to_52_cm_before_the_eyes() -> None:
     """Before the middle between the iCub's eyes, to either side by 15°, 25° down to 5° up; x is backwards."""
     view, rng = SETUP.rig.view(SETUP.home_rad), np.random.default_rng(0)
@@ -97,69 +83,3 @@ def test_a_motion_is_about_a_point_33_to_52_cm_before_the_eyes() -> None:
     for found, (low, high) in ((distance, (0.33, 0.52)), (azimuth, (-15, 15)), (elevation, (-25, 5))):
         assert found.min() == pytest.approx(low, abs=0.02 * (high - low))
         assert found.max() == pytest.approx(high, abs=0.02 * (high - low))
-
-
-@pytest.mark.parametrize(
-    ("options", "in_view", "said"),
-    [
-        (
-            {"center": (0.5, 0.0, 0.3)},
-            False,
-            r"no circle about \(0\.5, 0\.0, 0\.3\) stays in view of both eyes; expected",
-        ),
-        ({"motion": "approach"}, False, "no approach about left_forearm:27 stays in view"),
-        ({"target": "nose:1"}, True, "no taxel 'nose:1'"),
-        ({"center": (-0.3, -0.1, 0.1), "radius": 0.29}, True, "no circle about"),
-    ],
-)
-def test_what_cannot_be_seen_is_refused(
-    options: dict[str, object], in_view: bool, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Out of view, on no skin, or in touch from the start."""
-    monkeypatch.setattr(module, "can_follow", lambda *args: in_view)
-    with pytest.raises(InputError, match=said):
-        states(**options)
-
-
-def test_a_recording_holds_every_frame_and_counts_those_with_a_touch(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Three frames, in two of which the object is at a taxel."""
-    index, written = SETUP.skin.index("left_forearm:3"), dict[str, list[object]]()
-    taxel = SETUP.skin.at(SETUP.robot.at(SETUP.home_rad))[0][index]
-    made = [
-        (0.1 * k, SceneState(SETUP.home_rad, taxel + np.array([0.0, 0.0, z]))) for k, z in enumerate((0.5, 0.0, 0.0))
-    ]
-
-    class Writer:
-        def __getattr__(self, name: str) -> object:
-            return lambda *args: written.setdefault(name, []).append(args)
-
-    @contextmanager
-    def writer(out: Path, setup: object) -> Iterator[Writer]:
-        yield Writer()
-
-    sensors = []
-
-    @contextmanager
-    def eyes(*args: object, **options: object) -> Iterator[SimpleNamespace]:
-        sensors.append((args[4], options["fidelity"]))
-        truth = lambda state, t: SimpleNamespace(position=state.position, stamp_s=t)  # noqa: E731
-        yield SimpleNamespace(truth=truth, render=lambda state, t, rng: t)
-
-    monkeypatch.setattr(module, "YarpWriter", writer)
-    monkeypatch.setattr(module, "Eyes", eyes)
-    monkeypatch.setattr(module, "scene", lambda options, setup, rng: iter(made))
-    assert record(RenderParams("ball", "circle", tmp_path / "out", seed=5)) == (3, 2)
-    assert written["write_frame"] == [(t,) for t, _ in made]
-    assert [(t, q.tolist()) for t, q in written["write_joints"]] == [(t, SETUP.home_rad.tolist()) for t, _ in made]  # type: ignore[misc]
-    assert [truth.stamp_s for (truth,) in written["write_truth"]] == [t for t, _ in made]  # type: ignore[misc]
-    touched = [(t, set(names)) for t, names in written["write_touches"]]  # type: ignore[misc]
-    assert touched[0] == (0.0, set())
-    assert all("left_forearm:3" in names and "right_palm:101" not in names for _, names in touched[1:])
-    ((summary,),) = written["write_summary"]  # type: ignore[misc]
-    assert (summary["render"]["seed"], summary["render"]["out"]) == (5, None)
-    assert "numpy" in summary["versions"]
-    record(RenderParams("ball", "circle", Path("never"), noise=3, shot=0.1, exposure=2, blur_s=0.01, scale=1.5))
-    asked = Sensor(noise_sigma=3, shot=0.1, exposure=2, blur_s=0.01), Fidelity(scale=1.5)
-    assert sensors == [(Sensor(), Fidelity()), asked]

@@ -4,13 +4,11 @@ import html
 import json
 import re
 import shlex
-import warnings
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from results import write_results
 from videos import write_video
 
@@ -18,8 +16,7 @@ from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
 from pps_vision.app.report import page
 from pps_vision.app.report.approach import distance_and_ttc_of_origin
-from pps_vision.app.report.tracking import _batch_figure, read_tracked, report_folder, warnings_of
-from pps_vision.errors import InputError
+from pps_vision.app.report.tracking import read_tracked, report_folder, warnings_of
 from pps_vision.recordings.tables import write_table
 
 
@@ -130,22 +127,6 @@ def test_a_table_in_which_a_number_is_a_word(tmp_path: Path, refused) -> None:
     )
 
 
-def test_colours_that_stand_for_times_have_a_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    figures: list[Figure] = []
-    monkeypatch.setattr(page, "image", lambda figure: figures.append(figure) or "")
-    report_folder(write_results(tmp_path / "results"))
-    (in_images,) = (one for one in figures if one.axes[0].get_xlabel() == "u (px)")
-    assert [axis.get_ylabel() for axis in in_images.axes] == ["v (px)", "v (px)", "time (s)", "time (s)"]
-    known = [k for k in range(40) if k not in (0, 20)]
-    for axis, side in zip(in_images.axes[:2], ("left", "right"), strict=True):
-        (points,) = axis.collections
-        np.testing.assert_allclose(points.get_offsets()[:, 0], [160 + 9 * np.cos(0.3 * k) for k in known], atol=1e-3)
-        np.testing.assert_allclose(points.get_offsets()[:, 1], 120)
-        np.testing.assert_allclose(points.get_array(), [0.05 * (k - 1) for k in known], atol=1e-9)
-        assert axis.get_ylim()[0] > axis.get_ylim()[1]  # v points down
-        assert (axis.get_title(), axis.get_aspect()) == (side, 1)
-
-
 def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_results(tmp_path / "a")
     rows = [
@@ -180,45 +161,6 @@ def test_the_report_of_a_batch_says_how_to_repeat_it(tmp_path: Path, calib: Path
     assert 0 < float(rows["seconds"]) < 600
     (out / "summary.json").write_text("{}")
     assert "summary.json: 'settings'; expected the summary of a batch" in refused("report", out)
-
-
-def test_a_batch_is_drawn_with_a_mark_for_every_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    figures: list[Figure] = []
-    monkeypatch.setattr(page, "image", lambda figure: figures.append(figure) or "")
-    for name in "ac":
-        write_results(tmp_path / name)
-    rows = [
-        ("a", "done", 40, 40, 0.925, "", 1.5, "0.2.0", ""),
-        ("b", "failed", "", "", "", "", "", "", "cannot be read"),
-        ("c", "done", 40, 40, 0.5, "", 2.5, "0.2.0", ""),
-    ]
-    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows)
-    report_folder(tmp_path)
-    share, time_ms = figures[-1].axes
-    drawn = [[line.get_xydata().tolist() for line in axis.lines] for axis in (share, time_ms)]
-    assert drawn == [[[[92.5, 0], [50, 2]], [[0, 1]]], [[[1.5, 0], [2.5, 2]], [[0, 1]]]]
-    assert [label.get_text() for label in share.get_yticklabels()] == ["a", "b", "c"]
-    assert share.get_ylim() == (2.5, -0.5)  # the first on top
-    assert share.get_xlim()[0] == time_ms.get_xlim()[0] == 0
-    assert 100 < share.get_xlim()[1] < 110
-    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows[:1])
-    report_folder(tmp_path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # of a figure without room
-        figures[-1].savefig(tmp_path / "one.png")
-    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), [("a", "done", 40, 40, "much", "", 1.5, "0.2.0", "")])
-    with pytest.raises(InputError, match=r"batch.csv:2: .*'much'; expected finite numbers"):
-        report_folder(tmp_path)
-
-
-@pytest.mark.parametrize(("n", "is_named"), [(80, True), (81, False)])
-def test_so_many_recordings_of_a_batch_are_named(n: int, is_named: bool) -> None:
-    rows = [{"name": f"film {k}", "status": "done", "tracked_share": "0.5", "ms_per_pair": "2"} for k in range(n)]
-    labels = _batch_figure(rows).axes[0].get_yticklabels()
-    names = [label.get_text() for label in labels]
-    assert not (is_named and labels[0].get_parse_math()), "a $ in a name is one"
-    assert (names == [row["name"] for row in rows]) == is_named
-    assert any("film" in name for name in names) == is_named
 
 
 def test_what_holds_no_results(tmp_path: Path, refused) -> None:
@@ -260,13 +202,3 @@ def test_a_film_replaces_the_key_frames_and_no_detection_is_said(tmp_path: Path)
     assert text.count("<video") == 1
     assert "image/jpeg" not in text
     assert "Nothing was detected." in text
-
-
-@pytest.mark.parametrize("spare", [0, -1])
-def test_a_film_that_is_too_large_for_the_page_stays_a_file(spare: int, tmp_path: Path, monkeypatch) -> None:
-    folder = write_results(tmp_path / "results")
-    film = write_video(folder / "overlay.mp4", [0.0, 0.1])
-    monkeypatch.setattr("pps_vision.app.report.tracking._LARGEST_VIDEO", film.stat().st_size + spare)
-    report_folder(folder)
-    text = (folder / "report.html").read_text()
-    assert (text.count("<video"), text.count("data:image/jpeg")) == ((1, 0) if spare == 0 else (0, 2))

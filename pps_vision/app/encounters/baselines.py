@@ -31,7 +31,8 @@ def potential_field(scene: ArmScene, numbers: ControllerParams) -> Controller:
     f = (1/ρ − 1/ρ₀)/ρ² along the distance ρ of surface and taxel, q̇ ∝ Σ Jᵀf towards and an attraction home; the
     fastest taxel moves at most at 10 cm/s. `numbers`: range_m (ρ₀), gain, home_per_s.
     """
-    range_m, home = numbers["range_m"], HomeReturn(scene, numbers["home_per_s"])
+    range_m = numbers["range_m"]
+    home = HomeReturn(scene, numbers["home_per_s"])
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         pull = home.pull(posture)
@@ -58,15 +59,17 @@ def potential_field(scene: ArmScene, numbers: ControllerParams) -> Controller:
 def depth_space(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return the repulsion of Flacco et al. (2012) in the left eye's depth space.
 
-    The object occupies what it hides: a point of its surface before a taxel counts as at the taxel's depth. The taxel
-    nearest to it is moved along the mean direction at V/(1 + e^{(2D/ρ − 1)α}); the joints that take other taxels
-    towards the object are slowed. Of an object that follows, the direction turns aside by a share. `numbers`: range_m
-    (ρ), aside.
+    The object also occupies the space that it occludes: a surface point in front of a taxel counts at the taxel's
+    depth. The nearest taxel is moved along the mean direction at V/(1 + e^{(2D/ρ − 1)α}); joints that move other taxels
+    towards the object are slowed. If the object follows, the direction turns aside by a share. `numbers`: range_m (ρ),
+    aside.
     """
     k = np.arange(_SAMPLES) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * k / _SAMPLES), _FIBONACCI * k
+    polar = np.arccos(1 - 2 * k / _SAMPLES)
+    azimuth = _FIBONACCI * k
     sphere = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
-    range_m, home = numbers["range_m"], HomeReturn(scene)
+    range_m = numbers["range_m"]
+    home = HomeReturn(scene)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         pull = home.pull(posture)
@@ -75,9 +78,9 @@ def depth_space(scene: ArmScene, numbers: ControllerParams) -> Controller:
         T = posture.T_root(scene.robot.names.left_eye)
         taxels = (scene.skin.at(posture)[0] - T[:3, 3]) @ T[:3, :3]
         center = (track.position - T[:3, 3]) @ T[:3, :3]
-        seen = center + max(track.radius_m, 0.001) * sphere
-        seen = seen[(seen - center) @ center < 0]
-        away = taxels[:, None] - _hidden_too(seen, taxels[:, 2])
+        surface = center + max(track.radius_m, 0.001) * sphere
+        surface = surface[(surface - center) @ center < 0]
+        away = taxels[:, None] - _occupied(surface, taxels[:, 2])
         distance = np.linalg.norm(away, axis=2)
         nearest = distance.min(axis=1)
         strength = 1 / (1 + np.exp(np.minimum((2 * nearest / range_m - 1) * _SHAPE, 50.0)))
@@ -109,10 +112,12 @@ def depth_space(scene: ArmScene, numbers: ControllerParams) -> Controller:
 def taxel_constraints(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return a quadratic programme after HARMONIOUS (Rozlivek et al. 2023): every taxel is a constraint.
 
-    Joint rates nearest to those that lead home, such that no taxel moves outwards faster than V·(θ − a)/θ along its
+    The joint rates nearest to those of the way home such that no taxel moves outwards faster than V·(θ − a)/θ along its
     normal; above the threshold θ it has to withdraw. `numbers`: threshold, gain (of the withdrawal), home_per_s.
     """
-    threshold, arm, home = numbers["threshold"], ArmParams(), HomeReturn(scene, numbers["home_per_s"])
+    threshold = numbers["threshold"]
+    arm = ArmParams()
+    home = HomeReturn(scene, numbers["home_per_s"])
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         home.left = home.left or bool((activations > threshold).any())
@@ -139,19 +144,22 @@ def nearest_rates(wanted: Array, room: tuple[Array, Array], rows: Array, most: A
 
     Taxels may have to withdraw in ways that exclude each other, so the rows are soft; the limits are not.
     """
-    k, m = len(wanted), len(rows)
-    H, g = np.diag(np.r_[np.ones(k), np.full(m, _SOFT)]), np.r_[-wanted, np.zeros(m)]
-    lower, upper = np.r_[room[0], np.zeros(m)], np.r_[room[1], np.full(m, np.inf)]
+    k = len(wanted)
+    m = len(rows)
+    H = np.diag(np.r_[np.ones(k), np.full(m, _SOFT)])
+    g = np.r_[-wanted, np.zeros(m)]
+    lower = np.r_[room[0], np.zeros(m)]
+    upper = np.r_[room[1], np.full(m, np.inf)]
     x = solve_qp(H, g, np.hstack([rows, -np.eye(m)]), most, lb=lower, ub=upper, solver="daqp")
     if x is None:
         raise RuntimeError(f"no rates for {wanted}, limits {room}, rows {rows.tolist()} of at most {most}")
     return np.clip(x[:k], *room)
 
 
-def _hidden_too(seen: Array, depths: Array) -> Array:
-    """Return (n, m, 3) where points seen (m, 3) stand for depths (n,): at their own, or farther along their ray."""
-    stretched = np.maximum(depths[:, None] / seen[None, :, 2], 1.0)
-    return seen[None] * stretched[:, :, None]
+def _occupied(surface: Array, depths: Array) -> Array:
+    """Points (n, m, 3) occupied by surface points (m, 3) at depths (n,): themselves, or farther along their ray."""
+    stretched = np.maximum(depths[:, None] / surface[None, :, 2], 1.0)
+    return surface[None] * stretched[:, :, None]
 
 
 def _unit(vector: Array) -> Array:

@@ -1,7 +1,7 @@
-"""What a controller is, ours, R's two, and the bounds.
+"""Interface of the controllers, our controller, R's two, and the lower bound.
 
 A controller is one function of (activations (n,) of the arm's taxels, track, posture) that returns joint rates
-(n_joints,) rad/s. `pps-vision bench encounters --controller MODULE:FUNCTION` adds another one: FUNCTION is given a
+(n_joints,) rad/s. `pps-vision bench encounters --controller MODULE:FUNCTION` adds another one: FUNCTION is given an
 `ArmScene` at the start of each encounter and returns the controller for it.
 """
 
@@ -36,13 +36,15 @@ ControllerParams = Mapping[str, float]
 SPEED_M_S = 0.10
 """Speed of the control point (R), the same for all controllers."""
 RADIUS_M = 0.20
-"""The palm stays this near to its place at the start (R)."""
-_DAMPING_M, _RETURN_PER_S, _AT_HOME_RAD = 0.003, 3.0, np.deg2rad(0.2)  # as of our arm controller
+"""Radius of the palm's sphere about its start (R)."""
+_DAMPING_M = 0.003
+_RETURN_PER_S = 3.0
+_AT_HOME_RAD = np.deg2rad(0.2)
 
 
 @dataclass(frozen=True)
 class ArmScene:
-    """What a controller may know beforehand."""
+    """Robot, arm and memory of an encounter, given to a controller at its start."""
 
     robot: Robot
     """Kinematics."""
@@ -63,7 +65,7 @@ class ArmScene:
 
     @cached_property
     def arm(self) -> list[int]:
-        """Where the arm's joints are in the configuration vector."""
+        """Indices of the arm's joints in the configuration vector."""
         return self.robot.indices(self.robot.names.arm(self.side))
 
     @cached_property
@@ -73,14 +75,14 @@ class ArmScene:
 
     @cached_property
     def palm_home(self) -> Array:
-        """(3,) where the palm is at the start, m."""
+        """(3,) m, position of the palm at the start."""
         return self.robot.at(self.home_rad).point(self.palm)
 
 
 def ours(scene: ArmScene, resting: int = 0, numbers: ControllerParams | None = None) -> Controller:
-    """Return what the closed loop runs: R eq. 6 for what comes near, a quadratic programme with all limits.
+    """Return the controller of the closed loop: R eq. 6 for every active taxel, a quadratic programme with all limits.
 
-    `resting`: how many of the arm's last joints stay at rest; `numbers`: other parameters than the defaults.
+    `resting`: number of the arm's last joints that stay at rest; `numbers`: parameters that differ from the defaults.
     """
     home = tuple(scene.home_rad[scene.arm].tolist())
     params_of = ReachingParams if scene.behaviour == "reach" else AvoidanceParams
@@ -116,9 +118,9 @@ def wrist_at_rest(scene: ArmScene) -> Controller:
 
 
 def none(scene: ArmScene) -> Controller:
-    """Return what never moves: the lower bound."""
-    rest = np.zeros(scene.robot.n_joints)
-    return lambda activations, track, posture: rest
+    """Return a controller that never moves: the lower bound."""
+    zero = np.zeros(scene.robot.n_joints)
+    return lambda activations, track, posture: zero
 
 
 def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:
@@ -127,7 +129,8 @@ def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:
     An activation of 1 gives 10 cm/s (R Fig 10). `numbers`: threshold; confirmation_s, persist_s.
     """
     sign = 1.0 if scene.behaviour == "reach" else -1.0
-    active_since_s, home = np.inf, HomeReturn(scene)
+    active_since_s = np.inf
+    home = HomeReturn(scene)
     last: tuple[float, str, Array, Array] | None = None
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
@@ -199,12 +202,13 @@ class HomeReturn:
 
 def room(scene: ArmScene, posture: Posture) -> tuple[Array, Array]:
     """Return the lowest and highest rates (k,) of the arm's joints."""
-    lower, upper = scene.robot.lower_rad[scene.arm], scene.robot.upper_rad[scene.arm]
+    lower = scene.robot.lower_rad[scene.arm]
+    upper = scene.robot.upper_rad[scene.arm]
     return rate_limits(posture.q_rad[scene.arm], lower, upper, LimitParams().joint_rad_s, 1 / MAX_HOLD_S)
 
 
 def on_arm(scene: ArmScene, rates: Array) -> Array:
-    """Return the rates (k,) of the arm's joints as those of all joints (n_joints,)."""
+    """Return the rates of all joints (n_joints,): the arm's (k,), the others 0."""
     dq = np.zeros(scene.robot.n_joints)
     dq[scene.arm] = rates
     return dq

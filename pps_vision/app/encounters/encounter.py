@@ -53,21 +53,22 @@ PASS_M = (0.10, 0.20)
 
 _SESSION: dict[Part, Any] = {"inner forearm": "inner", "outer forearm": "outer", "palm": "palm"}
 _CARRIER: dict[Part, Side] = {"inner forearm": "left", "outer forearm": "left", "palm": "right"}
-_SPREAD_RAD = np.deg2rad(15.0)  # of each arm joint about the part's posture
-_TURN_RAD = np.deg2rad(10.0)  # of torso and neck about upright
+_SPREAD_RAD = np.deg2rad(15.0)  # range of each arm joint about the part's posture
+_TURN_RAD = np.deg2rad(10.0)  # range of torso and neck about upright
 _CLEARANCE_M = 0.03  # self-collision distance of a start posture; the controllers keep 25 mm
-_MARGIN_RAD = np.deg2rad(3.0)  # of a start posture's arm joints to their limits
-_DRAWS = 6  # paths drawn for a posture before another is
-_LEAST_S = 0.3  # until the would-be contact
-_HIDDEN_SHARE = 0.25  # at most, of an object, by the robot's own bodies, for one eye
-_INSTANTS = 4  # of a path at which it is tested
+_MARGIN_RAD = np.deg2rad(3.0)  # from a start posture's arm joints to their limits
+_DRAWS = 6  # paths tried for a posture
+_MIN_CONTACT_S = 0.3  # earliest would-be contact
+_MAX_HIDDEN_SHARE = 0.25  # of an object, by the robot's bodies, for one eye
+_INSTANTS = 4  # at which a path is tested
 _RIM = 8  # points about an object's middle, at 0.8 of its radius
-_DWELL_S, _AFTER_S = 0.3, 1.2  # at the end of the approach; then until the episode ends
-_WAIT_S = 2.0  # of an object that is to be reached for
+_DWELL_S = 0.3  # at the end of an approach
+_AFTER_S = 1.2  # from there to the end of the encounter
+_WAIT_S = 2.0  # of an object to reach for
 _REST_S = 4.0  # length of encounters with an object at rest
 _REST_M = (0.10, 0.15)  # from the surface of an object at rest to the nearest taxel's centre
 _CLEAR_M = (0.20, 0.25)  # the same while the arm swings, which takes it up to 10 cm nearer
-_SHORT_OF_M = 0.05  # where an object that is to be reached for stops before the would-be contact
+_SHORT_OF_M = 0.05  # from where an object to reach for stops to the would-be contact
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Encounter:
     number: int
     """Of the encounter among those of its seed and condition."""
     condition: Condition
-    """What the object does."""
+    """Motion of the object."""
     side: Side
     """The arm it is about."""
     part: Part
@@ -106,7 +107,7 @@ class Encounter:
 
     @property
     def own_motion(self) -> OwnMotion:
-        """What the robot moves by itself."""
+        """Motion of the robot that no controller commands."""
         return {"harmless_own_arm": "arm", "harmless_head": "head"}.get(self.condition, "")  # type: ignore[return-value]
 
 
@@ -117,7 +118,7 @@ class EncounterScene:
         self.robot: Robot = load_icub()
         self.rig: StereoRig = icub_rig(self.robot)
         self.self_collision = SelfCollision(self.robot)
-        # of each body: the radius of a sphere about its middle that holds it
+        # radius of each body's enclosing sphere
         self._sizes_m = np.array([np.linalg.norm(body.size_m) for body in self.robot.bodies])
         self.skins: dict[Side, Skin] = {
             "left": icub_skin(("left_forearm", "left_palm")),
@@ -125,7 +126,7 @@ class EncounterScene:
         }
 
     def arm(self, side: Side) -> list[int]:
-        """Return where an arm's joints are in the configuration vector."""
+        """Return the indices of an arm's joints in the configuration vector."""
         return self.robot.indices(self.robot.names.arm(side))
 
     def head(self, q_rad: Array) -> Array:
@@ -148,15 +149,18 @@ class EncounterScene:
         angles = np.arange(_RIM) * 2 * np.pi / _RIM
         rim = 0.8 * radius_m * (np.cos(angles)[:, None] * turn[:, 0] + np.sin(angles)[:, None] * turn[:, 1])
         poses = np.array([posture.T_root(body.frame) @ body.T_frame_body for body in self.robot.bodies])
-        d, far_m = poses[:, :3, 3] - eye, float(np.linalg.norm(center - eye))
-        ahead, reach = d @ turn[:, 2], self._sizes_m + radius_m
+        d = poses[:, :3, 3] - eye
+        far_m = float(np.linalg.norm(center - eye))
+        ahead = d @ turn[:, 2]
+        reach = self._sizes_m + radius_m
         aside = np.linalg.norm(d - ahead[:, None] * turn[:, 2], axis=1)
         near = np.flatnonzero((aside < reach) & (ahead > -reach) & (ahead < far_m + reach)).tolist()
         bodies = [(self.robot.geometry.geometryObjects[k].geometry, _pose(poses[k])) for k in near]
         hidden = 0
         for point in (center, *(center + rim)):
             length = float(np.linalg.norm(point - eye))
-            line, at = coal.Capsule(1e-4, length), _pose(transform(rotation_to(point - eye), (eye + point) / 2))
+            line = coal.Capsule(1e-4, length)
+            at = _pose(transform(rotation_to(point - eye), (eye + point) / 2))
             hidden += any(
                 coal.collide(s, T, line, at, coal.CollisionRequest(), coal.CollisionResult()) for s, T in bodies
             )
@@ -169,7 +173,7 @@ class EncounterScene:
             q = gaze_at(self.robot, q_rad, center)
             view, posture = self.rig.view(q), self.robot.at(q)
             for eye in (view.left, view.right):
-                if self.hidden_share(posture, eye.center, center, radius_m) > _HIDDEN_SHARE:
+                if self.hidden_share(posture, eye.center, center, radius_m) > _MAX_HIDDEN_SHARE:
                     return False
         return True
 
@@ -181,7 +185,7 @@ DrawPath = Callable[[EncounterScene, Skin, Array, int, float, float, np.random.G
 
 
 def draw(scene: EncounterScene, condition: Condition, number: int, seed: int) -> Encounter:
-    """Return encounter `number` of a condition: parts, sides and objects in turn, the rest at random."""
+    """Return encounter `number` of a condition: parts, sides and objects in turn, everything else at random."""
     rng = np.random.default_rng((seed, get_args(Condition).index(condition), number))
     part: Part = get_args(Part)[number % 3]
     side: Side = get_args(Side)[number // 3 % 2]
@@ -204,10 +208,11 @@ def draw_one(
     """Return a random encounter in which both eyes see the object until it would touch, or all the time: it is in their
     fields of view, and the robot's own bodies hide little of it.
 
-    `path`: other paths than those of the condition.
+    `path`: draws the path in place of the condition's own.
     """
     drawn = path or draw_path(condition)
-    radius, skin = make_stimulus(stimulus, fineness=0).radius_m, scene.skins[side]
+    radius = make_stimulus(stimulus, fineness=0).radius_m
+    skin = scene.skins[side]
     ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
     taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
     while True:
@@ -216,19 +221,33 @@ def draw_one(
             continue
         for _ in range(_DRAWS):
             motion, seconds, contact_s = drawn(scene, skin, q, skin.index(taxel), radius, speed_m_s, rng)
-            if contact_s <= _LEAST_S:
+            if contact_s <= _MIN_CONTACT_S:
                 continue
-            q_start, until_s = gaze_at(scene.robot, q, motion(0.0)[0]), min(seconds, contact_s)
+            q_start = gaze_at(scene.robot, q, motion(0.0)[0])
+            until_s = min(seconds, contact_s)
             shown = scene.shows(q_start, motion, radius, until_s)
             if shown and can_follow(scene.robot, scene.rig, q_start, motion, until_s, 3):
-                found = side, part, taxel, stimulus, radius, speed_m_s, motion, seconds, contact_s, q_start
-                return Encounter(number, condition, *found)
+                return Encounter(
+                    number=number,
+                    condition=condition,
+                    side=side,
+                    part=part,
+                    taxel=taxel,
+                    stimulus=stimulus,
+                    radius_m=radius,
+                    speed_m_s=speed_m_s,
+                    motion=motion,
+                    seconds=seconds,
+                    contact_s=contact_s,
+                    q_rad=q_start,
+                )
 
 
 def draw_posture(scene: EncounterScene, side: Side, part: Part, rng: np.random.Generator) -> Array:
     """Return joints (n_joints,) about those in which R's robot awaited touches of the part; torso and neck turned."""
-    robot, arm = scene.robot, scene.arm(side)
-    other: Side = "right" if side == "left" else "left"
+    robot = scene.robot
+    arm = scene.arm(side)
+    opposite: Side = "right" if side == "left" else "left"
     base = start_posture(robot, _SESSION[part])
     carrier = _CARRIER[part]
     awaiting, hanging = (start_posture(robot, "palm")[scene.arm(s)] for s in ("right", "left"))
@@ -237,7 +256,7 @@ def draw_posture(scene: EncounterScene, side: Side, part: Part, rng: np.random.G
     turned = robot.indices(("torso_yaw", "torso_pitch", "torso_roll", "neck_pitch", "neck_roll", "neck_yaw"))
     while True:
         q = base.copy()
-        q[scene.arm(other)] = hanging
+        q[scene.arm(opposite)] = hanging
         q[arm] = awaiting + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, len(arm))
         q[turned] += rng.uniform(-_TURN_RAD, _TURN_RAD, len(turned))
         q[arm] = np.clip(q[arm], robot.lower_rad[arm] + _MARGIN_RAD, robot.upper_rad[arm] - _MARGIN_RAD)
@@ -255,8 +274,10 @@ def would_touch(start: Array, velocity: Array, taxels: Array, radius_m: float) -
         taxels: (n, 3) m.
         radius_m: Its radius; it touches a taxel where its surface is within `TOUCH_RADIUS_M` of the centre.
     """
-    d, reach = start - taxels, radius_m + TOUCH_RADIUS_M
-    a, b = float(velocity @ velocity), d @ velocity
+    d = start - taxels
+    reach = radius_m + TOUCH_RADIUS_M
+    a = float(velocity @ velocity)
+    b = d @ velocity
     root = b**2 - a * (np.sum(d * d, axis=1) - reach**2)
     if not a > 0:
         return np.inf
@@ -266,8 +287,10 @@ def would_touch(start: Array, velocity: Array, taxels: Array, radius_m: float) -
 
 
 def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
-    """Return what draws approaches that end `end_m` beyond (or, below 0, before) the would-be contact, and stay there
-    for `dwell_s`."""
+    """Return the drawing of approaches that end `end_m` beyond (below 0: before) the would-be contact.
+
+    They stay there for `dwell_s`.
+    """
 
     def path(
         scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
@@ -295,17 +318,18 @@ def _recede(
 
 
 def _rest(rest_m: tuple[float, float]) -> DrawPath:
-    """Return what draws objects that move 5 cm away from the skin, so that they are seen to move, and rest."""
+    """Return the drawing of objects that move 5 cm away from the skin, so that they are detected, and rest."""
 
     def path(
         scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
     ) -> Path:
         posture = scene.robot.at(q)
-        (positions, normals), distance = skin.at(posture), radius + rng.uniform(*rest_m)
+        positions, normals = skin.at(posture)
+        distance = radius + rng.uniform(*rest_m)
         away = in_cap(rng, normals[taxel])
         start = positions[taxel] + (distance + START_M[1]) * away
-        rest = first_contact(start, positions[taxel], positions, distance)
-        return Recede(rest - 0.05 * away, rest, speed), _REST_S, np.inf
+        end = first_contact(start, positions[taxel], positions, distance)
+        return Recede(end - 0.05 * away, end, speed), _REST_S, np.inf
 
     return path
 
@@ -313,7 +337,7 @@ def _rest(rest_m: tuple[float, float]) -> DrawPath:
 def _pass(
     scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
 ) -> Path:
-    """Straight past the arm: where it is nearest to the skin, it is `PASS_M` away."""
+    """A straight path past the arm, `PASS_M` from the skin where it is nearest."""
     taxels, normals = skin.at(scene.robot.at(q))
     distance = rng.uniform(*PASS_M)
     out = in_cap(rng, normals[taxel])
@@ -324,7 +348,7 @@ def _pass(
 
 
 def _lowered(start: Array, out: Array, sideways: Array, taxels: Array, reach: float) -> float:
-    """Return how far a line along `sideways` can be moved against `out` until it is within `reach` of a taxel."""
+    """Distance by which a line along `sideways` can be moved against `out` until it is within `reach` of a taxel."""
     across = np.cross(out, sideways)
     d = taxels - start
     aside = d @ across
@@ -355,5 +379,5 @@ _PATHS: dict[Condition, DrawPath] = {
 
 
 def draw_path(condition: Condition) -> DrawPath:
-    """Return what draws the paths of a condition."""
+    """Return the drawing of a condition's paths."""
     return _PATHS[condition]

@@ -21,7 +21,7 @@ from pps_vision.types import Array, JointVelocity, Track3D
 _CHECKS_PER_FRAME = 5  # instants between two frames at which the distance to the skin is computed
 _AFTER_COMMAND_S = 0.5  # for which a harmless encounter goes on after the first command
 _MOVES_RAD_S = 1e-4  # slower is rest
-_TOLERANCE_RAD = 1e-6  # of a joint limit
+_TOLERANCE_RAD = 1e-6  # beyond a joint limit
 _REACHED_M = 1e-4  # residual of a posture that touches
 _STARTS = 3  # random start postures of the search for a touch
 _CLEARANCE_M = 0.025  # self-collision distance that our arm keeps
@@ -164,8 +164,8 @@ def simulate_encounter(
     """Simulate an encounter with a controller, without rendering.
 
     It ends with the first touch, a harmless one 0.5 s after the first command; with `frames`, to which every frame is
-    appended, it goes on to the end. Every command passes `control.limits`, whatever the controller. In
-    `harmless_own_arm` the arm swings whatever is commanded, in `harmless_head` the head sways.
+    appended, it goes on to the end. Every controller's commands pass `control.limits`. In
+    `harmless_own_arm` the arm swings independently of commands, in `harmless_head` the head sways.
     """
     skin = scene.skins[encounter.side]
     arm = scene.arm(encounter.side)

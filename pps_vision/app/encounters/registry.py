@@ -36,7 +36,7 @@ class Baseline(NamedTuple):
 
     new: Callable[[ArmScene, ControllerParams], Controller]
     ranges: Mapping[str, tuple[float, float]]
-    """Uniform; of `gain` the logarithm is."""
+    """Uniform, the logarithm of `gain`."""
 
 
 _OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirmation_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
@@ -61,12 +61,12 @@ _OURS_RANGES = {
     "persist_s": (0.0, 0.6),
 }
 TUNABLE = {**BASELINES, OURS: Baseline(lambda scene, numbers: ours(scene, numbers=numbers), _OURS_RANGES)}
-"""All that random search is done for; of ours the defaults are measured, whatever it finds."""
+"""Controllers of the random search; ours is measured with its defaults."""
 NAMES = (OURS, *BASELINES, TRUE, NONE)
 
 
 def new_controller(name: str, numbers: ControllerParams | None = None) -> NewController:
-    """Return what makes a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION".
+    """Return the maker of a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION".
 
     Raises:
         InputError: There is no such controller.
@@ -78,15 +78,16 @@ def new_controller(name: str, numbers: ControllerParams | None = None) -> NewCon
     if name == NONE:
         return none
     if name in BASELINES:
-        baseline, given = BASELINES[name], numbers or TUNED[name]
-        return lambda scene: baseline.new(scene, given)
+        baseline = BASELINES[name]
+        params = numbers or TUNED[name]
+        return lambda scene: baseline.new(scene, params)
     module, _, function = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
     try:
-        found: NewController = getattr(import_module(module), function)
+        imported: NewController = getattr(import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
         expected = f"expected MODULE:FUNCTION that can be imported, or one of {', '.join(NAMES)}"
         raise InputError("controller", f"{name!r}: {error}; {expected}") from error
-    return found
+    return imported

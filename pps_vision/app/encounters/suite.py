@@ -28,13 +28,13 @@ from pps_vision.robot.gaze import GazeLimits
 from pps_vision.worker_pool import worker_pool
 
 Rows = list[dict[str, Any]]
-_PART = 6  # encounters that are kept when a run is interrupted
-_LABELS = 6000  # of a reachable-space map, times the share of the training
+_PART = 6  # encounters that are folder when a run is interrupted
+_LABELS = 6000  # labels of a reachable-space map, times the share of the training
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
 
 
 class Task(NamedTuple):
-    """Encounters of one condition, met by every controller in turn."""
+    """Encounters of one condition, simulated with every controller."""
 
     condition: Condition
     first: int
@@ -58,12 +58,12 @@ def run_suite(
     """Return a row for each encounter and controller; they do not depend on the number of `workers`.
 
     Args:
-        folder: Where finished parts are kept until all are; an interrupted run with the same arguments goes on there.
+        folder: Where finished parts are folder until all are; an interrupted run with the same arguments goes on there.
         counts: How many encounters of each condition.
         seed: Of encounters and of the memories' training.
         controllers: Names in the registry, "MODULE:FUNCTION", or names of `numbers`.
         workers: Processes; with 1 everything runs in this one.
-        share: Of the training approaches, and of the labels of the reachable-space maps.
+        share: Share of the training approaches and of the maps' labels.
         numbers: Parameters by a name "CONTROLLER#k".
     """
     for name in controllers:
@@ -87,46 +87,52 @@ def run_suite(
     return [row for rows in parts for row in rows]
 
 
-def _train(kept: Path, seed: int, share: float, needs_map: bool) -> None:
-    kept.mkdir(parents=True, exist_ok=True)
+def _train(folder: Path, seed: int, share: float, needs_map: bool) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     for side in get_args(Side):
-        files = _files(kept, side)
+        files = _files(folder, side)
         if not files[1].exists():
             for file, memory in zip(files, learn(_scene(), side, seed, share), strict=True):
                 save_memory(file, memory)
-        if needs_map and not _map_file(kept, side).exists():
+        if needs_map and not _map_file(folder, side).exists():
             n = max(round(share * _LABELS), 100)
             params, rng = MapParams(_GAZE, n_labels=n, round_labels=min(1500, n // 2)), np.random.default_rng(seed)
-            train_reachable_map(_scene().robot, side, rng, params).save(_map_file(kept, side))
+            train_reachable_map(_scene().robot, side, rng, params).save(_map_file(folder, side))
 
 
 def _run(task: Task, file: Path) -> Rows:
-    """The rows of a task; those that `file` holds already are not made again."""
+    """Rows of a task, read from `file` if it exists."""
     if not file.exists():
         rows = [row for k in range(task.n) for row in _rows(task, task.first + k, file.parent)]
         with whole_file(file) as partial:
             partial.write_text(json.dumps(plain(rows)))
-    made: Rows = json.loads(file.read_text())
-    return made
+    stored: Rows = json.loads(file.read_text())
+    return stored
 
 
-def _rows(task: Task, number: int, kept: Path) -> Rows:
-    """One encounter with every controller, all with the same track errors; whether one to reach for can be touched."""
+def _rows(task: Task, number: int, folder: Path) -> Rows:
+    """Rows of one encounter, one a controller, all with the same track errors."""
     scene = _scene()
     encounter = draw(scene, task.condition, number, task.seed)
-    seen = track_of(scene, encounter, track_rng(task.seed, task.condition, number))
-    true, found = true_track_of(encounter), []
-    reaches = encounter.condition == "reach"
-    reachable = can_touch(scene, encounter, track_rng(task.seed, task.condition, number)) if reaches else None
+    measured = track_of(scene, encounter, track_rng(task.seed, task.condition, number))
+    true = true_track_of(encounter)
+    is_reach = encounter.condition == "reach"
+    reachable = can_touch(scene, encounter, track_rng(task.seed, task.condition, number)) if is_reach else None
+    rows: Rows = []
     for name in task.controllers:
-        if name not in (*REACHING, NONE) if reaches else name == ASKING:
+        if name not in (*REACHING, NONE) if is_reach else name == ASKING:
             continue
-        new = new_controller(name.partition("#")[0], task.numbers.get(name))
-        track = true if name == TRUE else seen
-        asked = _maps(kept)[encounter.side] if name == ASKING else None
-        outcome = simulate_encounter(scene, _memories(kept)[encounter.side], encounter, name, new, track, None, asked)
-        found.append({**asdict(outcome), "reachable": reachable})
-    return found
+        result = simulate_encounter(
+            scene,
+            _memories(folder)[encounter.side],
+            encounter,
+            name,
+            new_controller(name.partition("#")[0], task.numbers.get(name)),
+            true if name == TRUE else measured,
+            reachability=_maps(folder)[encounter.side] if name == ASKING else None,
+        )
+        rows.append({**asdict(result), "reachable": reachable})
+    return rows
 
 
 def track_rng(seed: int, condition: Condition, number: int) -> np.random.Generator:
@@ -140,18 +146,18 @@ def _scene() -> EncounterScene:
 
 
 @cache
-def _memories(kept: Path) -> dict[Side, Memories]:
-    return {side: Memories(*(load_memory(file) for file in _files(kept, side))) for side in get_args(Side)}
+def _memories(folder: Path) -> dict[Side, Memories]:
+    return {side: Memories(*(load_memory(file) for file in _files(folder, side))) for side in get_args(Side)}
 
 
 @cache
-def _maps(kept: Path) -> dict[Side, TrackReachability]:
-    return {s: TrackReachability(_scene().robot, ReachableMap.load(_map_file(kept, s))) for s in get_args(Side)}
+def _maps(folder: Path) -> dict[Side, TrackReachability]:
+    return {s: TrackReachability(_scene().robot, ReachableMap.load(_map_file(folder, s))) for s in get_args(Side)}
 
 
-def _map_file(kept: Path, side: str) -> Path:
-    return kept / f"{side} reachable.npz"
+def _map_file(folder: Path, side: str) -> Path:
+    return folder / f"{side} reachable.npz"
 
 
-def _files(kept: Path, side: str) -> tuple[Path, Path]:
-    return kept / f"{side}.npz", kept / f"{side} distance.npz"
+def _files(folder: Path, side: str) -> tuple[Path, Path]:
+    return folder / f"{side}.npz", folder / f"{side} distance.npz"

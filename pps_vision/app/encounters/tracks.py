@@ -1,7 +1,7 @@
 """The track of an object without rendering: truth, the measured track error, and the tracker's own Kalman filter.
 
-An observation is the truth, an error that stays during the encounter (the centre of what is seen is not that of the
-object), and an error that is new in every frame. The filter is told their covariance.
+An observation is the truth, an error that is constant during the encounter (the centre of the visible part differs from
+the object's), and an error drawn anew in every frame. The filter is given their covariance.
 """
 
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ from tracking.tracker import TrackerParams
 class TrackError(NamedTuple):
     """RMS errors of the triangulated position of an object, m: along the line of sight, and across it per axis."""
 
-    lasting_m: tuple[float, float]
-    """That stay during an encounter."""
-    new_m: tuple[float, float]
-    """That are new in every frame."""
+    constant_m: tuple[float, float]
+    """Constant during an encounter."""
+    random_m: tuple[float, float]
+    """Drawn anew in every frame."""
 
 
 ERRORS = {
@@ -35,65 +35,68 @@ ERRORS = {
 }
 """As rendered: 24 encounters with each object of seed 500, measured by `measured_error`; `encounters_rendered` measures
 them again."""
-_MEDIAN_SIZES = (0.6745, 1.1774)  # of a normal deviate on a line and in a plane
-# Share of the stated covariance that the tracker knows to last: as rendered, median of cube and octopus.
-_KNOWN_TO_LAST = 0.2
-_RADIUS_STD = 0.05  # of the tracked radius, relative
+_MEDIAN_SIZES = (0.6745, 1.1774)  # median length of a normal deviate on a line and in a plane
+# Share of the stated covariance that the tracker treats as correlated: as rendered, median of cube and octopus.
+_CORRELATED_SHARE = 0.2
+_RADIUS_STD = 0.05  # relative standard deviation of the tracked radius
 
 
 def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generator) -> Sequence[Track3D]:
     """Return the track of every frame of an encounter, unknown until it is confirmed."""
-    params, kalman_params = TrackerParams(), KalmanParams()
-    lasting_m, new_m = (np.array(rms_m)[[1, 1, 0]] for rms_m in ERRORS[encounter.stimulus])
-    cov, head = np.diag(lasting_m**2 + new_m**2), scene.head(encounter.q_rad)
-    lasting = lasting_m * rng.standard_normal(3)
+    params = TrackerParams()
+    kalman_params = KalmanParams()
+    constant_m, random_m = (np.array(rms_m)[[1, 1, 0]] for rms_m in ERRORS[encounter.stimulus])
+    cov = np.diag(constant_m**2 + random_m**2)
+    head = scene.head(encounter.q_rad)
+    constant = constant_m * rng.standard_normal(3)
     is_angular = encounter.stimulus in ("cube", "octopus")
     radius = encounter.radius_m * (1 + _RADIUS_STD * is_angular * rng.standard_normal())
-    found: list[Track3D] = []
+    tracks: list[Track3D] = []
     belief = None
     for k in range(frames(encounter)):
         t = k * PERIOD_S
         if k == 0:  # motion is seen from the second frame on
-            found.append(Track3D.unknown(t))
+            tracks.append(Track3D.unknown(t))
             continue
         position, moving = encounter.motion(t)
         turn = rotation_to(position - head)
-        observed, seen_cov = position + turn @ (lasting + new_m * rng.standard_normal(3)), turn @ cov @ turn.T
-        measured = observed, seen_cov, _KNOWN_TO_LAST * seen_cov
+        observed, seen_cov = position + turn @ (constant + random_m * rng.standard_normal(3)), turn @ cov @ turn.T
+        measured = observed, seen_cov, _CORRELATED_SHARE * seen_cov
         if belief is None:
-            flow_m_s = turn @ (np.sqrt(2) * new_m / PERIOD_S * rng.standard_normal(3))
-            flow_cov = turn @ np.diag(2 * (new_m / PERIOD_S) ** 2) @ turn.T
+            flow_m_s = turn @ (np.sqrt(2) * random_m / PERIOD_S * rng.standard_normal(3))
+            flow_cov = turn @ np.diag(2 * (random_m / PERIOD_S) ** 2) @ turn.T
             belief = kalman.start(kalman_params, t, observed, seen_cov, moving + flow_m_s, flow_cov, measured[2])
         else:
             belief = kalman.update(kalman_params, kalman.predict(kalman_params, belief, t), *measured)
         if k < params.confirm_frames:
-            found.append(Track3D.unknown(t))
+            tracks.append(Track3D.unknown(t))
         else:
-            found.append(_track(t, belief.mean, belief.cov, belief.correlated_cov, radius))
-    return found
+            tracks.append(_track(t, belief.mean, belief.cov, belief.correlated_cov, radius))
+    return tracks
 
 
 def measured_error(errors: Array, lines_of_sight: Array) -> TrackError:
     """Return the errors of one encounter: `errors` (T, 3) of successive positions, NaN where there is none, and unit
     vectors (T, 3) from the eyes to the object.
 
-    Lasting: the median error. New: half the variance of the difference of successive errors, from its median size.
+    Constant: the median error. Random: half the variance of the difference of successive errors, from its median size.
     """
     along = np.sum(errors * lines_of_sight, axis=1)
     across = errors - along[:, None] * lines_of_sight
-    lasting = abs(float(np.nanmedian(along))), float(np.linalg.norm(np.nanmedian(across, axis=0))) / np.sqrt(2)
+    constant = abs(float(np.nanmedian(along))), float(np.linalg.norm(np.nanmedian(across, axis=0))) / np.sqrt(2)
     steps = np.abs(np.diff(along)), np.linalg.norm(np.diff(across, axis=0), axis=1)
-    new = [float(np.nanmedian(of)) / (np.sqrt(2) * of_1) for of, of_1 in zip(steps, _MEDIAN_SIZES, strict=True)]
-    return TrackError(lasting, (new[0], new[1]))
+    medians = [float(np.nanmedian(step)) for step in steps]
+    random = [value / (np.sqrt(2) * size) for value, size in zip(medians, _MEDIAN_SIZES, strict=True)]
+    return TrackError(constant, (random[0], random[1]))
 
 
 def true_track_of(encounter: Encounter) -> Sequence[Track3D]:
     """Return the truth of every frame as a track without error."""
-    found = []
+    tracks = []
     for k in range(frames(encounter)):
         p, v = encounter.motion(k * PERIOD_S)
-        found.append(_track(k * PERIOD_S, np.array([p, v]), np.zeros((6, 6)), np.zeros((3, 3)), encounter.radius_m))
-    return found
+        tracks.append(_track(k * PERIOD_S, np.array([p, v]), np.zeros((6, 6)), np.zeros((3, 3)), encounter.radius_m))
+    return tracks
 
 
 def frames(encounter: Encounter) -> int:

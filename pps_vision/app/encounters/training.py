@@ -26,13 +26,13 @@ _APPROACHES: dict[Part, int] = {
     "palm": TRIALS["palm"],
 }
 _LEARNED_OBJECTS = 2  # of `OBJECTS`
-_CONTACT_S = 0.7  # what is perceived later is the withdrawal
+_CONTACT_S = 0.7  # after the contact, the object withdraws later
 _TOUCH = approach(REACH_M["approach"])  # until the surface is at a taxel's centre, as in the closed loop's training
 _STREAM = 77  # keeps training and encounters of one seed apart
 
 
 class Memories(NamedTuple):
-    """What one arm's skin has learned."""
+    """Memories of one arm's skin."""
 
     of_both: PPSMemory
     """From D and TTC."""
@@ -57,7 +57,7 @@ def learn(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> M
 
 
 def _events(scene: EncounterScene, touching: Encounter, rng: np.random.Generator) -> Iterator[TaxelEvents]:
-    """Yield what the skin at rest perceives of an approach until 0.7 s after the touch."""
+    """Yield the events of the skin at rest during an approach, until 0.7 s after the touch."""
     skin = scene.skins[touching.side]
     taxels, normals = skin.at(scene.robot.at(touching.q_rad))
     D, ttc = np.full((2, len(taxels)), np.nan)

@@ -43,8 +43,8 @@ def run(study: EncountersParameters) -> dict[str, Any]:
                 "self_distance_m": rendered.result.self_distance_m,
                 "has_fault": bool(rendered.result.faults),
                 "error_m": rendered.error_m,
-                "lasting_m": rendered.observed.lasting_m,
-                "new_m": rendered.observed.new_m,
+                "constant_m": rendered.observed.constant_m,
+                "random_m": rendered.observed.random_m,
                 "tracked_share": rendered.tracked_share,
             }
         )
@@ -70,10 +70,10 @@ def summary(rows: list[Row]) -> dict[str, Any]:
         "tracks": {
             name: {
                 "rendered_mm": 1000 * median(np.array([row["error_m"] for row in group])),
-                "lasting_mm": _rms_mm([row["lasting_m"] for row in group]),
-                "lasting_drawn_mm": [1000 * value for value in ERRORS[name].lasting_m],
-                "new_mm": _rms_mm([row["new_m"] for row in group]),
-                "new_drawn_mm": [1000 * value for value in ERRORS[name].new_m],
+                "constant_mm": _rms_mm([row["constant_m"] for row in group]),
+                "constant_drawn_mm": [1000 * value for value in ERRORS[name].constant_m],
+                "random_mm": _rms_mm([row["random_m"] for row in group]),
+                "random_drawn_mm": [1000 * value for value in ERRORS[name].random_m],
             }
             for name, group in tracked.items()
         },
