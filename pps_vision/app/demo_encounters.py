@@ -62,13 +62,13 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             encounter = draw(scene, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
             runs = []
             for avoid in (False, True):
-                with open_encounter(scene, encounter, noise, seed + k) as world:
-                    pipeline = new_pipeline(world, memories[encounter.side])
+                with open_encounter(scene, encounter, noise, seed + k) as simulation:
+                    pipeline = new_pipeline(simulation, memories[encounter.side])
                     title = "avoidance on" if avoid else "avoidance off"
                     episode = Episode(title, encounter.stimulus, encounter.motion, encounter.seconds)
-                    steps = list(simulate(world, episode, pipeline.step, avoid))
-                    images = [drawn(world, step, title) for step in steps]
-                    runs.append((log_of(world, episode, steps, avoid), images))
+                    steps = list(simulate(simulation, episode, pipeline.step, avoid))
+                    images = [drawn(simulation, step, title) for step in steps]
+                    runs.append((log_of(simulation, episode, steps, avoid), images))
             (off, images_off), (on, images_on) = runs
             video = Path(videos) / f"{k}.mp4"
             write_side_by_side(video, (images_off, images_on))
