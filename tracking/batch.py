@@ -69,12 +69,12 @@ def find(appearance: Appearance, images: Sequence[Image], optics: Optics, device
     height = optics.camera.height
     if any(image.shape != (height, width, 3) for image in images):
         return [None] * len(images)
-    object_masks = masks(appearance, torch.from_numpy(np.stack(images)).to(device)).cpu().numpy()
+    object_masks = color_masks(appearance, torch.from_numpy(np.stack(images)).to(device)).cpu().numpy()
     box = (0, 0, width, height)
     return [blob_outlines(image, mask, box, optics) for image, mask in zip(images, object_masks, strict=True)]
 
 
-def masks(appearance: Appearance, pixels: Tensor) -> Tensor:
+def color_masks(appearance: Appearance, pixels: Tensor) -> Tensor:
     """(n, h, w) 1 where RGB images (n, h, w, 3) uint8 have the object's colours, else 0."""
     if isinstance(appearance, MarkerParams):
         return _look_up(pixels, _marker_table(appearance), 8)

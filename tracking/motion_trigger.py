@@ -212,14 +212,14 @@ class MotionTrigger:
         margin = (1 - self.params.central) / 2
         mx = round(margin * width)
         my = round(margin * height)
-        coarse = Residual(self.params, self._coarse_ego, reference, current, _COARSE)
+        coarse = MotionResidual(self.params, self._coarse_ego, reference, current, _COARSE)
         coarse_residual = coarse(reference.coarse, current.coarse, (mx, my, width - mx, height - my))
         if coarse_residual is None:
             return []
-        fine = Residual(self.params, self._ego, reference, current, 1)
+        fine = MotionResidual(self.params, self._ego, reference, current, 1)
         field = (_COARSE * mx, _COARSE * my, _COARSE * (width - mx), _COARSE * (height - my))
         regions: list[Region2D] = []
-        for box in _surroundings(*coarse_residual, field, coarse.min_area_px):
+        for box in _boxes_around(*coarse_residual, field, coarse.min_area_px):
             residual = fine(reference.smooth, current.smooth, box)
             regions += self._split(*residual) if residual else []
         return sorted(regions, key=lambda region: -region.evidence)
@@ -277,7 +277,7 @@ class MotionTrigger:
         return regions
 
 
-class Residual:
+class MotionResidual:
     """Motion-compensated residual of two images of one eye, in pixels `scale` times as large as the camera's.
 
     Each pixel is compared with the range of the older image within the tolerated error of the pose, for every distance
@@ -379,7 +379,7 @@ class Residual:
         return residual
 
 
-def _surroundings(box: Box, residual: Pixels, field: Box, min_px: int) -> list[Box]:
+def _boxes_around(box: Box, residual: Pixels, field: Box, min_px: int) -> list[Box]:
     """Disjoint parts of `field`, px, around the blobs of `min_px` or more of a coarse residual (h, w) of `box`,
     largest first."""
     count, _, stats, _ = cv2.connectedComponentsWithStats((residual > 0).view(np.uint8))

@@ -15,7 +15,7 @@ _RESTING_DEG = 0.05  # turn of a camera below which it rests: the resolution of 
 
 
 @dataclass(frozen=True)
-class Info:
+class RecordingInfo:
     """What a recording holds; `warnings` are what it lacks or what is implausible, and what to try."""
 
     source: str
@@ -70,7 +70,7 @@ class Info:
         return "\n".join([*rows, *(f"warning: {warning}" for warning in self.warnings)])
 
 
-def info(recording: Recording) -> Info:
+def info(recording: Recording) -> RecordingInfo:
     """Return what a recording holds; its images are not read but for a few."""
     left, right = (np.array([pair[side].stamp_s for pair in recording.pairs]) for side in (0, 1))
     steps, skews_ms = np.diff(left), 1000 * (right - left)
@@ -83,7 +83,7 @@ def info(recording: Recording) -> Info:
         focal_px, field_deg = camera.fx, float(np.rad2deg(2 * np.arctan(camera.width / (2 * camera.fx))))
     gaps = int(np.sum(steps > _GAP * usual_s))
     advice = tuple(_advice(recording, float(np.median(skews_ms)), usual_s, gaps))
-    return Info(
+    return RecordingInfo(
         source=recording.name,
         pairs=len(recording),
         image_size=recording.image_size,

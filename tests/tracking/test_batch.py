@@ -30,7 +30,7 @@ def test_masks_are_those_of_frame_by_frame(device: torch.device, rng: np.random.
     images = rng.integers(0, 256, (3, 40, 50, 3), dtype=np.uint8)
     model = ColorModel(*(histogram(rng.integers(0, 110, 500, dtype=np.uint8)) for _ in range(2)))
     marker, generic = (
-        batch.masks(appearance, torch.from_numpy(images).to(device)).cpu().numpy() > 0
+        batch.color_masks(appearance, torch.from_numpy(images).to(device)).cpu().numpy() > 0
         for appearance in (MarkerParams(hue_deg=350.0), model)
     )
     assert np.array_equal(marker, [threshold(MarkerParams(hue_deg=350.0), image) > 0 for image in images])

@@ -20,7 +20,7 @@ _LEAST_BUDGET = 200  # labels: with fewer, the test set is too small to bound th
 
 
 @dataclass(frozen=True)
-class Train(RobotOptions):
+class TrainMap(RobotOptions):
     """Learn the map of an arm, or of both arms at once, by inverse kinematics with the robot's own model.
 
     Torso, neck roll, eye tilt, version and wrist at 0; the hand is the origin of the palm's frame; yaw, pitch and
@@ -120,7 +120,7 @@ class Train(RobotOptions):
 
 
 @dataclass(frozen=True)
-class Query:
+class QueryMap:
     """Query a map for gaze postures; outside its limits the verdict is 0, and probability and degree are empty."""
 
     map: Positional[Path]
@@ -156,7 +156,7 @@ class Query:
 
 
 @dataclass(frozen=True)
-class Show(RobotOptions):
+class ShowMap(RobotOptions):
     """Draw a map: the degree of reachability over yaw and pitch at several vergences."""
 
     map: Positional[Path]
@@ -182,9 +182,9 @@ class Reach:
     """Learn, query or draw which fixated points a hand can reach."""
 
     subcommand: (
-        Annotated[Train, subcommand("train")]
-        | Annotated[Query, subcommand("query")]
-        | Annotated[Show, subcommand("show")]
+        Annotated[TrainMap, subcommand("train")]
+        | Annotated[QueryMap, subcommand("query")]
+        | Annotated[ShowMap, subcommand("show")]
     )
 
     def run(self) -> None:
