@@ -193,12 +193,6 @@ def double_touches(study: "PpsSessions") -> dict[str, Any]:
     return {"feasible_percent": feasible}
 
 
-def tabulate_double_touches(numbers: dict[str, Any]) -> Table:
-    """Return the feasible percentage by taxel."""
-    feasible = numbers["feasible_percent"]
-    return Table(["taxel", *map(str, feasible)], [["feasible starts (%)", *(f"{x:.0f}" for x in feasible.values())]])
-
-
 def misaimed(study: "PpsSessions") -> dict[str, Any]:
     """Return the columns of Table 5 and the taxels reached, of every miscalibrated robot's felt double touches."""
     robots = []
@@ -258,14 +252,6 @@ def _until_touch(icub: Robot, skin: Skin, plan: DoubleTouch, offsets_rad: Array)
         if (below & (np.linalg.norm(from_taxels, axis=1) <= FINGERTIP_RADIUS_M + TOUCH_RADIUS_M)).any():
             return DoubleTouch(plan.stamps_s[: k + 1], joints[: k + 1]) if k >= _MIN_STEPS else None
     return None
-
-
-def tabulate_misaimed(numbers: dict[str, Any]) -> Table:
-    """Return a row for each robot, and R's."""
-    columns = list(numbers["robots"][0])
-    rows = [[str(k + 1), *(f"{robot[key]:g}" for key in columns)] for k, robot in enumerate(numbers["robots"])]
-    rows.append(["R", *(str({**PAPER["motor"], "aimed": 8, "touched": 6}.get(key, "–")) for key in columns)])
-    return Table(["robot", *(key.replace("_", " ") for key in columns)], rows)
 
 
 def taxel_offsets(study: "PpsSessions") -> dict[str, Any]:
@@ -365,8 +351,8 @@ class PpsSessions(SessionStudy):
     SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.05, "starts": 4}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "landscapes": Part(landscapes, draw_landscapes, tabulate_landscapes),
-        "double_touches": Part(double_touches, table=tabulate_double_touches),
-        "misaimed": Part(misaimed, table=tabulate_misaimed),
+        "double_touches": Part(double_touches),
+        "misaimed": Part(misaimed),
         "offsets": Part(taxel_offsets, draw_offsets, tabulate_offsets),
     }
 

@@ -49,8 +49,8 @@ OBJECTS = 500
 
 FIG9_TRIALS = {1: (17,), 4: (14, 15, 16, 17)}
 """Trials behind Fig 9; no other trial, or four consecutive trials, comes as near to the published counts."""
-PAPER_CM = {"inner forearm": 2.11, "outer forearm": 1.73, "palm": 1.16}
-"""R Fig 8: mean offsets by body part, in the order of the released file's `part`."""
+PARTS = ("inner forearm", "outer forearm", "palm")
+"""Body parts of R Fig 8, in the order of the released file's `part`."""
 REFERENCE_POINTS: dict[str, Perceive] = {
     "the last sample": from_landing,
     "the taxel": partial(from_taxel, field=UNBOUNDED),
@@ -67,8 +67,6 @@ RADIUS_M = 0.035
 FIELDS = {"surface": ReceptiveField(distance_to="surface"), "centre": ReceptiveField(distance_to="centre")}
 MAPS = {
     "8×4, σ 1 bin (R, default)": MemoryParams(),
-    "8×4, σ 0.5 bin": MemoryParams(sigma_bins=0.5),
-    "16×8, σ 0.5 bin": MemoryParams(bins=(16, 8), sigma_bins=0.5),
     "8×4, TTC ≤ 1.2 s, σ 0.75 bin (R's code)": MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75),
 }
 APPROACHES = {
@@ -237,7 +235,7 @@ def fig8(data: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
         for place, axes in places.items():
             offset_m = np.array([orthogonal_line(*axes, taxel)[0] for taxel in taxels])
             errors[f"{weight}, {place}"] = {
-                "means_cm": [100 * float(offset_m[data["part"] == part].mean()) for part in range(len(PAPER_CM))],
+                "means_cm": [100 * float(offset_m[data["part"] == part].mean()) for part in range(len(PARTS))],
                 "largest_error_mm": 1000 * float(np.abs(offset_m - data["offset_m"]).max()),
             }
     return errors
@@ -250,22 +248,15 @@ def _spread_bins() -> tuple[Array, Array]:
     return D, TTC
 
 
-def tabulate_authors_counts(numbers: dict[str, Any]) -> dict[str, Table]:
-    """Return the differences, and the offsets of R Fig 8."""
+def tabulate_authors_counts(numbers: dict[str, Any]) -> Table:
+    """Return the differences from the published counts."""
     keys = ("l1_percent", "only_ours", "only_theirs", "samples")
     rows = [
         [f"{name}, from {point}", *(f"{difference[key]:g}" for key in keys)]
         for name in ("monte_carlo", "fig3", "fig9")
         for point, difference in numbers[name].items()
     ]
-    header = ["counts", "L1 difference (%)", "only ours", "only the authors'", "samples"]
-    fig8_rows = [
-        [weights, *(f"{mean:.2f}" for mean in errors["means_cm"]), f"{errors['largest_error_mm']:.2f}"]
-        for weights, errors in numbers["fig8"].items()
-    ]
-    parts = [f"{part}, R {paper} cm" for part, paper in PAPER_CM.items()]
-    fig8_header = ["weights, bins", *parts, "largest error of ten taxels (mm)"]
-    return {"": Table(header, rows), "fig8": Table(fig8_header, fig8_rows)}
+    return Table(["counts", "L1 difference (%)", "only ours", "only the authors'", "samples"], rows)
 
 
 def single_touch(study: "PpsTaxel") -> dict[str, Any]:

@@ -1,12 +1,8 @@
 """Scores of predicted probabilities: discrimination, Brier score, calibration."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
-
-from pps_vision.types import Array
 
 _BINS = 10  # of a reliability diagram
 
@@ -43,32 +39,10 @@ def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike)
     return mean, mean - half, mean + half
 
 
-@dataclass(frozen=True)
-class Reliability:
-    """Reliability diagram: the bins of equal width that hold predictions."""
-
-    predicted: Array
-    """(bins,) mean predicted probability."""
-    happened: Array
-    """(bins,) share of positive outcomes."""
-    n: NDArray[np.intp]
-    """(bins,) number of predictions."""
-
-
-def reliability(outcome: ArrayLike, probability: ArrayLike) -> Reliability:
-    """Return the reliability diagram of predicted probabilities; ValueError for a probability outside [0, 1]."""
+def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike) -> float:
+    """Return the mean distance between predicted probability and share of positives in its bin (ten equal bins)."""
     p = np.asarray(probability, dtype=float).ravel()
     y = np.asarray(outcome, dtype=float).ravel()
-    if not np.all((p >= 0) & (p <= 1)):
-        raise ValueError(f"probabilities from {p.min()} to {p.max()}; expected 0 to 1")
     index = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
-    n = np.bincount(index, minlength=_BINS)
-    used = n > 0
-    predicted, happened = (np.bincount(index, weights=w, minlength=_BINS)[used] / n[used] for w in (p, y))
-    return Reliability(predicted, happened, n[used])
-
-
-def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike) -> float:
-    """Return the mean distance between a predicted probability and the share of positives in its bin."""
-    diagram = reliability(outcome, probability)
-    return float(np.sum(diagram.n * np.abs(diagram.predicted - diagram.happened)) / np.sum(diagram.n))
+    differences = np.bincount(index, weights=p, minlength=_BINS) - np.bincount(index, weights=y, minlength=_BINS)
+    return float(np.abs(differences).sum() / len(p))

@@ -83,20 +83,6 @@ def test_every_source_displaces_the_object_and_all_by_centimetres() -> None:
     assert 0.01 < np.median([error_m(ErrorSources(), k) for k in range(8)]) < 0.08
 
 
-def test_encoder_offsets_estimated_from_touches_halve_the_error() -> None:
-    trials = exact_trials("inner", 8, SEED)
-    only_joints = {**vars(errors_from()), "joint_rad": float(np.deg2rad(4.0))}
-    robot = MiscalibratedRobot.draw(ErrorSources(**only_joints), rng(1))
-    true = MiscalibratedRobot.draw(errors_from(), rng())
-
-    def error_m(model: MiscalibratedRobot) -> float:
-        errors = [from_taxels(model, model.observe(t, True, rng())) - from_taxels(true, t) for t in trials]
-        return float(np.median(np.linalg.norm(errors, axis=2)))
-
-    assert error_m(robot) > 0.02
-    assert error_m(robot.calibrated([robot.observe(t, True, rng()) for t in trials])) < 0.5 * error_m(robot)
-
-
 def test_a_robot_without_errors_touches_the_taxel_that_it_aims_at() -> None:
     """The first touch is aimed at taxel 27, the first inner taxel."""
     exact = MiscalibratedRobot.draw(errors_from(), rng())
