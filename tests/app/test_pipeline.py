@@ -23,9 +23,11 @@ ROBOT = load_icub()
 
 
 def pipeline(memory_of: tuple, skin_of: tuple, params: PipelineParams | None = None) -> Pipeline:
-    robot, rng = load_icub(), np.random.default_rng(0)
+    robot = load_icub()
+    rng = np.random.default_rng(0)
     tracker = Tracker(TrackerParams(), icub_rig(robot), rng)
-    memory, skin = PPSMemory.empty(icub_skin(memory_of)), icub_skin(skin_of)
+    memory = PPSMemory.empty(icub_skin(memory_of))
+    skin = icub_skin(skin_of)
     return Pipeline(params or PipelineParams(), robot, skin, tracker, memory, rng)
 
 
@@ -35,41 +37,46 @@ def test_a_memory_of_another_skin() -> None:
 
 
 def test_a_touch_without_a_track_is_counted() -> None:
-    one = pipeline(("left_forearm",), ("left_forearm",))
-    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
+    robot_pipeline = pipeline(("left_forearm",), ("left_forearm",))
+    q = home(robot_pipeline.robot)
+    black = np.zeros((240, 320, 3), np.uint8)
     touched = np.arange(12) == 3
     for k, touch in enumerate((None, touched, None)):
-        one.step(StereoFrame(black, black, 0.05 * k, 0.05 * k, q, q), touch)
-    memory = one.finish()
-    assert one.rejected == {"stale samples": 0, "unseen touches": 1}
+        robot_pipeline.step(StereoFrame(black, black, 0.05 * k, 0.05 * k, q, q), touch)
+    memory = robot_pipeline.finish()
+    assert robot_pipeline.rejected == {"stale samples": 0, "unseen touches": 1}
     assert memory.counts.sum() == 0
 
 
 def test_a_message_of_another_skin_is_refused_and_the_next_is_heard() -> None:
-    one = pipeline(("left_forearm",), ("left_forearm",))
-    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
+    robot_pipeline = pipeline(("left_forearm",), ("left_forearm",))
+    q = home(robot_pipeline.robot)
+    black = np.zeros((240, 320, 3), np.uint8)
     frame = StereoFrame(black, black, 0.0, 0.0, q, q)
     with pytest.raises(ValueError, match=r"touched \(5,\); expected the skin's 12 taxels"):
-        one.step(frame, np.ones(5, bool))
-    assert not one.step(frame, np.zeros(12, bool)).events.touched.any()
+        robot_pipeline.step(frame, np.ones(5, bool))
+    assert not robot_pipeline.step(frame, np.zeros(12, bool)).events.touched.any()
 
 
 def test_a_skin_that_the_avoiding_arm_does_not_carry_moves_nothing() -> None:
-    one = pipeline(("right_forearm",), ("right_forearm",))
-    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
-    step = one.step(StereoFrame(black, black, 0.0, 0.0, q, q), np.ones(12, bool))
+    robot_pipeline = pipeline(("right_forearm",), ("right_forearm",))
+    q = home(robot_pipeline.robot)
+    black = np.zeros((240, 320, 3), np.uint8)
+    step = robot_pipeline.step(StereoFrame(black, black, 0.0, 0.0, q, q), np.ones(12, bool))
     assert not step.command.dq_rad_s.any()
 
 
 def following(motion: Motion, params: PipelineParams | None = None, cov: Array | None = None) -> Pipeline:
     """A pipeline that knows the object's motion."""
-    skin, rng = icub_skin(("left_forearm",)), np.random.default_rng(0)
+    skin = icub_skin(("left_forearm",))
+    rng = np.random.default_rng(0)
     tracker = KnownTrack(motion) if cov is None else KnownTrack(motion, cov)
     return Pipeline(params or PipelineParams(), ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]
 
 
 def test_the_robot_is_posed_halfway_between_the_joints_of_the_two_images() -> None:
-    left, right = home(ROBOT), home(ROBOT) + np.linspace(-0.02, 0.03, ROBOT.n_joints)
+    left = home(ROBOT)
+    right = home(ROBOT) + np.linspace(-0.02, 0.03, ROBOT.n_joints)
     step = following(lambda t: None).step(frame_at(0.0, left, right))
     np.testing.assert_allclose(step.posture.q_rad - left, np.linspace(-0.01, 0.015, ROBOT.n_joints), atol=1e-12)
 
@@ -108,9 +115,11 @@ def test_gaze_follows_a_moving_object_by_commands_that_take_effect_late(gaze: ob
 
 @pytest.mark.parametrize("gaze", [FixationParams(), NeckAndEyesParams()], ids=["J IV.1", "neck and eyes"])
 def test_gaze_compensates_for_a_torso_that_turns_by_itself(gaze: object) -> None:
-    p, torso = np.array([-0.4, 0.0, 0.3]), ROBOT.indices(("torso_yaw", "torso_pitch"))
+    p = np.array([-0.4, 0.0, 0.3])
+    torso = ROBOT.indices(("torso_yaw", "torso_pitch"))
     pipeline = following(lambda t: (p, np.zeros(3)), PipelineParams(fixation=gaze))  # type: ignore[arg-type]
-    q, errors = gaze_at(ROBOT, home(ROBOT), p), []
+    q = gaze_at(ROBOT, home(ROBOT), p)
+    errors = []
     for k in range(20):
         command = pipeline.step(frame_at(DT * k, q)).command
         q = q + DT * command.dq_rad_s
@@ -121,9 +130,9 @@ def test_gaze_compensates_for_a_torso_that_turns_by_itself(gaze: object) -> None
 
 
 def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_keeps_still() -> None:
-    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
     params = PipelineParams(search_for_s=0.6)
-    steps, _ = run(following(lambda t: known if t < 0.475 else None, params), 1.5)
+    steps, _ = run(following(lambda t: target if t < 0.475 else None, params), 1.5)
     moving = [bool(step.command.dq_rad_s.any()) for step in steps]
     assert all(moving[10:21]), "lost after the frame at 0.45 s: a search up to 1.0 s"
     assert not any(moving[21:])
@@ -133,8 +142,8 @@ def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_kee
 
 def test_a_search_starts_anew_where_the_object_was_lost_again() -> None:
     """The gaze is searched around is that at the loss, not one of an earlier loss."""
-    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
-    pipeline = following(lambda t: known if int(10 * t + 1e-6) % 4 < 2 else None)
+    target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    pipeline = following(lambda t: target if int(10 * t + 1e-6) % 4 < 2 else None)
     for k, shift in ((0, 0.0), (3, 0.0), (5, 0.0), (9, 0.2), (11, 0.2)):
         q = home(ROBOT)
         q[ROBOT.indices(ROBOT.names.gaze_joints)[0]] += shift
@@ -145,8 +154,8 @@ def test_a_search_starts_anew_where_the_object_was_lost_again() -> None:
 
 
 def test_a_search_keeps_its_centre_while_the_gaze_moves() -> None:
-    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
-    pipeline = following(lambda t: known if t < 0.05 else None)
+    target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    pipeline = following(lambda t: target if t < 0.05 else None)
     yaw = ROBOT.indices(ROBOT.names.gaze_joints)[0]
     for k, shift in enumerate((0.0, 0.1, 0.3, 0.5)):
         q = home(ROBOT)
@@ -173,7 +182,8 @@ def test_a_contact_that_goes_on_is_learned_at_the_end() -> None:
 def towards_a_resting_object(speed_m_s: float, object_m_s: float) -> tuple[PipelineStep, float]:
     """The second of two frames between which the torso carries the forearm towards an object whose surface is 0.08 m
     from taxel 3, its radius 0.02 m, and their closing speed."""
-    q, yaw = home(ROBOT), ROBOT.indices(("torso_yaw",))[0]
+    q = home(ROBOT)
+    yaw = ROBOT.indices(("torso_yaw",))[0]
     skin = icub_skin(("left_forearm",))
     index = skin.index("left_forearm:3")
     p0, normals = (a[index] for a in skin.at(ROBOT.at(q)))
@@ -211,7 +221,7 @@ def test_the_sooner_of_two_times_to_contact(a: float, b: float) -> None:
 def test_a_frame_that_is_refused_changes_nothing() -> None:
     pipeline = following(lambda t: None)
     pipeline.step(frame_at(0.0, home(ROBOT)))
-    before = pipeline._state
+    state_before = pipeline._state
     for frame, touched in (
         (replace(frame_at(DT, home(ROBOT)), joints_left_rad=None), None),
         (frame_at(DT, np.full(ROBOT.n_joints, np.nan)), None),
@@ -219,13 +229,14 @@ def test_a_frame_that_is_refused_changes_nothing() -> None:
     ):
         with pytest.raises(ValueError, match="expected"):
             pipeline.step(frame, touched)
-        assert pipeline._state is before
+        assert pipeline._state is state_before
 
 
 @pytest.mark.parametrize(("uncertain", "expected_s"), [("position", 1.6), ("velocity", np.inf)])
 def test_an_uncertain_velocity_is_not_learned_from(uncertain: str, expected_s: float) -> None:
     """5 cm/s, 8 cm between the taxel and the surface."""
-    skin, posture = icub_skin(("left_forearm",)), ROBOT.at(home(ROBOT))
+    skin = icub_skin(("left_forearm",))
+    posture = ROBOT.at(home(ROBOT))
     index = skin.index("left_forearm:3")
     point, normal = (a[index] for a in skin.at(posture))
     variances = np.full((4, 3), 1e-6)
@@ -275,10 +286,10 @@ def test_a_velocity_that_is_certain_in_one_direction_can_be_acted_on(cov: Array)
 @pytest.mark.parametrize("cov", BAD_COVARIANCES.values(), ids=BAD_COVARIANCES.keys())
 def test_a_track_without_a_covariance_is_refused_and_changes_nothing(cov: Array) -> None:
     pipeline = anxious(0.1, 0.05, cov)
-    before = pipeline._state
+    state_before = pipeline._state
     with pytest.raises(InputError, match="expected a positive semi-definite one"):
         pipeline.step(frame_at(0.0, home(ROBOT)))
-    assert pipeline._state is before
+    assert pipeline._state is state_before
 
 
 @pytest.mark.parametrize(("row", "value"), [(0, np.nan), (1, np.nan), (0, np.inf), (0, 1e300), (1, -1.2e6)])
@@ -292,11 +303,11 @@ def test_a_track_that_is_nowhere_is_refused(row: int, value: float) -> None:
 def test_a_command_that_is_refused_leaves_the_state() -> None:
     pipeline = anxious(0.05, 0.1)
     pipeline.step(frame_at(1.0, home(ROBOT)))
-    before = pipeline._state
+    state_before = pipeline._state
     for stamp_s in (0.95, np.nan, np.inf):
         with pytest.raises(InputError, match="does not go back"):
             pipeline.step(frame_at(stamp_s, home(ROBOT)))
-        assert pipeline._state is before
+        assert pipeline._state is state_before
 
 
 def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None:
@@ -318,8 +329,8 @@ def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None
 
 
 def test_gaze_searches_for_half_a_minute_where_nothing_else_is_asked_for() -> None:
-    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
-    pipeline = following(lambda t: known if t == 0 else None)
+    target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    pipeline = following(lambda t: target if t == 0 else None)
     moves = [bool(pipeline.step(frame_at(t, home(ROBOT))).command.dq_rad_s.any()) for t in (0.0, 29.9, 30.1)]
     assert moves[1:] == [True, False]
 
@@ -327,7 +338,8 @@ def test_gaze_searches_for_half_a_minute_where_nothing_else_is_asked_for() -> No
 @pytest.mark.parametrize(("beside_m", "avoided"), [(0.0, True), (0.2, False)])
 def test_an_object_whose_path_passes_by_is_not_avoided(beside_m: float, avoided: bool) -> None:
     """It comes at 10 cm/s from 18 cm before a taxel, towards it or beside it; the skin expects a touch of either."""
-    begin, towards = before_taxel_3(0.18), before_taxel_3(0.0) - before_taxel_3(0.1)
+    begin = before_taxel_3(0.18)
+    towards = before_taxel_3(0.0) - before_taxel_3(0.1)
     aside = np.cross(towards, [0.0, 0.0, -1.0])
     way = beside_m * aside / np.linalg.norm(aside) + towards
     velocity = 0.1 * way / np.linalg.norm(way)
@@ -359,9 +371,9 @@ def before_taxel_3(distance_m: float) -> Array:
 
 def test_a_command_is_obeyed_for_half_a_second_after_it_took_effect() -> None:
     """0.2 s late: the one of 0.4 s ago still turns the robot until the next takes effect, one of 0.8 s ago does not."""
-    known = np.array([-0.35, -0.15, 0.3]), np.array([0.0, 0.2, 0.0])
+    target = np.array([-0.35, -0.15, 0.3]), np.array([0.0, 0.2, 0.0])
     for elapsed_s, turns_s in ((0.4, 0.2), (0.8, 0.0)):
-        pipeline = following(lambda t: known, PipelineParams(latency_s=0.2))
+        pipeline = following(lambda t: target, PipelineParams(latency_s=0.2))
         command = pipeline.step(frame_at(0.0, home(ROBOT))).command.dq_rad_s
         assert command.any()
         pipeline.step(frame_at(elapsed_s, home(ROBOT)))
@@ -371,11 +383,13 @@ def test_a_command_is_obeyed_for_half_a_second_after_it_took_effect() -> None:
 
 def test_commands_are_obeyed_one_after_the_other() -> None:
     """0.2 s late: from 0.45 to 0.65 s the one of 0 s is obeyed until that of 0.35 s takes effect."""
-    known = np.array([-0.35, -0.15, 0.3]), np.array([0.0, 0.2, 0.0])
-    pipeline = following(lambda t: known, PipelineParams(latency_s=0.2))
-    one, other, _ = (pipeline.step(frame_at(t, home(ROBOT))).command.dq_rad_s for t in (0.0, 0.35, 0.45))
+    target = np.array([-0.35, -0.15, 0.3]), np.array([0.0, 0.2, 0.0])
+    pipeline = following(lambda t: target, PipelineParams(latency_s=0.2))
+    first_rates, second_rates, _ = (pipeline.step(frame_at(t, home(ROBOT))).command.dq_rad_s for t in (0.0, 0.35, 0.45))
     assert pipeline._state.last_q_rad is not None
-    np.testing.assert_allclose(pipeline._state.last_q_rad - home(ROBOT), 0.1 * one + 0.1 * other, atol=1e-9)
+    np.testing.assert_allclose(
+        pipeline._state.last_q_rad - home(ROBOT), 0.1 * first_rates + 0.1 * second_rates, atol=1e-9
+    )
 
 
 def test_what_lasted_more_than_half_a_second_is_no_rate() -> None:
@@ -424,17 +438,19 @@ def test_both_arms_avoid_if_both_are_asked_to(side: str) -> None:
     index = skin.index(f"{side}_forearm:3")
     at = points[index] + 0.05 * normals[index], -0.1 * normals[index]
     params = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "right"))
-    memory, rng = replace(PPSMemory.empty(skin), counts=counts), np.random.default_rng(0)
+    memory = replace(PPSMemory.empty(skin), counts=counts)
+    rng = np.random.default_rng(0)
     steps, joints = run(Pipeline(params, ROBOT, skin, KnownTrack(lambda t: at), memory, rng), 0.4)  # type: ignore[arg-type]
-    modes = {one: step.mode for one, step in zip(("left", "right"), steps[-1].responses, strict=True)}
+    modes = {arm: step.mode for arm, step in zip(("left", "right"), steps[-1].responses, strict=True)}
     assert modes == {side: "avoid", ({"left", "right"} - {side}).pop(): "idle"}
-    moved = {one: np.ptp(joints[:, ROBOT.indices(ROBOT.names.arm(one))], axis=0).max() for one in modes}
+    moved = {arm: np.ptp(joints[:, ROBOT.indices(ROBOT.names.arm(arm))], axis=0).max() for arm in modes}
     assert moved.pop(side) > 0.01
     assert list(moved.values()) == [0.0]
 
 
 def test_the_other_arm_is_another() -> None:
-    skin, rng = icub_skin(("right_forearm", "left_forearm")), np.random.default_rng(0)
+    skin = icub_skin(("right_forearm", "left_forearm"))
+    rng = np.random.default_rng(0)
     params, tracker = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "left")), KnownTrack(lambda t: None)
     with pytest.raises(InputError, match="other arm"):
         Pipeline(params, ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]

@@ -82,7 +82,8 @@ def test_episodes(
 
 
 def test_what_it_starts_beside_is_passed() -> None:
-    target, beside = np.zeros(3), np.array([0.0, 0.03, 0.25])
+    target = np.zeros(3)
+    beside = np.array([0.0, 0.03, 0.25])
     start = np.array([0.0, 0.0, 0.26])
     assert first_contact(start, target, np.stack([target, beside]), 0.05) == pytest.approx([0, 0, 0.05])
 
@@ -97,8 +98,8 @@ def test_first_contact_is_where_the_reach_is_met() -> None:
         gaps = np.linalg.norm(taxels - end, axis=1)
         assert gaps.min() == pytest.approx(reach)
         way = np.linspace(0, 1, 500)[:, None]
-        before = start + way * (end - start)
-        assert np.linalg.norm(before[:, None] - taxels, axis=2).min() >= reach - 1e-9
+        positions = start + way * (end - start)
+        assert np.linalg.norm(positions[:, None] - taxels, axis=2).min() >= reach - 1e-9
 
 
 def test_a_reach_beyond_the_start_of_an_approach_is_refused(scene: SimulationScene) -> None:
@@ -110,7 +111,8 @@ def test_a_training_episode_ends_0_7_s_after_the_touch(
     scene: SimulationScene, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is touched from 2.5 s on, in frames 50 ms apart; the withdrawal, 3 s after, is not learned from."""
-    empty, frames = PPSMemory.empty(scene.skin), []
+    empty = PPSMemory.empty(scene.skin)
+    frames = []
 
     def simulated(*_: object, avoid: bool) -> Iterator[SimpleNamespace]:
         assert not avoid
@@ -144,12 +146,13 @@ def test_near_misses_come_between_the_touches(scene: SimulationScene, monkeypatc
         assert np.argmin(gaps) == 399 or gaps.min() < TOUCH_RADIUS_M
         return iter(())
 
-    names = {one: lambda one=one: learned.append(one) for one in ("finish", "miss")}
+    names = {name: lambda name=name: learned.append(name) for name in ("finish", "miss")}
     monkeypatch.setattr(simulation, "simulate", moved)
     monkeypatch.setattr(simulation, "new_pipeline", lambda *_: SimpleNamespace(step=None, **names))
     train(scene, trials=24, touch_every=3)
     assert learned == ["finish", "miss", "miss"] * 8
-    touching, missing = np.array(nearest_m)[::3], np.delete(nearest_m, slice(None, None, 3))
+    touching = np.array(nearest_m)[::3]
+    missing = np.delete(nearest_m, slice(None, None, 3))
     assert (np.abs(touching) < 1e-3).all()
     assert 0.04 <= missing.min() < 0.06
     assert 0.13 < missing.max() <= 0.16 + 1e-9
@@ -209,7 +212,8 @@ def command(q: Array, joint: int, rate: float) -> SimpleNamespace:
 
 def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen: SimulationScene) -> None:
     """A cube that comes to the skin in 1 s: it touches the taxels within 20 mm of its surface."""
-    index, way = unseen.skin.index("left_forearm:3"), np.array([0.05, -0.05, -0.1])
+    index = unseen.skin.index("left_forearm:3")
+    way = np.array([0.05, -0.05, -0.1])
     begin = unseen.skin.at(unseen.robot.at(unseen.home))[0][index] - way
     episode = Episode("", "cube", lambda t: (begin + t * way, way), 1.0)
     still = command(unseen.home, 0, 0.0)
@@ -231,7 +235,7 @@ def test_what_moves_by_itself_keeps_the_limits_of_its_joints(unseen: SimulationS
     yaw = unseen.robot.indices(("neck_yaw",))[0]
     step = command(unseen.home, yaw, 1.0)
     steps = list(simulate(unseen, Episode("", "ball", None, 3.0, "head"), lambda *_: step))  # type: ignore[arg-type,return-value]
-    assert max(one.q_rad[yaw] for one in steps) == unseen.robot.upper_rad[yaw]
+    assert max(step.q_rad[yaw] for step in steps) == unseen.robot.upper_rad[yaw]
 
 
 def test_the_eyes_begin_on_the_space_12_cm_before_the_skin(unseen: SimulationScene) -> None:
@@ -265,14 +269,15 @@ def test_an_approach_touches_and_what_recedes_does_not(unseen: SimulationScene, 
 
 
 def test_a_static_object_comes_5_cm_and_rests_12_to_15_cm_from_the_taxel(unseen: SimulationScene) -> None:
-    rests, index = [], unseen.skin.index("left_forearm:3")
+    rests = []
+    index = unseen.skin.index("left_forearm:3")
     for seed in range(12):
         episode = make_episode("static", unseen, "left_forearm:3", "octopus", np.random.default_rng(seed), 0.1)
         taxel, normal = (a[index] for a in unseen.skin.at(unseen.robot.at(unseen.home)))
-        (begin, rest), _ = gaps_of(unseen, episode, np.array([0.0, episode.seconds]))
-        away = rest - taxel
+        (begin, end), _ = gaps_of(unseen, episode, np.array([0.0, episode.seconds]))
+        away = end - taxel
         rests.append(np.linalg.norm(away))
-        np.testing.assert_allclose(rest - begin, 0.05 * away / rests[-1], atol=1e-9)
+        np.testing.assert_allclose(end - begin, 0.05 * away / rests[-1], atol=1e-9)
         assert away @ normal > 0
     assert 0.12 <= min(rests) < 0.13
     assert 0.14 < max(rests) <= 0.15
@@ -288,20 +293,20 @@ def test_an_arm_that_moves_has_nothing_near_and_what_begins_in_touch_is_no_episo
         make_episode("recede", unseen, "left_forearm:3", "ball", rng, 0.1, reach_m=0.01)
 
 
-@pytest.mark.parametrize(("border_px", "seen"), [(26.0, True), (24.0, False)])
+@pytest.mark.parametrize(("border_px", "visible"), [(26.0, True), (24.0, False)])
 def test_an_object_is_followed_25_pixels_within_both_images(
-    unseen: SimulationScene, monkeypatch: pytest.MonkeyPatch, border_px: float, seen: bool
+    unseen: SimulationScene, monkeypatch: pytest.MonkeyPatch, border_px: float, visible: bool
 ) -> None:
     """By eyes that rest, half a metre away; it is nearer to the border of the left image than to that of the right."""
     view = unseen.rig.view(unseen.home)
     monkeypatch.setattr(simulation, "gaze_at", lambda robot, q, p: q)
     p = view.left.center + 0.5 * view.left.rays(np.array([[border_px, 120.0]]))[0]
-    assert can_follow(unseen.robot, unseen.rig, unseen.home, lambda t: (p, np.zeros(3)), 1.0) == seen
+    assert can_follow(unseen.robot, unseen.rig, unseen.home, lambda t: (p, np.zeros(3)), 1.0) == visible
 
 
-@pytest.mark.parametrize(("near_at_s", "distance_m", "seen"), [(0, 0.23, True), (0, 0.21, False), (2, 0.21, False)])
+@pytest.mark.parametrize(("near_at_s", "distance_m", "visible"), [(0, 0.23, True), (0, 0.21, False), (2, 0.21, False)])
 def test_what_comes_nearer_than_22_cm_to_an_eye_is_not_followed(
-    unseen: SimulationScene, near_at_s: float, distance_m: float, seen: bool
+    unseen: SimulationScene, near_at_s: float, distance_m: float, visible: bool
 ) -> None:
     """In the first of two seconds or in the last."""
     view = unseen.rig.view(unseen.home)
@@ -310,13 +315,14 @@ def test_what_comes_nearer_than_22_cm_to_an_eye_is_not_followed(
     def motion(t: float) -> tuple[Array, Array]:
         return view.left.center + (distance_m if t == near_at_s else 0.35) * axis, np.zeros(3)
 
-    assert can_follow(unseen.robot, unseen.rig, unseen.home, motion, 2.0) == seen
+    assert can_follow(unseen.robot, unseen.rig, unseen.home, motion, 2.0) == visible
 
 
 def test_an_episode_as_arrays(unseen: SimulationScene) -> None:
     """Two frames of a ball, 30 mm in radius, whose centre is 5 and 4 cm before a taxel; the arm is commanded in the
     second."""
-    ball, arm = make_stimulus("ball").radius_m, unseen.arm[0]
+    ball = make_stimulus("ball").radius_m
+    arm = unseen.arm[0]
     taxels = np.array([[0.0, 0.0, 0.0], [0.0, 0.3, 0.0]])
     rows = []
     for k, rate in enumerate((0.0, 0.2)):
@@ -345,12 +351,13 @@ def test_an_episode_as_arrays(unseen: SimulationScene) -> None:
         assert log.touched.tolist() == [[False, False], [True, False]]
         assert (log.was_touched, log.was_commanded) == (True, avoid)
         np.testing.assert_array_equal(log.q_rad, [unseen.home, unseen.home + 1])
-        assert [one.degree for one in log.reachability] == [0.8]
+        assert [reach.degree for reach in log.reachability] == [0.8]
 
 
 def test_a_head_that_sways_turns_by_its_rate(unseen: SimulationScene) -> None:
     """10°/s in neck yaw and pitch, once in 2 and in 2.5 s."""
-    robot, arm = unseen.robot, unseen.arm
+    robot = unseen.robot
+    arm = unseen.arm
     head = robot.indices(robot.names.gaze_joints)[:2]
     rate = own_rate(robot, "head", arm, 0.0)
     assert np.flatnonzero(rate).tolist() == sorted(head)
@@ -363,7 +370,8 @@ def test_a_head_that_sways_turns_by_its_rate(unseen: SimulationScene) -> None:
 
 def test_an_arm_that_swings_turns_a_few_degrees_to_each_side(unseen: SimulationScene) -> None:
     """Each joint by its own angle, so many times in 20 s; the last two and all others rest."""
-    times, arm = np.arange(0, 20, 0.005), unseen.arm
+    times = np.arange(0, 20, 0.005)
+    arm = unseen.arm
     swing = np.array([own_rate(unseen.robot, "arm", arm, t) for t in times])
     assert np.flatnonzero(swing.any(axis=0)).tolist() == sorted(arm[:5])
     turned_deg = np.rad2deg(np.cumsum(swing, axis=0) * 0.005)[:, arm[:5]]

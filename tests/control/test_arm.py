@@ -25,7 +25,8 @@ def rates(
 
 def posture_inside(robot: Robot, rng: np.random.Generator) -> Array:
     """A posture whose arm joints are in the middle 60 % of their ranges."""
-    middle, half = 0.5 * (robot.upper_rad + robot.lower_rad), 0.5 * (robot.upper_rad - robot.lower_rad)
+    middle = 0.5 * (robot.upper_rad + robot.lower_rad)
+    half = 0.5 * (robot.upper_rad - robot.lower_rad)
     return middle + half * rng.uniform(-0.6, 0.6, robot.n_joints)
 
 
@@ -33,10 +34,13 @@ def posture_inside(robot: Robot, rng: np.random.Generator) -> Array:
 def test_a_point_moves_as_asked_and_only_its_arm_with_it(
     robot: Robot, rng: np.random.Generator, side: str, frame: str
 ) -> None:
-    point, h, deviations = np.array([-0.02, -0.03, 0.01]), 1e-5, []
+    point = np.array([-0.02, -0.03, 0.01])
+    h = 1e-5
+    deviations = []
     arm = robot.indices(robot.names.arm(side))
     for _ in range(40):
-        q, direction = posture_inside(robot, rng), rng.normal(size=3)
+        q = posture_inside(robot, rng)
+        direction = rng.normal(size=3)
         velocity = 0.02 * direction / np.linalg.norm(direction)
         dq = rates(robot, q, MovingPoint(frame, point, velocity), side=side)
         assert np.abs(dq).max() <= 60 * DEG + 1e-6
@@ -87,7 +91,8 @@ def test_the_palm_slides_along_its_sphere(robot: Robot) -> None:
     q = home(robot)
     center = robot.at(q).point("left_palm")
     keep_in = KeepIn("left_palm", center, 0.05)
-    out, side = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    out = np.array([0.0, 0.0, 1.0])
+    side = np.array([0.0, 1.0, 0.0])
     for _ in range(60):
         velocity = 0.1 * (out + 0.5 * side)
         q = q + DT * rates(robot, q, MovingPoint("left_palm", (0, 0, 0), velocity), keep_in)
@@ -108,7 +113,9 @@ def test_a_palm_outside_its_sphere_is_brought_back(robot: Robot) -> None:
 
 def test_the_palm_slides_along_the_trunk(robot: Robot) -> None:
     """Pushed askew against the trunk it goes on sideways at 25 mm from it; without the rows it would run into it."""
-    bodies, palm, gaps = SelfCollision(robot), "left_palm", {}
+    bodies = SelfCollision(robot)
+    palm = "left_palm"
+    gaps = {}
     velocity = np.array([0.1, 0.06, 0.0])  # the trunk lies behind the palm, the left of the robot is at −y
     for avoided in (bodies, None):
         q = home(robot)
@@ -145,8 +152,10 @@ def beside_the_shoulder(robot: Robot, at_m: float) -> tuple[ArmParams, Array, in
     `at_m` beside its axis with the direction in which it turns."""
     q, (pitch,) = home(robot), robot.indices(("left_shoulder_pitch",))
     posture = robot.at(q)
-    J, T = posture.jacobian("left_upper_arm")[:, pitch], posture.T_root("left_upper_arm")
-    axis, moves = J[3:], J[:3]
+    J = posture.jacobian("left_upper_arm")[:, pitch]
+    T = posture.T_root("left_upper_arm")
+    axis = J[3:]
+    moves = J[:3]
     foot = T[:3, 3] + np.cross(axis, moves)  # of the frame's origin on the axis
     across = np.cross(axis, [0.0, 0.0, 1.0])
     across /= np.linalg.norm(across)

@@ -11,12 +11,17 @@ from control.differential_kinematics import rate_limits, solve_rates
 def test_rates_are_the_bounded_minimum(rng: np.random.Generator) -> None:
     """The gradient is zero where a rate is free and points outwards where it is at a bound (Karush–Kuhn–Tucker)."""
     for _ in range(200):
-        J, wanted, preferred = rng.normal(size=(4, 7)), rng.choice([1, 30]) * rng.normal(size=4), rng.normal(size=7)
-        lower, upper, weights = -rng.uniform(0, 1, 7), rng.uniform(0, 1, 7), rng.choice([0.003, 0.3], 7)
+        J = rng.normal(size=(4, 7))
+        wanted = rng.choice([1, 30]) * rng.normal(size=4)
+        preferred = rng.normal(size=7)
+        lower = -rng.uniform(0, 1, 7)
+        upper = rng.uniform(0, 1, 7)
+        weights = rng.choice([0.003, 0.3], 7)
         x = solve_rates(J, wanted, preferred, weights, (lower, upper))
         assert np.all((x >= lower - 1e-8) & (x <= upper + 1e-8))
         gradient = J.T @ (J @ x - wanted) + weights**2 * (x - preferred)
-        low, high = np.isclose(x, lower, atol=1e-7), np.isclose(x, upper, atol=1e-7)
+        low = np.isclose(x, lower, atol=1e-7)
+        high = np.isclose(x, upper, atol=1e-7)
         assert np.abs(gradient[~low & ~high]).max(initial=0.0) < 1e-4
         assert gradient[low].min(initial=0.0) > -1e-4
         assert gradient[high].max(initial=0.0) < 1e-4
@@ -30,8 +35,12 @@ def test_a_singular_task_gives_finite_rates() -> None:
 def test_rows_hold_where_they_can_and_limits_everywhere(rng: np.random.Generator) -> None:
     """Against SciPy's general solver; where a row excludes the limits, it is left by as little as possible."""
     for _ in range(30):
-        J, wanted, preferred = rng.normal(size=(3, 7)), 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=7)
-        rows, most, limits = 0.3 * rng.normal(size=(2, 7)), rng.uniform(0, 0.01, 2), (-np.ones(7), np.ones(7))
+        J = rng.normal(size=(3, 7))
+        wanted = 0.1 * rng.normal(size=3)
+        preferred = 0.1 * rng.normal(size=7)
+        rows = 0.3 * rng.normal(size=(2, 7))
+        most = rng.uniform(0, 0.01, 2)
+        limits = (-np.ones(7), np.ones(7))
         x = solve_rates(J, wanted, preferred, 0.1, limits, rows, most)
         cost = lambda y, J=J, w=wanted, p=preferred: np.sum((J @ y - w) ** 2) + 0.01 * np.sum((y - p) ** 2)  # noqa: E731
         constraint = {"type": "ineq", "fun": lambda y, rows=rows, most=most: most - rows @ y}

@@ -30,13 +30,14 @@ def planned(robot: Robot) -> dict[int, tuple[DoubleTouch | Infeasible, ...]]:
 
 @pytest.fixture(scope="module")
 def touches(planned) -> list[tuple[int, DoubleTouch]]:
-    return [(i, touch) for i, found in planned.items() for touch in found if isinstance(touch, DoubleTouch)]
+    return [(i, touch) for i, outcome in planned.items() for touch in outcome if isinstance(touch, DoubleTouch)]
 
 
 def by_the_skin(robot: Robot, taxel: int, touch: DoubleTouch) -> tuple[np.ndarray, np.ndarray]:
     """Height (T,) of the fingertip's centre over a taxel, and how far beside the normal it is (T,)."""
     k = PART.ids.index(taxel)
-    height, aside = [], []
+    height = []
+    aside = []
     for q in touch.joints_rad:
         posture = robot.at(q)
         normal = posture.T_root("left_forearm")[:3, :3] @ PART.normals[k]
@@ -47,8 +48,8 @@ def by_the_skin(robot: Robot, taxel: int, touch: DoubleTouch) -> tuple[np.ndarra
 
 
 def test_most_starts_lead_to_a_touch_and_the_others_have_a_reason(planned):
-    outcomes = [found for one in planned.values() for found in one]
-    reasons = [found for found in outcomes if not isinstance(found, DoubleTouch)]
+    outcomes = [outcome for plans_of_taxel in planned.values() for outcome in plans_of_taxel]
+    reasons = [outcome for outcome in outcomes if not isinstance(outcome, DoubleTouch)]
     print(f"seed {SEED}: {len(outcomes)} starts, {reasons}")
     assert len(reasons) <= 0.4 * len(outcomes)
     assert set(reasons) <= set(get_args(Infeasible))
@@ -113,8 +114,8 @@ def test_every_reason_of_failure_is_reported(robot):
     assert set(rushed.plan(0, 2, rng)) == {"too fast"}
     shy = DoubleTouching(robot, PART, DoubleTouchParams(clearance_m=0.2))
     assert set(shy.plan(0, 2, rng)) == {"self-collision"}
-    far = SkinPart("far", "left_forearm", (1,), np.array([[0.0, 0.9, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
-    assert set(DoubleTouching(robot, far).plan(0, 2, rng)) == {"out of reach"}
+    distant = SkinPart("far", "left_forearm", (1,), np.array([[0.0, 0.9, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
+    assert set(DoubleTouching(robot, distant).plan(0, 2, rng)) == {"out of reach"}
 
 
 def test_a_minimum_jerk_movement_by_hand():

@@ -11,8 +11,11 @@ from pps_vision.types import JointVelocity
 def test_the_commands_on_the_way_are_obeyed_in_turn(rng: np.random.Generator, latency_s: float) -> None:
     stamps = np.cumsum(rng.uniform(0.02, 0.2, 6))
     commands = [JointVelocity(float(t), rng.normal(size=3), 0.1) for t in stamps]  # some end before the next
-    q0, from_s, until_s = rng.normal(size=3), 0.11, 0.9
-    expected, ticks = q0.copy(), np.arange(from_s, until_s, 1e-4)
+    q0 = rng.normal(size=3)
+    from_s = 0.11
+    until_s = 0.9
+    expected = q0.copy()
+    ticks = np.arange(from_s, until_s, 1e-4)
     for t in ticks:
         begun = [c for c in commands if c.stamp_s + latency_s <= t]
         if begun and t < begun[-1].stamp_s + latency_s + begun[-1].hold_s:

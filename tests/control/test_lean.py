@@ -9,19 +9,23 @@ from control.lean import LeanParams
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 
-ROBOT, PARAMS, DT = load_icub(), LeanParams(), 0.05
+ROBOT = load_icub()
+PARAMS = LeanParams()
+DT = 0.05
 AT_ONCE = LeanParams(torso_rad_s=10.0)
-MODEL, LIMITS = GazeModel(ROBOT), GazeLimits()
+MODEL = GazeModel(ROBOT)
+LIMITS = GazeLimits()
 TORSO = ROBOT.indices(ROBOT.names.torso)
 CENTER, RADIUS = np.array([-0.32, 0.08, 0.25]), 0.10  # what is reachable, as it lies for an upright torso
-ASIDE, FAR = CENTER + np.array([0.0, 0.18, 0.0]), CENTER - np.array([0.35, 0.0, 0.0])
+ASIDE = CENTER + np.array([0.0, 0.18, 0.0])
+FAR = CENTER - np.array([0.35, 0.0, 0.0])
 START = ROBOT.clamp(np.zeros(ROBOT.n_joints))
 
 
 def in_ball(gaze):
-    known = np.isfinite(gaze).all(axis=1)
+    finite = np.isfinite(gaze).all(axis=1)
     off = np.full(len(gaze), np.inf)
-    off[known] = np.linalg.norm(MODEL.points(gaze[known]) - CENTER, axis=1)
+    off[finite] = np.linalg.norm(MODEL.points(gaze[finite]) - CENTER, axis=1)
     return off < RADIUS
 
 
@@ -33,12 +37,14 @@ def upright(q, point):
     """Where a point that moves with the torso would lie, by Pinocchio's frames instead of the gaze model's chain."""
     straight = q.copy()
     straight[TORSO] = 0
-    now, then = ROBOT.at(q).T_root("chest"), ROBOT.at(straight).T_root("chest")
-    return (then @ np.linalg.inv(now) @ np.append(point, 1))[:3]
+    T_leaning = ROBOT.at(q).T_root("chest")
+    T_upright = ROBOT.at(straight).T_root("chest")
+    return (T_upright @ np.linalg.inv(T_leaning) @ np.append(point, 1))[:3]
 
 
 def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
-    q, turned = START.copy(), 0.0
+    q = START.copy()
+    turned = 0.0
     for _ in range(100):
         status, command = step(q, ASIDE)
         if status == "within reach":
@@ -48,7 +54,8 @@ def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
         assert np.linalg.norm(rates[TORSO]) <= np.deg2rad(15) + 1e-12
         rates[TORSO] = 0
         assert not rates.any()
-        q, turned = q + DT * command.dq_rad_s, turned + DT * np.linalg.norm(command.dq_rad_s)
+        q = q + DT * command.dq_rad_s
+        turned = turned + DT * np.linalg.norm(command.dq_rad_s)
     assert status == "within reach"
     assert np.linalg.norm(upright(q, ASIDE) - CENTER) < RADIUS
     assert turned == pytest.approx(np.linalg.norm(q[TORSO] - START[TORSO]), rel=0.02)
@@ -82,7 +89,9 @@ def test_within_reach_and_out_of_reach_the_torso_rests():
 
 
 def test_the_head_compensates_for_the_torso():
-    q, dq, error = gaze_at(ROBOT, START, ASIDE), np.zeros(ROBOT.n_joints), {}
+    q = gaze_at(ROBOT, START, ASIDE)
+    dq = np.zeros(ROBOT.n_joints)
+    error = {}
     dq[TORSO] = np.deg2rad([12.0, -9.0])
     carried = head.carried_velocity(ROBOT.at(q), ASIDE, dq)
     for velocity in (-carried, 0 * carried):
@@ -92,7 +101,9 @@ def test_the_head_compensates_for_the_torso():
 
 
 def test_a_carried_point_moves_with_the_torso_whatever_else_moves():
-    q, dq, h = START + 0.05, np.full(ROBOT.n_joints, 0.3), 1e-6
+    q = START + 0.05
+    dq = np.full(ROBOT.n_joints, 0.3)
+    h = 1e-6
     of_torso = np.zeros(ROBOT.n_joints)
     of_torso[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3
     moved = q + h * of_torso
@@ -102,7 +113,8 @@ def test_a_carried_point_moves_with_the_torso_whatever_else_moves():
 
 
 def test_the_torso_stands_up_straight_and_then_rests():
-    q, home = START.copy(), START[TORSO]
+    q = START.copy()
+    home = START[TORSO]
     q[TORSO] = np.deg2rad([12.0, -8.0])
     path = []
     for _ in range(60):

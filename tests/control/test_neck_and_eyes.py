@@ -23,7 +23,9 @@ AHEAD = np.array([-0.4, 0.0, 0.3])
 
 def follow(robot: Robot, q: Array, p: Array, n: int, trunk: Array | None = None, compensates: bool = True) -> Array:
     """Postures (n, n_joints) of a robot whose trunk turns at `trunk` (n_joints,) rad/s."""
-    last, last_q, qs = None, None, []
+    last = None
+    last_q = None
+    qs = []
     turning = np.zeros(robot.n_joints) if trunk is None else trunk
     for k in range(n):
         posture = robot.at(q)
@@ -32,7 +34,8 @@ def follow(robot: Robot, q: Array, p: Array, n: int, trunk: Array | None = None,
         wanted = neck_and_eyes.step(PARAMS, posture, p, v, 0.5, k * DT, last)
         command = limits.limit(LimitParams(), BODIES, posture, wanted, last, last_q)
         np.testing.assert_allclose(command.dq_rad_s, wanted.dq_rad_s, atol=1e-4)  # nothing is left to limit
-        last, last_q = command, q
+        last = command
+        last_q = q
         q = q + DT * (command.dq_rad_s + turning)
     return np.array(qs)
 
@@ -46,14 +49,16 @@ def last_above(errors: Array, bound: float) -> float:
 def test_eyes_settle_to_a_tenth_of_a_degree_and_the_neck_to_half_a_degree(
     robot: Robot, rng: np.random.Generator
 ) -> None:
-    rig, settled = icub_rig(robot), []
+    rig = icub_rig(robot)
+    settled = []
     while len(settled) < 15:
-        lower, upper = np.array([-55, -40, 5]) * DEG, np.array([55, 30, 90]) * DEG
-        q, there = (
+        lower = np.array([-55, -40, 5]) * DEG
+        upper = np.array([55, 30, 90]) * DEG
+        q, q_target = (
             set_gaze(robot, home(robot), yaw, pitch, vergence=vergence)
             for yaw, pitch, vergence in rng.uniform(lower, upper, (2, 3))
         )
-        p = fixation_point(robot.at(there))
+        p = fixation_point(robot.at(q_target))
         view = rig.view(q)
         if p is None or not (view.left.sees(p) and view.right.sees(p)):
             continue
@@ -85,7 +90,10 @@ def test_the_eyes_compensate_for_the_torso(robot: Robot) -> None:
     trunk[robot.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = np.array([25, 10, 15]) * DEG
     q = gaze_at(robot, home(robot), AHEAD)
     with_it, without = (
-        max(fixation_error(robot.at(one), AHEAD) for one in follow(robot, q, AHEAD, 20, trunk, compensates))
+        max(
+            fixation_error(robot.at(q_followed), AHEAD)
+            for q_followed in follow(robot, q, AHEAD, 20, trunk, compensates)
+        )
         for compensates in (True, False)
     )
     assert with_it < 0.3 * DEG
@@ -115,11 +123,11 @@ def test_the_error_decreases_by_twelve_and_a_half_times_itself_per_second(robot:
     """In a step of 20 ms to three quarters of itself."""
     q = gaze_at(robot, home(robot), AHEAD)
     p = AHEAD + np.array([0.0, 0.001, 0.001])
-    before = features(robot.at(q), p)[0]
+    x_initial = features(robot.at(q), p)[0]
     command = neck_and_eyes.step(PARAMS, robot.at(q), p, np.zeros(3), 0.02, 7.0, None)
     after = features(robot.at(q + 0.02 * command.dq_rad_s), p)[0]
-    np.testing.assert_allclose(after, 0.75 * before, atol=3e-5)
-    assert np.abs(before).max() > 1e-3
+    np.testing.assert_allclose(after, 0.75 * x_initial, atol=3e-5)
+    assert np.abs(x_initial).max() > 1e-3
     assert (command.stamp_s, command.hold_s) == (7.0, 0.02)
 
 
@@ -129,6 +137,8 @@ def test_the_neck_takes_over_from_eyes_turned_aside_at_twelve_times_their_angle_
     q = set_gaze(robot, q, version=3 * DEG, tilt=-2 * DEG)
     p = fixation_point(robot.at(q))
     dq = neck_and_eyes.step(PARAMS, robot.at(q), p, np.zeros(3), 0.01, 0.0, None).dq_rad_s
-    ahead = [features(robot.at(set_gaze(robot, of, tilt=0.0, version=0.0)), p)[0] for of in (q, q + 0.01 * dq)]
+    ahead = [
+        features(robot.at(set_gaze(robot, q_start, tilt=0.0, version=0.0)), p)[0] for q_start in (q, q + 0.01 * dq)
+    ]
     np.testing.assert_allclose(ahead[1][1:], 0.88 * ahead[0][1:], atol=2e-4)
     assert np.abs(ahead[0][1:]).min() > 1.5 * DEG

@@ -39,7 +39,9 @@ def ball(position: Array, velocity: Array | Sequence[float] = (0.0, 0.0, 0.0), s
 def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot: Robot) -> None:
     """An activation before it was allowed does not count for the confirmation."""
     params = replace(PARAMS, confirmation_s=0.1)
-    posture, state, modes = robot.at(home(robot)), ArmState(), []
+    posture = robot.at(home(robot))
+    state = ArmState()
+    modes = []
     points, normals = SKIN.at(posture)
     track = ball(points[0] + 0.1 * normals[0], -0.05 * normals[0])
     for k, is_reachable in enumerate([False] * 4 + [True] * 4 + [False] + [True] * 3):
@@ -69,7 +71,8 @@ def test_a_lost_object_is_reached_for_no_more(robot: Robot, lost: bool) -> None:
 
 def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot: Robot) -> None:
     """A ball comes to the forearm for 0.3 s and waits beside the palm, whose taxels are activated more."""
-    q, state = home(robot), ArmState()
+    q = home(robot)
+    state = ArmState()
     points, normals = SKIN.at(robot.at(q))
     k = SKIN.index("left_forearm:3")
     at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * normals[k]
@@ -86,7 +89,9 @@ def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot: Robot)
 
 def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot: Robot) -> None:
     """Activation lasts for 0.3 s, while the ball comes; it waits 5 cm from the skin, 40° from the normal."""
-    q, state, gaps = home(robot), ArmState(), []
+    q = home(robot)
+    state = ArmState()
+    gaps = []
     points, normals = SKIN.at(robot.at(q))
     k = SKIN.index("left_forearm:27")
     out = np.cos(0.7) * normals[k] + np.sin(0.7) * np.cross(normals[k], [0.0, 0.0, 1.0])
@@ -105,9 +110,11 @@ def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot: Robot
 @pytest.mark.parametrize("active", ["left_forearm:3", "left_palm:101"])
 def test_the_target_is_the_taxel_that_the_path_passes_nearest(robot: Robot, active: str) -> None:
     """Whichever taxel is active; it changes only while one is."""
-    posture, state = robot.at(home(robot)), ArmState()
+    posture = robot.at(home(robot))
+    state = ArmState()
     points, normals = SKIN.at(posture)
-    first, second = SKIN.index("left_forearm:3"), SKIN.index("left_palm:101")
+    first = SKIN.index("left_forearm:3")
+    second = SKIN.index("left_palm:101")
     for i, (k, a) in enumerate([(first, felt_by(active)), (second, felt_by()), (second, felt_by(active))]):
         track = ball(points[k] + 0.2 * normals[k], -0.05 * normals[k])
         state, response = step(
@@ -122,7 +129,8 @@ def test_the_position_history_decides_which_taxel_an_object_comes_to(robot: Robo
     """Not its velocity, which overshoots, unless there is only one position; extrapolated for ten seconds."""
     posture = robot.at(home(robot))
     points, normals = SKIN.at(posture)
-    first, second = SKIN.index("left_forearm:3"), SKIN.index("left_forearm:159")
+    first = SKIN.index("left_forearm:3")
+    second = SKIN.index("left_forearm:159")
     at = points[first] + 0.45 * normals[first]
     to_second = points[second] - at
     at_5_cm_s = at + 0.05 * 0.5 * normals[first]  # half a second earlier
@@ -147,7 +155,8 @@ def test_the_other_parts_nearest_taxels_keep_clear(robot: Robot) -> None:
     """The object's radius counts where it is known."""
     posture = robot.at(home(robot))
     k = SKIN.index("left_palm:99")
-    point, way = SKIN.at(posture)[0][k], np.array([0.6, 0.0, 0.8])
+    point = SKIN.at(posture)[0][k]
+    way = np.array([0.6, 0.0, 0.8])
     for radius_m in (BALL_M, np.nan):
         arm = ArmInput(0.0, posture, SKIN, felt_by(), track_at(point - 0.01 * way, radius_m=radius_m))
         (near,) = other_parts(arm, SKIN.index("left_forearm:27"))
@@ -160,7 +169,8 @@ def test_the_other_parts_nearest_taxels_keep_clear(robot: Robot) -> None:
 def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot: Robot, rng: np.random.Generator) -> None:
     """Gaps by the speeds at which they close, by finite differences; all taxels are moved by the same joint rates."""
     q = home(robot)
-    posture, target = robot.at(q), SKIN.index("left_forearm:3")
+    posture = robot.at(q)
+    target = SKIN.index("left_forearm:3")
     positions, normals = SKIN.at(posture)
     side = [i for i in np.flatnonzero(SKIN.part_index == 0) if normals[i] @ normals[target] > 0]
     others = 0
@@ -190,25 +200,29 @@ def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot: Rob
 
 # Joints (degrees) of a robot whose right forearm is 3.6 cm from its chest, and where a ball ends that comes to it.
 BESIDE_CHEST_DEG = (0, 6, -1, 0, 15, 0, 20, 0, 0, 0, -40, -7, 22, -35, 4, -4, -37, 9, -13, 58, -41, -1, 14)
-BALL_ENDS, BALL_VELOCITY = np.array([-0.157, 0.031, -0.046]), np.array([-0.021, 0.181, 0.179])
+BALL_ENDS = np.array([-0.157, 0.031, -0.046])
+BALL_VELOCITY = np.array([-0.021, 0.181, 0.179])
 
 
 @pytest.mark.parametrize(("damping_m", "touches"), [(ReachingParams.damping_m, True), (0.003, False)])
 def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot: Robot, damping_m: float, touches: bool) -> None:
     """Through the last stage, 0.7 s of approach and 2 s of waiting; with little damping alone the arm is too slow."""
-    skin, bodies = icub_skin(("right_forearm", "right_palm")), SelfCollision(robot)
+    skin = icub_skin(("right_forearm", "right_palm"))
+    bodies = SelfCollision(robot)
     q, state, last, last_q, gaps = np.deg2rad(BESIDE_CHEST_DEG), ArmState(), None, None, []
     home_rad = tuple(q[robot.indices(robot.names.arm("right"))])
     params = ReachingParams(home_rad, "right", min_approach_m=0.0, damping_m=damping_m)
     for i in range(54):
-        t, coming = i * DT, i < 14
+        t = i * DT
+        coming = i < 14
         at = BALL_ENDS - max(0.7 - t, 0.0) * BALL_VELOCITY
         a = np.zeros(len(skin.taxel_ids))
         a[skin.index("right_forearm:159")] = 0.9 * coming
         track = ball(at, BALL_VELOCITY * coming, t)
         state, response = step(params, state, ArmInput(t, robot.at(q), skin, a, track, self_collision=bodies), True)
         wanted = JointVelocity(t, response.command.dq_rad_s, MAX_HOLD_S)
-        last, last_q = limit(LimitParams(), bodies, robot.at(q), wanted, last, last_q), q
+        last = limit(LimitParams(), bodies, robot.at(q), wanted, last, last_q)
+        last_q = q
         q = q + DT * last.dq_rad_s
         assert bodies.distance_m(q) > LimitParams().clearance_m
         gaps.append(np.linalg.norm(skin.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)

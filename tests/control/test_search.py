@@ -20,7 +20,8 @@ COVERS_WITHIN_S = PipelineParams.search_for_s
 
 def looked(robot: Robot, q: Array, n: int, seed: int = 0, params: SearchParams = RANDOM) -> Array:
     """Postures (n, n_joints) of a search that begins at `q`."""
-    rng, qs = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    qs = []
     state = SearchState(gaze_of(robot.at(q)))
     for _ in range(n):
         state, command = step(params, state, robot.at(q), DT, rng)
@@ -52,21 +53,23 @@ def test_whatever_can_be_fixated_is_in_view_of_both_eyes_in_time(
     """At the first visit to the grid points 8–80 cm away, which a gaze within J's limits fixates, or above and below
     those with the eyes' tilt; at the second also nearer ones, to J's largest vergence."""
     gaze = rng.uniform([-55, pitch_deg[0], 5], [55, pitch_deg[1], vergence_deg], (500, 3)) * DEG
-    points, seen = fixation_points(robot, gaze), np.zeros(500, bool)
+    points = fixation_points(robot, gaze)
+    in_view = np.zeros(500, bool)
     q = set_gaze(robot, home(robot), yaw=start[0] * DEG, pitch=start[1] * DEG, vergence=start[2] * DEG)
     rig = icub_rig(robot)
     for q_now in looked(robot, q, int(within_s / DT), params=SearchParams())[::2]:
         view = rig.view(q_now)
         pixels = [eye.project(points) for eye in (view.left, view.right)]
-        seen |= np.logical_and.reduce([((px >= 0) & (px <= (319, 239))).all(axis=1) for px in pixels])
-    assert seen.all()
+        in_view |= np.logical_and.reduce([((px >= 0) & (px <= (319, 239))).all(axis=1) for px in pixels])
+    assert in_view.all()
 
 
 def test_it_looks_to_all_sides_of_its_centre_at_its_own_speed(robot: Robot) -> None:
     q = gaze_at(robot, home(robot), (-0.4, 0.05, 0.25))
     center = gaze_of(robot.at(q))
     gazes = look_around(robot, q, 1200, seed=1)
-    aside, up = gazes[:, 0] - center[0], gazes[:, 1] + gazes[:, 2] - center[1] - center[2]
+    aside = gazes[:, 0] - center[0]
+    up = gazes[:, 1] + gazes[:, 2] - center[1] - center[2]
     assert aside.min() < -20 * DEG
     assert aside.max() > 20 * DEG
     assert up.min() < -12 * DEG
@@ -89,7 +92,8 @@ def test_held_for_half_a_second_no_joint_leaves_its_limits(robot: Robot) -> None
     q = set_gaze(robot, home(robot), yaw=54 * DEG, pitch=29 * DEG, vergence=10 * DEG)
     ends = []
     for seed in range(20):
-        state, rng = SearchState(gaze_of(robot.at(q))), np.random.default_rng(seed)
+        state = SearchState(gaze_of(robot.at(q)))
+        rng = np.random.default_rng(seed)
         _, command = step(RANDOM, state, robot.at(q), 0.5, rng)
         ends.append(q + 0.5 * command.dq_rad_s)
         assert command.hold_s == 0.5
@@ -107,8 +111,10 @@ def test_a_search_that_covers_nothing_is_refused(spacing: tuple[float, float]) -
 
 def test_the_covering_search_goes_to_the_nearest_of_twelve_gazes_then_again_at_another_vergence(robot: Robot) -> None:
     """110° of yaw are three times 40° or less, 120° of pitch and tilt four times 30°; the robot is put at each goal."""
-    q, rng = home(robot), np.random.default_rng(0)
-    state, goals = SearchState(gaze_of(robot.at(q))), []
+    q = home(robot)
+    rng = np.random.default_rng(0)
+    state = SearchState(gaze_of(robot.at(q)))
+    goals = []
     for _ in range(26):
         gaze = gaze_of(robot.at(q))
         left = np.array([*state.unvisited]) if len(state.unvisited) else None

@@ -22,7 +22,8 @@ CAMERAS = pytest.mark.parametrize(
 def points_in_view(camera: Camera, rng: np.random.Generator, n: int = 200) -> Array:
     """Points 0.1–2 m before the camera, filling the image of the pinhole model."""
     z = rng.uniform(0.1, 2.0, n)
-    u, v = rng.uniform(0, camera.width, n), rng.uniform(0, camera.height, n)
+    u = rng.uniform(0, camera.width, n)
+    v = rng.uniform(0, camera.height, n)
     return np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
 
 
@@ -49,7 +50,7 @@ def test_pixel_and_slope_at_once_are_those_of_either(camera: Camera, rng: np.ran
         np.testing.assert_allclose(pixel, theirs[0, 0], atol=1e-9)
         np.testing.assert_allclose((of_u, of_v), jacobian[:, 3:6], atol=1e-6)  # by the translation
     for unseen in ([0.1, 0.1, -0.5], [0.1, 0.1, 0.0]):
-        assert all(np.isnan(one).all() for one in camera.project_linearised(*unseen))
+        assert all(np.isnan(value).all() for value in camera.project_linearised(*unseen))
 
 
 def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng: np.random.Generator) -> None:
@@ -89,16 +90,17 @@ def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(
     angles = np.deg2rad(np.linspace(0, 80, 801))
     points = np.column_stack([np.sin(angles), np.zeros(801), np.cos(angles)])
     u = camera.project(points)[:, 0]
-    seen = np.isfinite(u)
+    is_visible = np.isfinite(u)
     np.testing.assert_allclose([camera.project_linearised(*point)[0] for point in points.tolist()], u, atol=1e-9)
-    assert angles[seen].max() == pytest.approx(np.arctan(np.sqrt(tan2)), abs=0.003)
-    assert np.all(np.diff(u[seen]) > 0)
+    assert angles[is_visible].max() == pytest.approx(np.arctan(np.sqrt(tan2)), abs=0.003)
+    assert np.all(np.diff(u[is_visible]) > 0)
 
 
 def test_solid_angles_add_up_to_the_pyramid_the_image_spans() -> None:
     """A pinhole's image covers 4·asin(sin α·sin β) sr, the half angles to its edges."""
     camera = Camera(301, 201, 220.0, 220.0, 150.0, 100.0)
-    half_width, half_height = np.arctan(150.5 / 220), np.arctan(100.5 / 220)
+    half_width = np.arctan(150.5 / 220)
+    half_height = np.arctan(100.5 / 220)
     pyramid = 4 * np.arcsin(np.sin(half_width) * np.sin(half_height))
     assert camera.solid_angle_map.sum() == pytest.approx(pyramid, rel=2e-3)
     assert camera.focal_px == pytest.approx(220.0)
@@ -141,7 +143,8 @@ def test_the_middle_of_two_eyes_is_between_them() -> None:
 
 def test_a_view_sees_to_the_edge_of_the_image_or_to_a_margin() -> None:
     """The pixel is 319.25, in the outer half of the last column."""
-    view, point = View(PINHOLE, np.eye(4)), [(319.25 - 159.5) / 220.0, 0.0, 1.0]
+    view = View(PINHOLE, np.eye(4))
+    point = [(319.25 - 159.5) / 220.0, 0.0, 1.0]
     assert view.sees(point)
     assert not view.sees(point, margin_px=0.5)
 
@@ -173,7 +176,8 @@ def test_a_real_camera_is_usable(camera: Camera) -> None:
 
 
 def test_a_camera_looks_at_more_than_a_hundredth_of_a_radian() -> None:
-    across, down = 319 / 0.0103, 239 / 0.0103
+    across = 319 / 0.0103
+    down = 239 / 0.0103
     assert replace(PINHOLE, fx=across, fy=down).is_usable()
     assert not replace(PINHOLE, fx=across * 1.06, fy=down).is_usable()
     assert not replace(PINHOLE, fx=across, fy=down * 1.06).is_usable()

@@ -27,7 +27,8 @@ def point_ahead(view: StereoView, rng: np.random.Generator) -> Array:
 
 
 def undistorted(view: View, px: Array) -> Array:
-    K, d = view.camera.K, np.array(view.camera.distortion)
+    K = view.camera.K
+    d = np.array(view.camera.distortion)
     return np.asarray(cv2.undistortPoints(px.reshape(1, 1, 2), K, d))[0, 0]
 
 
@@ -41,10 +42,10 @@ def opencv_linear(view: StereoView, left_px: Array, right_px: Array) -> Array:
 def test_exact_images_give_back_the_point(view: StereoView, rng: np.random.Generator) -> None:
     for _ in range(50):
         p = point_ahead(view, rng)
-        found = triangulate(view, view.left.project(p), view.right.project(p), ONE_PX, ONE_PX)
-        assert found is not None
-        np.testing.assert_allclose(found.p_root, p, atol=1e-8)
-        assert found.residual_px < 1e-5
+        result = triangulate(view, view.left.project(p), view.right.project(p), ONE_PX, ONE_PX)
+        assert result is not None
+        np.testing.assert_allclose(result.p_root, p, atol=1e-8)
+        assert result.residual_px < 1e-5
 
 
 def test_noisy_images_agree_with_opencvs_linear_method_within_the_noise(
@@ -53,11 +54,12 @@ def test_noisy_images_agree_with_opencvs_linear_method_within_the_noise(
     """The linear method minimises another error, so it differs by much less than one standard deviation."""
     for _ in range(50):
         p = point_ahead(view, rng)
-        left, right = view.left.project(p) + rng.normal(0, 0.1, 2), view.right.project(p) + rng.normal(0, 0.1, 2)
-        found = triangulate(view, left, right, 0.01 * ONE_PX, 0.01 * ONE_PX)
-        assert found is not None
-        sigma = np.sqrt(np.trace(found.cov_root))
-        assert np.linalg.norm(found.p_root - opencv_linear(view, left, right)) < 0.2 * sigma
+        left = view.left.project(p) + rng.normal(0, 0.1, 2)
+        right = view.right.project(p) + rng.normal(0, 0.1, 2)
+        result = triangulate(view, left, right, 0.01 * ONE_PX, 0.01 * ONE_PX)
+        assert result is not None
+        sigma = np.sqrt(np.trace(result.cov_root))
+        assert np.linalg.norm(result.p_root - opencv_linear(view, left, right)) < 0.2 * sigma
 
 
 @pytest.mark.parametrize("more_px2", [0.0, 0.03])
@@ -65,7 +67,8 @@ def test_covariance_and_residual_are_what_sampling_finds(
     view: StereoView, rng: np.random.Generator, more_px2: float
 ) -> None:
     """Pixels drawn from the stated covariances: the points' covariance entry by entry, within five standard errors."""
-    p, n = point_ahead(view, rng), 1500
+    p = point_ahead(view, rng)
+    n = 1500
     covs = np.array([[0.04, 0.012], [0.012, 0.02]]), np.array([[0.01, -0.01], [-0.01, 0.05]])
     eyes = view.left, view.right
     pixels = [
@@ -74,11 +77,12 @@ def test_covariance_and_residual_are_what_sampling_finds(
     ]
     exact = triangulate(view, *(eye.project(p) for eye in eyes), *covs, more_px2)
     assert exact is not None
-    points, chi2 = np.empty((n, 3)), np.empty(n)
+    points = np.empty((n, 3))
+    chi2 = np.empty(n)
     for i in range(n):
-        found = triangulate(view, pixels[0][i], pixels[1][i], *covs, more_px2)
-        assert found is not None
-        points[i], chi2[i] = found.p_root, found.mahalanobis
+        result = triangulate(view, pixels[0][i], pixels[1][i], *covs, more_px2)
+        assert result is not None
+        points[i], chi2[i] = result.p_root, result.mahalanobis
     variance = np.diag(exact.cov_root)
     standard_error = np.sqrt((np.outer(variance, variance) + exact.cov_root**2) / (n - 1))
     np.testing.assert_array_less(np.abs(np.cov(points.T) - exact.cov_root), 5 * standard_error)
@@ -92,8 +96,11 @@ def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Gene
     robot = load_icub()
     for _ in range(25):
         view = icub_rig(robot).view(set_gaze(robot, home(robot), vergence=rng.uniform(0.0, 0.8)))
-        p, std = point_ahead(view, rng), 10 ** rng.uniform(-2, 0)
-        px, covs, whiten = [], [], []
+        p = point_ahead(view, rng)
+        std = 10 ** rng.uniform(-2, 0)
+        px = []
+        covs = []
+        whiten = []
         for eye in (view.left, view.right):
             root = std * (rng.normal(size=(2, 2)) + np.eye(2))
             px.append(eye.project(p) + root @ rng.normal(size=2))
@@ -104,14 +111,14 @@ def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Gene
             off = [w @ (m - eye.project(q)) for w, m, eye in zip(whiten, px, (view.left, view.right), strict=True)]
             return np.concatenate(off)
 
-        found = triangulate(view, *px, *covs)
+        result = triangulate(view, *px, *covs)
         best = least_squares(error, p, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15)
-        assert found is not None
-        np.testing.assert_allclose(found.p_root, best.x, atol=1e-7 * np.sqrt(np.trace(found.cov_root)) + 1e-9)
-        assert found.mahalanobis == pytest.approx(2 * best.cost, rel=1e-6, abs=1e-9)
-        np.testing.assert_allclose(found.cov_root, np.linalg.inv(best.jac.T @ best.jac), rtol=0.02, atol=1e-12)
-        off_px = [eye.project(found.p_root) - m for eye, m in zip((view.left, view.right), px, strict=True)]
-        assert found.residual_px == pytest.approx(np.sqrt(np.mean(np.square(off_px))), rel=1e-6, abs=1e-9)
+        assert result is not None
+        np.testing.assert_allclose(result.p_root, best.x, atol=1e-7 * np.sqrt(np.trace(result.cov_root)) + 1e-9)
+        assert result.mahalanobis == pytest.approx(2 * best.cost, rel=1e-6, abs=1e-9)
+        np.testing.assert_allclose(result.cov_root, np.linalg.inv(best.jac.T @ best.jac), rtol=0.02, atol=1e-12)
+        off_px = [eye.project(result.p_root) - m for eye, m in zip((view.left, view.right), px, strict=True)]
+        assert result.residual_px == pytest.approx(np.sqrt(np.mean(np.square(off_px))), rel=1e-6, abs=1e-9)
 
 
 def test_a_pixel_that_no_ray_reaches_gives_none() -> None:
@@ -131,24 +138,28 @@ def test_what_is_found_through_a_lens_that_folds_back_is_seen_where_it_was_measu
     """Any pixels: a point is given only if both eyes see it, as far from the pixels as is said; of points that both
     eyes do see, nearly all are found."""
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, lens)
-    n, found, seen = 600, 0, 0
+    n = 600
+    n_found = 0
+    n_visible = 0
     for k in range(n):
         turned = Rotation.from_euler("y", rng.uniform(-0.2, 0.2)).as_matrix()
         view = StereoRig.fixed(camera, camera, transform(turned, (0.068, 0.0, 0.0))).view()
-        left, cov = rng.uniform((-20, -20), (340, 260)), 10 ** rng.uniform(-4, 1) * np.array([[1.0, 0.3], [0.3, 1.0]])
+        left = rng.uniform((-20, -20), (340, 260))
+        cov = 10 ** rng.uniform(-4, 1) * np.array([[1.0, 0.3], [0.3, 1.0]])
         right = left + np.array([rng.uniform(-60, 0), np.sqrt(cov[1, 1]) * rng.standard_normal()])
         if k % 2:
             p = rng.uniform((-0.2, -0.2, 0.15), (0.2, 0.2, 0.6))
-            left, right = view.left.project(p), view.right.project(p)
-        both = bool(k % 2 and np.isfinite([left, right]).all())
-        one = triangulate(view, left, right, cov, ONE_PX)
-        seen += both
-        if one is not None:
-            found += both
-            off_px = np.array([view.left.project(one.p_root) - left, view.right.project(one.p_root) - right])
-            assert one.residual_px == pytest.approx(np.sqrt(np.mean(off_px**2)), abs=1e-4)
-    assert seen > 0.1 * n
-    assert found > 0.95 * seen
+            left = view.left.project(p)
+            right = view.right.project(p)
+        visible = bool(k % 2 and np.isfinite([left, right]).all())
+        result = triangulate(view, left, right, cov, ONE_PX)
+        n_visible += visible
+        if result is not None:
+            n_found += visible
+            off_px = np.array([view.left.project(result.p_root) - left, view.right.project(result.p_root) - right])
+            assert result.residual_px == pytest.approx(np.sqrt(np.mean(off_px**2)), abs=1e-4)
+    assert n_visible > 0.1 * n
+    assert n_found > 0.95 * n_visible
 
 
 def test_depth_noise_of_parallel_eyes_is_the_textbooks() -> None:
@@ -156,9 +167,9 @@ def test_depth_noise_of_parallel_eyes_is_the_textbooks() -> None:
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
     view = StereoRig.fixed(camera, camera, transform(translation=(0.068, 0, 0))).view()
     p = np.array([0.034, 0.0, 0.4])
-    found = triangulate(view, view.left.project(p), view.right.project(p), ONE_PX, ONE_PX)
-    assert found is not None
-    assert np.sqrt(found.cov_root[2, 2]) == pytest.approx(0.4**2 * np.sqrt(2) / (220 * 0.068), rel=1e-3)
+    result = triangulate(view, view.left.project(p), view.right.project(p), ONE_PX, ONE_PX)
+    assert result is not None
+    assert np.sqrt(result.cov_root[2, 2]) == pytest.approx(0.4**2 * np.sqrt(2) / (220 * 0.068), rel=1e-3)
 
 
 def test_rays_that_cannot_meet_give_none(view: StereoView) -> None:
@@ -182,8 +193,8 @@ def test_rays_that_meet_behind_one_eye_only_give_none(p: tuple[float, float, flo
     in_eyes = (T @ [*p, 1.0] for T in (view.left.T_camera_root, view.right.T_camera_root))
     left, right = (np.array([220 * x / z + 159.5, 220 * y / z + 119.5]) for x, y, z, _ in in_eyes)
     assert triangulate(view, left, right, ONE_PX, ONE_PX) is None
-    before = view.left.T_root_camera[:3, :3] @ [0.02, 0.0, 0.02]
-    assert triangulate(view, view.left.project(before), view.right.project(before), ONE_PX, ONE_PX) is not None
+    in_front = view.left.T_root_camera[:3, :3] @ [0.02, 0.0, 0.02]
+    assert triangulate(view, view.left.project(in_front), view.right.project(in_front), ONE_PX, ONE_PX) is not None
 
 
 def test_midpoint_halves_the_gap_of_skew_rays() -> None:
@@ -199,7 +210,8 @@ def test_midpoint_halves_the_gap_of_skew_rays() -> None:
 def test_midpoint_of_oblique_rays_is_the_middle_of_the_closest_points(rng: np.random.Generator) -> None:
     """Least squares over both lengths, for rays at any angle that pass each other before both centres."""
     for _ in range(20):
-        meeting, centers = rng.normal(size=3), rng.normal(size=(2, 3))
+        meeting = rng.normal(size=3)
+        centers = rng.normal(size=(2, 3))
         rays = meeting + 0.01 * rng.normal(size=(2, 3)) - centers
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         lengths = np.linalg.lstsq(np.column_stack([rays[0], -rays[1]]), centers[1] - centers[0])[0]

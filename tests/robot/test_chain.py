@@ -18,7 +18,8 @@ CHAINS = [
 @pytest.mark.parametrize(("joints", "frame"), CHAINS)
 def test_positions_frames_and_jacobians(joints, frame):
     rng = np.random.default_rng(0)
-    base, point = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.normal(size=3) * 0.1
+    base = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
+    point = rng.normal(size=3) * 0.1
     indices = ROBOT.indices(joints)
     q = rng.uniform(-np.pi, np.pi, (20, len(joints)))
     chain = ROBOT.chain(joints, frame, base)

@@ -14,13 +14,15 @@ ROBOT = load_icub()
 @pytest.mark.parametrize("n_joints", [4, 7])
 def test_position_jacobian_and_normal_of_a_point_of_the_arm(name: str, k: int | None, n_joints: int) -> None:
     """The palm's point is its frame's origin, whose taxels face along −z."""
-    skin, point = icub_skin(("left_forearm", "left_palm")), EndPoint.of(ROBOT, "left", name, n_joints)
+    skin = icub_skin(("left_forearm", "left_palm"))
+    point = EndPoint.of(ROBOT, "left", name, n_joints)
     joints = ROBOT.indices(ROBOT.names.arm("left")[:n_joints])
-    q, arm = np.zeros(ROBOT.n_joints), np.linspace(0.1, 0.4, n_joints)
+    q = np.zeros(ROBOT.n_joints)
+    arm = np.linspace(0.1, 0.4, n_joints)
     q[joints] = arm
     posture = ROBOT.at(q)
     T = posture.T_root("left_palm")
-    expected, normal = (T[:3, 3], -T[:3, 2]) if k is None else (of[k] for of in skin.at(posture))
+    expected, normal = (T[:3, 3], -T[:3, 2]) if k is None else (vectors[k] for vectors in skin.at(posture))
     (position,), (J,) = point.positions(arm[None])
     np.testing.assert_allclose(position, expected, atol=1e-12)
     np.testing.assert_allclose(point.normals(arm[None])[0], normal, atol=1e-3)

@@ -89,7 +89,8 @@ def test_points_that_the_torso_carries_back_to_upright():
     """Pinocchio's chest, which all joints of the torso move, roll too, and no joint of the neck or an arm."""
     rng = np.random.default_rng(2)
     for _ in range(20):
-        q, point = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.uniform(-0.5, 0.5, 3)
+        q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
+        point = rng.uniform(-0.5, 0.5, 3)
         in_chest = np.linalg.inv(ROBOT.at(ZERO).T_root("chest")) @ [*point, 1]
         turned = (ROBOT.at(q).T_root("chest") @ in_chest)[:3]
         np.testing.assert_allclose(MODEL.to_upright(ROBOT.at(q).q_rad[None], turned), point[None], atol=1e-12)
@@ -110,9 +111,9 @@ def head(folder: Path, yaw_first: bool) -> Robot:
     limit = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
     links = ["base"] + [child for _, _, child in joints] + ["left", "right"]
     text = "".join(f'<link name="{link}"/>' for link in links)
-    for (name, parent, child), rest in joints.items():
+    for (name, parent, child), axes_xml in joints.items():
         ends = f'<parent link="{parent}"/><child link="{child}"/>'
-        text += f'<joint name="{name}" type="revolute">{ends}{rest}{limit}</joint>'
+        text += f'<joint name="{name}" type="revolute">{ends}{axes_xml}{limit}</joint>'
     for side in ("left", "right"):
         text += (
             f'<joint name="{side}_axis" type="fixed"><parent link="socket_{side[0]}"/><child link="{side}"/>'
@@ -125,7 +126,8 @@ def head(folder: Path, yaw_first: bool) -> Robot:
 
 def test_another_head_that_pitches_first(tmp_path):
     robot = head(tmp_path, yaw_first=False)
-    model, gaze = GazeModel(robot), random_gaze(20)
+    model = GazeModel(robot)
+    gaze = random_gaze(20)
     points = model.points(gaze)
     np.testing.assert_allclose(model.gaze(points), gaze, atol=1e-9)
     assert np.isnan(model.gaze(np.array([[np.nan, 0, 0], [-1.0, 0.1, 0.3]]))).all()  # unknown, behind
@@ -181,7 +183,8 @@ def watched(left_deg: float, link: str = "base", palms: tuple[str, str] = ("", "
 @pytest.mark.parametrize("left_deg", [0.0, 8.0])
 def test_a_point_seen_by_fixed_cameras_by_hand(left_deg):
     """From the middle between them: ahead is half the angle to the left, but at right angles to the baseline, so y."""
-    model, points = GazeModel(watched(left_deg)), np.array([[0.4, 1.2, 0.7], [-0.2, 1.0, 0.7], [0.4, 1.0, 1.1]])
+    model = GazeModel(watched(left_deg))
+    points = np.array([[0.4, 1.2, 0.7], [-0.2, 1.0, 0.7], [0.4, 1.0, 1.1]])
     expected = np.array(
         [
             [0.0, 0.0, 2 * np.arctan(0.05 / 1.0)],
@@ -191,8 +194,10 @@ def test_a_point_seen_by_fixed_cameras_by_hand(left_deg):
     )
     np.testing.assert_allclose(model.gaze(points, GazeLimits(vergence_rad=(0.01, 1.0))), expected, atol=1e-12)
     np.testing.assert_allclose(model.points(expected), points, atol=1e-12)
-    rest = np.random.default_rng(0).uniform([-0.9, -0.9, 0.1], [0.9, 0.9, 1.9], (50, 3))
-    np.testing.assert_allclose(model.gaze(model.points(rest), GazeLimits((-1, 1), (-1, 1), (0.05, 2.0))), rest)
+    gaze_samples = np.random.default_rng(0).uniform([-0.9, -0.9, 0.1], [0.9, 0.9, 1.9], (50, 3))
+    np.testing.assert_allclose(
+        model.gaze(model.points(gaze_samples), GazeLimits((-1, 1), (-1, 1), (0.05, 2.0))), gaze_samples
+    )
     assert np.isnan(model.points(np.array([[0.1, 0.1, 0.0], [0.1, 0.1, -0.2]]))).all()
 
 
@@ -204,9 +209,12 @@ def test_a_point_seen_by_fixed_cameras_by_hand(left_deg):
 def test_the_joints_that_move_cameras_and_hands_alike_carry_a_point(link, palms, carries):
     """All joints before the cameras' link, but none that does not move each palm, too."""
     robot = watched(0.0, link, palms)
-    q, point = np.linspace(0.2, 0.8, robot.n_joints), np.array([0.3, -0.2, 0.5])
-    before = robot.moving(link) if carries is None else robot.joint_names[:carries]
-    bent = np.where(np.isin(robot.joint_names, before), q, 0.0)
-    T_camera, T_camera_upright = (robot.at(of).T_root("left") for of in (bent, np.zeros(robot.n_joints)))
+    q = np.linspace(0.2, 0.8, robot.n_joints)
+    point = np.array([0.3, -0.2, 0.5])
+    joints_moved = robot.moving(link) if carries is None else robot.joint_names[:carries]
+    bent = np.where(np.isin(robot.joint_names, joints_moved), q, 0.0)
+    T_camera, T_camera_upright = (
+        robot.at(configuration).T_root("left") for configuration in (bent, np.zeros(robot.n_joints))
+    )
     expected = (T_camera_upright @ np.linalg.inv(T_camera) @ [*point, 1])[:3]
     np.testing.assert_allclose(GazeModel(robot).to_upright(q[None], point)[0], expected, atol=1e-12)

@@ -76,8 +76,12 @@ def robot() -> Robot:
 def denavit_hartenberg(rows: list[tuple[float, float, float, float]], q: Array) -> Array:
     T = ROOT
     for (a, d, alpha_deg, offset_deg), angle in zip(rows, q, strict=True):
-        t, alpha = angle + np.deg2rad(offset_deg), np.deg2rad(alpha_deg)
-        c, s, ca, sa = np.cos(t), np.sin(t), np.cos(alpha), np.sin(alpha)
+        t = angle + np.deg2rad(offset_deg)
+        alpha = np.deg2rad(alpha_deg)
+        c = np.cos(t)
+        s = np.sin(t)
+        ca = np.cos(alpha)
+        sa = np.sin(alpha)
         T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
     return T
 
@@ -120,8 +124,8 @@ def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
     expected[robot.indices(("left_eye_pan", "right_eye_pan"))] = (0.08, -0.12)
     np.testing.assert_allclose(again, expected, atol=1e-12)
     np.testing.assert_allclose(q[robot.indices(robot.names.gaze_joints)], [0.1, -0.2, 0.05, 0.16, -0.04])
-    both = icub.set_gaze(robot, q, vergence=0.3)[robot.indices(("left_eye_pan", "right_eye_pan"))]
-    np.testing.assert_allclose(both, [0.06 + 0.15, 0.06 - 0.15])
+    pans = icub.set_gaze(robot, q, vergence=0.3)[robot.indices(("left_eye_pan", "right_eye_pan"))]
+    np.testing.assert_allclose(pans, [0.06 + 0.15, 0.06 - 0.15])
 
 
 def test_the_cameras_are_those_of_the_robots_own_calibration() -> None:
@@ -162,7 +166,8 @@ def test_an_arm_port_with_too_few_encoders_is_refused() -> None:
 
 
 def test_encoders_to_joints_and_back(robot: Robot) -> None:
-    rng, setup = np.random.default_rng(5), icub.icub_setup()
+    rng = np.random.default_rng(5)
+    setup = icub.icub_setup()
     for _ in range(20):
         q = rng.uniform(robot.lower_rad, robot.upper_rad)
         ports = setup.encoders(q)

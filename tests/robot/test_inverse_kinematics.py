@@ -29,7 +29,8 @@ def test_positions_of_random_postures_are_reached():
 
 def planar(q):
     """Two links of 1 m in a plane."""
-    a, b = q[:, 0], q[:, 0] + q[:, 1]
+    a = q[:, 0]
+    b = q[:, 0] + q[:, 1]
     x = np.stack([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b)], 1)
     J = np.stack([-x[:, 1], -np.sin(b), x[:, 0], np.cos(b)], 1).reshape(-1, 2, 2)
     return x, J
@@ -45,8 +46,10 @@ def test_out_of_reach_points_straight_at_the_target():
 def test_stops_at_the_limits_where_a_bounded_least_squares_stops():
     """Targets in front of the arm, where the limits leave one local optimum."""
     rng = np.random.default_rng(1)
-    lower, upper = np.array([-0.5, 0.2]), np.array([0.6, 1.4])
-    targets, start = rng.uniform([0.8, -1.5], [2.5, 2.0], (40, 2)), np.array([0.05, 0.8])
+    lower = np.array([-0.5, 0.2])
+    upper = np.array([0.6, 1.4])
+    targets = rng.uniform([0.8, -1.5], [2.5, 2.0], (40, 2))
+    start = np.array([0.05, 0.8])
     solution = solve_ik(planar, targets, np.tile(start, (1, 40, 1)), lower, upper, IKParams(max_steps=200))
     best = [
         np.linalg.norm(least_squares(lambda q, t=t: planar(q[None])[0][0] - t, start, bounds=(lower, upper)).fun)
@@ -98,6 +101,6 @@ def test_of_several_starts_that_do_not_reach_the_target_the_nearest_counts():
         return np.cos(q) + 0.1 * q, (0.1 - np.sin(q))[:, :, None]
 
     for order in ((0.2, 6.3), (6.3, 0.2)):
-        found = solve_ik(forward, np.array([[5.0]]), np.array(order)[:, None, None], [-9.0], [9.0])
-        assert found.q_rad[0, 0] == pytest.approx(hill, abs=1e-3)
-        assert not found.converged[0]
+        solution = solve_ik(forward, np.array([[5.0]]), np.array(order)[:, None, None], [-9.0], [9.0])
+        assert solution.q_rad[0, 0] == pytest.approx(hill, abs=1e-3)
+        assert not solution.converged[0]

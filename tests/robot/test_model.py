@@ -64,16 +64,16 @@ def test_postures_share_nothing_while_they_live_and_leave_nothing_behind(icub: R
     fresh = load_icub()
     expected = [(p.T_root("left_palm"), p.jacobian("left_palm")) for p in [fresh.at(q) for q in some]]
     for _ in range(2):
-        kept = [icub.at(q) for q in some[:3]]
+        held = [icub.at(q) for q in some[:3]]
         for k in (3, 4, 5):
             passing = icub.at(some[k])
             np.testing.assert_array_equal(passing.T_root("left_palm"), expected[k][0])
             np.testing.assert_array_equal(passing.jacobian("left_palm"), expected[k][1])
-        T = [posture.T_root("left_palm") for posture in kept]
-        np.testing.assert_array_equal(T, [of for of, _ in expected[:3]])
-        del kept, passing
+        T = [posture.T_root("left_palm") for posture in held]
+        np.testing.assert_array_equal(T, [pose for pose, _ in expected[:3]])
+        del held, passing
         icub.at(some[5])
-        np.testing.assert_array_equal(T, [of for of, _ in expected[:3]])
+        np.testing.assert_array_equal(T, [pose for pose, _ in expected[:3]])
     assert 0 < len(icub.spare_data) < 12
 
 
@@ -115,11 +115,12 @@ def test_bodies_have_the_sizes_that_the_urdf_gives_them(icub: Robot) -> None:
 
 def test_a_posture_keeps_its_own_numbers(icub: Robot) -> None:
     q = np.zeros(icub.n_joints)
-    posture, other = icub.at(q), icub.at(q + 0.1)
-    before = posture.point("left_palm")
+    posture = icub.at(q)
+    displaced = icub.at(q + 0.1)
+    palm = posture.point("left_palm")
     q[:] = 0.5
-    np.testing.assert_array_equal(posture.point("left_palm"), before)
-    assert not np.allclose(other.point("left_palm"), before)
+    np.testing.assert_array_equal(posture.point("left_palm"), palm)
+    assert not np.allclose(displaced.point("left_palm"), palm)
     for frozen in (posture.q_rad, icub.lower_rad, icub.upper_rad):
         with pytest.raises(ValueError, match="read-only"):
             frozen[0] = 0.0

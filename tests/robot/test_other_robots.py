@@ -71,13 +71,14 @@ def test_the_map_of_the_arm_holds_for_where_its_hand_has_been(tmp_path: Path) ->
     """Points in view where a random posture's palm is are within reach; those beyond the arm's length are not."""
     words = "--arm right --ik-budget 600 --max-error 0.3"
     main(["reach", "train", *words.split(), "--robot", str(ARM7), "--out", str(tmp_path / "map.npz")])
-    learned, robot = ReachableMap.load(tmp_path / "map.npz"), SETUP.robot
+    learned = ReachableMap.load(tmp_path / "map.npz")
+    robot = SETUP.robot
     rng = np.random.default_rng(0)
     hands = [robot.at(q).point("palm") for q in rng.uniform(robot.lower_rad, robot.upper_rad, (3000, 7))]
     gaze = GazeModel(robot).gaze(np.array(hands), learned.limits)
-    seen = gaze[np.isfinite(gaze).all(axis=1)]
-    assert len(seen) > 100
-    assert learned.query(seen).reachable.mean() > 0.9
+    visible = gaze[np.isfinite(gaze).all(axis=1)]
+    assert len(visible) > 100
+    assert learned.query(visible).reachable.mean() > 0.9
     anywhere = rng.uniform(learned.limits.lower, learned.limits.upper, (3000, 3))
     too_far = np.linalg.norm(GazeModel(robot).points(anywhere) - [0, 0, 0.34], axis=1) > 0.28 + 0.26 + 0.06
     assert too_far.sum() > 100
@@ -102,13 +103,14 @@ def test_the_official_icub_is_read_with_its_meshes_as_boxes(tmp_path: Path) -> N
         "part,frame,taxel,x_m,y_m,z_m,nx,ny,nz\nleft_forearm,l_forearm_dh_frame,27,-.031,-.097,.014,-.976,.061,.208\n"
     )
     (tmp_path / "skin.csv").write_text(rows)
-    setup, ours = read_robot(tmp_path / "robot.toml"), icub_setup()
+    setup = read_robot(tmp_path / "robot.toml")
+    ours = icub_setup()
     assert {body.shape for body in setup.robot.bodies} == {"box"}
     assert len(setup.robot.bodies) > 20
     assert SelfCollision(setup.robot).distance_m(setup.home_rad) < 0  # so that its arm is held, as docs/robots.md says
     positions, normals = setup.skin.at(setup.robot.at(np.zeros(32)))
-    there, facing = ours.skin.at(ours.robot.at(np.zeros(ours.robot.n_joints)))
-    np.testing.assert_allclose(positions[0], there[0], atol=2e-4)
+    our_positions, facing = ours.skin.at(ours.robot.at(np.zeros(ours.robot.n_joints)))
+    np.testing.assert_allclose(positions[0], our_positions[0], atol=2e-4)
     np.testing.assert_allclose(normals[0], facing[0], atol=1e-5)
 
 
@@ -134,7 +136,8 @@ l_wrist_prosup = -46
 def test_the_official_icub_learns_a_touch_and_its_reach_by_the_command_line(tmp_path: Path) -> None:
     """Our taxels on its forearm; two cameras watch it from the front, because the model has no eyes."""
     icub_models = pytest.importorskip("icub_models")
-    file, part = tmp_path / "robot.toml", icub_setup().skin.parts[0]
+    file = tmp_path / "robot.toml"
+    part = icub_setup().skin.parts[0]
     file.write_text(ICUB_WATCHED.format(urdf=icub_models.get_model_file("iCubLisboa01")))
     rows = [
         f"left_forearm,l_forearm_dh_frame,{i}," + ",".join(f"{x:.5f}" for x in (*position, *normal))
@@ -150,16 +153,18 @@ def test_the_official_icub_learns_a_touch_and_its_reach_by_the_command_line(tmp_
     assert positive[8:].sum() == 0  # on the outside of the forearm
     words = "--arm left --ik-budget 600 --max-error 0.3"
     main(["reach", "train", *words.split(), "--robot", str(file), "--out", str(tmp_path / "map.npz")])
-    learned, setup = ReachableMap.load(tmp_path / "map.npz"), read_robot(file)
-    robot, rng = setup.robot, np.random.default_rng(0)
+    learned = ReachableMap.load(tmp_path / "map.npz")
+    setup = read_robot(file)
+    robot = setup.robot
+    rng = np.random.default_rng(0)
     arm = robot.indices(robot.names.arm("left"))
     postures = np.tile(setup.home_rad, (2000, 1))
     postures[:, arm] = rng.uniform(robot.lower_rad[arm], robot.upper_rad[arm], (2000, 4))
     hands = np.array([robot.at(q).point("l_hand_dh_frame") for q in postures])
     gaze = GazeModel(robot).gaze(hands, learned.limits)
-    seen = gaze[np.isfinite(gaze).all(axis=1)]
-    assert len(seen) > 500
-    assert learned.query(seen).reachable.mean() > 0.9
+    visible = gaze[np.isfinite(gaze).all(axis=1)]
+    assert len(visible) > 500
+    assert learned.query(visible).reachable.mean() > 0.9
     anywhere = rng.uniform(learned.limits.lower, learned.limits.upper, (2000, 3))
     too_far = np.linalg.norm(GazeModel(robot).points(anywhere), axis=1) > np.linalg.norm(hands, axis=1).max() + 0.03
     assert too_far.sum() > 100
@@ -197,7 +202,8 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path: Path) -> None:
     (tmp_path / "placed.urdf").write_text(text.replace('<robot name="arm7">', f'<robot name="arm7">{placed}'))
     names = FrameNames("palm", "palm", gaze_joints=())
     alone = Robot(ARM7.with_name("arm.urdf"), names)
-    in_world, in_base = Robot(tmp_path / "placed.urdf", names), Robot(tmp_path / "placed.urdf", names, "base")
+    in_world = Robot(tmp_path / "placed.urdf", names)
+    in_base = Robot(tmp_path / "placed.urdf", names, "base")
     T_base_world = np.linalg.inv(pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([1.0, 2.0, 3.0])).homogeneous)
     q = np.linspace(-0.5, 0.7, 7)
     np.testing.assert_allclose(T_base_world @ in_world.at(q).T_root("palm"), alone.at(q).T_root("palm"), atol=1e-12)
@@ -279,7 +285,8 @@ def test_the_icubs_own_skin_file_has_our_taxels() -> None:
 
 def test_a_skin_part_in_the_icubs_form_is_read(tmp_path: Path) -> None:
     """Taxel 1 is represented by 0, 3 by none, and 2 has no normal; what follows six numbers of a row does not count."""
-    robot, file = read_robot(ARM7).robot, tmp_path / "part.txt"
+    robot = read_robot(ARM7).robot
+    file = tmp_path / "part.txt"
     head = "name forearm\ntaxel2Repr ( 0 0 2 -1 4 )\n[calibration]\n"
     rows = ["0.1 0.2 0.3 0 0 2 0.5 x", "1 1 1 0 0 1", "0.4 0.5 0.6 0 0 0", "2 2 2 0 0 1", "0.7 0.8 0.9 -1 0 0"]
     file.write_text(head + "\n".join(rows) + "\n")
@@ -314,7 +321,8 @@ def test_a_camera_may_be_a_link_of_the_model(tmp_path: Path) -> None:
     )
     eye = next(line for line in text.splitlines() if line.startswith("left_eye"))
     (tmp_path / "robot.toml").write_text(text.replace(eye, 'left_eye = "palm"'))
-    robot, q = read_robot(tmp_path / "robot.toml").robot, np.linspace(-0.5, 0.5, 7)
+    robot = read_robot(tmp_path / "robot.toml").robot
+    q = np.linspace(-0.5, 0.5, 7)
     np.testing.assert_allclose(robot.eye_poses(q)[0], robot.at(q).T_root("palm"), atol=1e-9)
     (tmp_path / "robot.toml").write_text(text.replace(eye, 'left_eye = {link = "palm"}'))
     robot = read_robot(tmp_path / "robot.toml").robot

@@ -18,7 +18,8 @@ def surface(body: Body) -> Array:
     if body.shape == "sphere":
         (radius,) = body.size_m
         n = int(4 * np.pi * (radius / SPACING_M) ** 2)
-        z, turn = 1 - (2 * np.arange(n) + 1) / n, np.pi * (1 + 5**0.5) * np.arange(n)
+        z = 1 - (2 * np.arange(n) + 1) / n
+        turn = np.pi * (1 + 5**0.5) * np.arange(n)
         across = np.sqrt(1 - z**2)
         return radius * np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
     if body.shape == "cylinder":
@@ -46,10 +47,10 @@ def signed_distance(body: Body, points: Array) -> Array:
     return np.linalg.norm(np.maximum(off, 0), axis=1) + np.minimum(off.max(axis=1), 0)
 
 
-def compared(one: str, other: str) -> bool:
+def compared(first: str, second: str) -> bool:
     """By the names of the frames: different limbs, and not an upper arm and the chest."""
-    limbs = {name.split("_")[0] if name.startswith(("left_", "right_")) else "trunk" for name in (one, other)}
-    return len(limbs) == 2 and not ("chest" in (one, other) and "upper_arm" in one + other)
+    limbs = {name.split("_")[0] if name.startswith(("left_", "right_")) else "trunk" for name in (first, second)}
+    return len(limbs) == 2 and not ("chest" in (first, second) and "upper_arm" in first + second)
 
 
 def reference(q: Array, ignored: tuple[str, ...] = ()) -> float:
@@ -58,24 +59,28 @@ def reference(q: Array, ignored: tuple[str, ...] = ()) -> float:
     bodies = [(body, posture.T_root(body.frame) @ body.T_frame_body) for body in ROBOT.bodies]
     bodies = [(body, T, surface(body)) for body, T in bodies if body.name not in ignored]
     return min(
-        float(signed_distance(other, move_points(inverse(T_other) @ T_one, points)).min())
-        for one, T_one, points in bodies
-        for other, T_other, _ in bodies
-        if compared(one.frame, other.frame)
+        float(signed_distance(second, move_points(inverse(T_other) @ T_one, points)).min())
+        for first, T_one, points in bodies
+        for second, T_other, _ in bodies
+        if compared(first.frame, second.frame)
     )
 
 
 def test_rates_of_distances_are_their_differences() -> None:
-    rng, bodies, h, compared = np.random.default_rng(11), SelfCollision(ROBOT), 5e-4, 0
+    rng = np.random.default_rng(11)
+    bodies = SelfCollision(ROBOT)
+    h = 5e-4
+    compared = 0
     joints = list(range(ROBOT.n_joints))
     for _ in range(40):
-        q, dq = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.normal(size=ROBOT.n_joints)
+        q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
+        dq = rng.normal(size=ROBOT.n_joints)
         distance, rates = bodies.parting(q, 0.1, joints)
         every = _distances(bodies, q)
         np.testing.assert_allclose(np.sort(distance), np.sort(every[every < 0.1]), atol=1e-6)
-        before, after = (bodies.parting(q + step * dq, 0.1, joints)[0] for step in (-h, h))
-        if len(before) == len(after) == len(distance) and np.all(distance > 0.005):
-            np.testing.assert_allclose((after - before) / (2 * h), rates @ dq, atol=0.005)
+        distance_before, after = (bodies.parting(q + step * dq, 0.1, joints)[0] for step in (-h, h))
+        if len(distance_before) == len(after) == len(distance) and np.all(distance > 0.005):
+            np.testing.assert_allclose((after - distance_before) / (2 * h), rates @ dq, atol=0.005)
             compared += len(distance)
     assert compared > 20
 
@@ -89,7 +94,8 @@ def crossed_arms() -> Array:
 
 
 def test_distances_are_those_of_the_bodies_surfaces():
-    rng, measured = np.random.default_rng(1), SelfCollision(ROBOT)
+    rng = np.random.default_rng(1)
+    measured = SelfCollision(ROBOT)
     postures = [home(ROBOT), *rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad, (12, ROBOT.n_joints))]
     middle = home(ROBOT)
     postures += [middle + (crossed_arms() - middle) * share for share in (0.4, 0.6)]
@@ -112,8 +118,10 @@ def test_adjacent_bodies_are_not_compared(roll_deg: float):
 
 def test_ignored_bodies_do_not_count():
     """Postures in which nothing is as near as the right index finger."""
-    rng, finger = np.random.default_rng(2), ("right_palm_4",)
-    every, without = SelfCollision(ROBOT), SelfCollision(ROBOT, finger)
+    rng = np.random.default_rng(2)
+    finger = ("right_palm_4",)
+    every = SelfCollision(ROBOT)
+    without = SelfCollision(ROBOT, finger)
     postures = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad, (1500, ROBOT.n_joints))
     nearer = [q for q in postures if every.distance_m(q) < without.distance_m(q) - 1e-4 and every.distance_m(q) > 0]
     assert len(nearer) >= 3
@@ -123,7 +131,9 @@ def test_ignored_bodies_do_not_count():
 
 def test_the_clear_share_of_a_motion_is_never_more_than_is_clear():
     """Random motions of arms and torso, from postures that are near themselves or not, at 200 points each."""
-    rng, bodies, shares = np.random.default_rng(4), SelfCollision(ROBOT), []
+    rng = np.random.default_rng(4)
+    bodies = SelfCollision(ROBOT)
+    shares = []
     for k in range(150):
         q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
         start = bodies.distance_m(q)
@@ -140,7 +150,9 @@ def test_the_clear_share_of_a_motion_is_never_more_than_is_clear():
 
 def test_a_motion_past_a_body_is_not_judged_by_its_ends():
     """The left arm swings past the trunk: far enough at both ends, too near between."""
-    bodies, q, change = SelfCollision(ROBOT), home(ROBOT), np.zeros(ROBOT.n_joints)
+    bodies = SelfCollision(ROBOT)
+    q = home(ROBOT)
+    change = np.zeros(ROBOT.n_joints)
     q[ROBOT.indices(ROBOT.names.arm("left"))] = np.deg2rad([-65, 2, 4, 44, -50, -3, 25])
     change[ROBOT.indices(("left_shoulder_pitch",))] = np.deg2rad(80)
     distances = np.array([bodies.distance_m(q + s * change) for s in np.linspace(0, 1, 101)])
@@ -152,7 +164,10 @@ def test_a_motion_past_a_body_is_not_judged_by_its_ends():
 def test_from_a_start_too_near_no_two_bodies_come_nearer_and_most_ways_out_are_clear():
     """Random postures that are too near or overlap; along the steepest way out of the nearest two bodies, and at
     random."""
-    rng, bodies, out, moved = np.random.default_rng(7), SelfCollision(ROBOT), [], 0
+    rng = np.random.default_rng(7)
+    bodies = SelfCollision(ROBOT)
+    out = []
+    moved = 0
     while len(out) < 30:
         q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
         start = bodies.distance_m(q)
@@ -179,7 +194,8 @@ def _distances(bodies: SelfCollision, q: Array) -> Array:
 
 def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
     """Hanging arms, 19.1 mm from the chest: what is carried along does not count, what turns does."""
-    bodies, q = SelfCollision(ROBOT), np.zeros(ROBOT.n_joints)
+    bodies = SelfCollision(ROBOT)
+    q = np.zeros(ROBOT.n_joints)
     leaving = np.zeros(ROBOT.n_joints)
     leaving[ROBOT.indices(("left_shoulder_roll",))] = 0.05
     assert bodies.clear_share(q, leaving, 0.02) == 1.0
@@ -190,7 +206,8 @@ def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
 
 
 def test_what_moves_no_body_is_clear_and_what_overlaps_is_not():
-    bodies, head = SelfCollision(ROBOT), np.zeros(ROBOT.n_joints)
+    bodies = SelfCollision(ROBOT)
+    head = np.zeros(ROBOT.n_joints)
     head[ROBOT.indices(ROBOT.names.gaze_joints)] = 1.0
     assert bodies.clear_share(crossed_arms(), head, 0.02) == 1.0
     assert bodies.clear_share(crossed_arms(), np.full(ROBOT.n_joints, 0.01), 0.02) == 0.0

@@ -14,7 +14,8 @@ from pps_vision.robot.self_motion import (
     walk,
 )
 
-LOWER, UPPER = np.full(3, -np.pi), np.full(3, np.pi)
+LOWER = np.full(3, -np.pi)
+UPPER = np.full(3, np.pi)
 
 
 def planar(q):
@@ -37,12 +38,12 @@ def test_it_walks_to_the_best_of_the_whole_curve():
     best = []
     for target in targets:
         first = np.linspace(-np.pi, np.pi, 4001)
-        rest = target - np.stack([np.cos(first), np.sin(first)], axis=1)  # two links are left, to reach this
-        distance = np.linalg.norm(rest, axis=1)
+        remaining = target - np.stack([np.cos(first), np.sin(first)], axis=1)  # two links are left, to reach this
+        distance = np.linalg.norm(remaining, axis=1)
         bend = np.arccos(np.clip(distance**2 / 2 - 1, -1, 1))
         whole = []
         for sign in (-1, 1):
-            second = np.arctan2(rest[:, 1], rest[:, 0]) - sign * bend / 2 - first
+            second = np.arctan2(remaining[:, 1], remaining[:, 0]) - sign * bend / 2 - first
             angles = np.stack([first, (second + np.pi) % (2 * np.pi) - np.pi, sign * bend], axis=1)
             whole.append(measure(angles[distance <= 2], None))
         best.append(np.concatenate(whole).max())
@@ -78,7 +79,8 @@ def test_manipulability_is_the_volume_and_vanishes_where_the_arm_is_straight():
 
 def test_another_measure_finds_other_postures():
     robot = load_icub()
-    lower, upper = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])
+    lower = np.deg2rad([-95.0, 0, -20, 15])
+    upper = np.deg2rad([10.0, 160, 80, 105])
     chain = robot.chain(robot.names.arm("right")[:4], "right_palm")
     q = np.random.default_rng(SEED).uniform(lower, upper, (200, 4))
     targets, J = chain.positions(q)
@@ -116,7 +118,9 @@ def test_the_directions_that_a_hand_takes_in_the_plane_are_those_near_the_plane(
     q = np.array([[towards - half, 2 * half, np.pi / 2 - towards - half]])  # the last link points along y
     target, _ = planar(q)
     q = np.tile(q, (2, 1))
-    wide, coverage, params = np.full(3, 20.0), DirectionCoverage(), WalkParams(step_rad=0.1, steps=120)
+    wide = np.full(3, 20.0)
+    coverage = DirectionCoverage()
+    params = WalkParams(step_rad=0.1, steps=120)
     met = covered_directions(planar, pointing, np.tile(target, (2, 1)), q, -wide, wide, coverage, params)
     near = np.abs(coverage.directions[:, 2]) <= np.sin(np.deg2rad(20))
     assert met.shape == (2, 200)

@@ -91,8 +91,10 @@ def test_normals_turn_with_the_body_but_are_not_translated() -> None:
 
 def test_taxels_move_as_their_jacobians_say() -> None:
     """By differences, for joints of both arms and the torso, in any order."""
-    robot, skin = load_icub(), icub_skin()
-    q, joints = home(robot), robot.indices(("right_wrist_yaw", "torso_yaw", "left_elbow", "right_elbow"))
+    robot = load_icub()
+    skin = icub_skin()
+    q = home(robot)
+    joints = robot.indices(("right_wrist_yaw", "torso_yaw", "left_elbow", "right_elbow"))
     J = skin.jacobians(robot.at(q), joints)
     assert J.shape == (32, 3, 4)
     for k, joint in enumerate(joints):
@@ -102,7 +104,8 @@ def test_taxels_move_as_their_jacobians_say() -> None:
 
 
 def test_an_arms_skin_is_what_its_joints_move() -> None:
-    robot, skin = load_icub(), icub_skin()
+    robot = load_icub()
+    skin = icub_skin()
     for side in ("left", "right"):
         assert [part.name for part in skin.on_arm(robot, side).parts] == [f"{side}_forearm", f"{side}_palm"]
 
@@ -132,9 +135,13 @@ def test_unknown_taxels_are_answered_with_the_known_ones() -> None:
 
 
 def test_a_part_must_have_one_unit_normal_a_taxel() -> None:
-    one = np.array([[0.0, 0.0, 1.0]])
-    for positions, normals in ((one, one), (np.vstack([one, one]), one), (one, np.vstack([one, one]))):
+    unit_z = np.array([[0.0, 0.0, 1.0]])
+    for positions, normals in (
+        (unit_z, unit_z),
+        (np.vstack([unit_z, unit_z]), unit_z),
+        (unit_z, np.vstack([unit_z, unit_z])),
+    ):
         with pytest.raises(ValueError, match="2 ids, expected as many positions and normals"):
             SkinPart("nose", "head", (1, 2), positions, normals)
     with pytest.raises(ValueError, match=r"normals of length 2\.000–2\.000, not 1"):
-        Skin((SkinPart("nose", "head", (1,), one, 2 * one),))
+        Skin((SkinPart("nose", "head", (1,), unit_z, 2 * unit_z),))

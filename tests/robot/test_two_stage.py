@@ -25,36 +25,38 @@ def problems(n, n_starts):
 def sure(points):
     """Verdicts that no tolerance changes: the points around, a millimetre away, all have the same."""
     around = points[:, None] + 1e-3 * np.concatenate([np.eye(3), -np.eye(3)])
-    same = np.isfinite(ARM.solve(around.reshape(-1, 3))[:, 0]).reshape(len(points), 6)
-    return same.all(axis=1) | ~same.any(axis=1)
+    reachable_around = np.isfinite(ARM.solve(around.reshape(-1, 3))[:, 0]).reshape(len(points), 6)
+    return reachable_around.all(axis=1) | ~reachable_around.any(axis=1)
 
 
 def test_the_batch_against_the_closed_form():
     points, starts = problems(400, 6)
-    found = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT)
+    solutions = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT)
     _, effort = ARM.least_effort(points)
     reachable = np.isfinite(effort)
     assert 0.2 < reachable.mean() < 0.8
-    assert not (found.reachable & ~reachable)[sure(points)].any()
-    assert (found.reachable == reachable).mean() >= 0.97, "six random starts (96.8–99.2 % with 2–4)"
-    off = np.linalg.norm(CHAIN.positions(found.q_rad)[0] - points, axis=1)
-    assert (off[found.reachable] <= 1e-4).all()
-    np.testing.assert_allclose(off[~found.reachable], found.error[~found.reachable], atol=1e-9)
-    np.testing.assert_allclose(found.quality[found.reachable], EFFORT(found.q_rad[found.reachable], None), atol=1e-12)
-    assert np.all((found.q_rad >= LOWER) & (found.q_rad <= UPPER))
-    both = found.reachable & reachable
-    short = (1 - effort[both]) - found.quality[both]
+    assert not (solutions.reachable & ~reachable)[sure(points)].any()
+    assert (solutions.reachable == reachable).mean() >= 0.97, "six random starts (96.8–99.2 % with 2–4)"
+    off = np.linalg.norm(CHAIN.positions(solutions.q_rad)[0] - points, axis=1)
+    assert (off[solutions.reachable] <= 1e-4).all()
+    np.testing.assert_allclose(off[~solutions.reachable], solutions.error[~solutions.reachable], atol=1e-9)
+    np.testing.assert_allclose(
+        solutions.quality[solutions.reachable], EFFORT(solutions.q_rad[solutions.reachable], None), atol=1e-12
+    )
+    assert np.all((solutions.q_rad >= LOWER) & (solutions.q_rad <= UPPER))
+    all_starts = solutions.reachable & reachable
+    short = (1 - effort[all_starts]) - solutions.quality[all_starts]
     assert short.min() > -5e-3, "better than the best: only by what the tolerance allows"
     assert np.quantile(short, 0.95) < 0.01
-    assert np.isnan(found.quality[~found.reachable]).all()
+    assert np.isnan(solutions.quality[~solutions.reachable]).all()
 
 
 def test_what_does_not_converge_is_not_called_reachable():
     points, starts = problems(200, 1)
     hasty = TwoStageParams(reach=IKParams(tolerance=1e-4, max_steps=1))
-    found = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT, hasty)
-    assert found.reachable.sum() == (found.error <= 1e-4).sum() < 20
-    assert np.isfinite(found.error).all()
+    solutions = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT, hasty)
+    assert solutions.reachable.sum() == (solutions.error <= 1e-4).sum() < 20
+    assert np.isfinite(solutions.error).all()
 
 
 def test_the_best_of_what_stages_give_by_hand():
@@ -65,10 +67,10 @@ def test_the_best_of_what_stages_give_by_hand():
     quality = {0.5: 0.2, 3.5: 0.1, 6.5: 0.3, 8.5: -5.0}
 
     def improve(targets, q):
-        return q + 100 * targets, np.array([quality[one] for one in q[:, 0]])
+        return q + 100 * targets, np.array([quality[angle] for angle in q[:, 0]])
 
-    found = best_of_starts(lambda targets, start: next(stage), improve, np.array([[1.0], [2.0], [3.0]]), starts)
-    np.testing.assert_allclose(found.q_rad[:, 0], [106.5, 4.5, 308.5])
-    np.testing.assert_allclose(found.error, [0.01, 1.0, 0.06])
-    np.testing.assert_array_equal(found.reachable, [True, False, True])
-    np.testing.assert_allclose(found.quality, [0.3, np.nan, -5.0])
+    solutions = best_of_starts(lambda targets, start: next(stage), improve, np.array([[1.0], [2.0], [3.0]]), starts)
+    np.testing.assert_allclose(solutions.q_rad[:, 0], [106.5, 4.5, 308.5])
+    np.testing.assert_allclose(solutions.error, [0.01, 1.0, 0.06])
+    np.testing.assert_array_equal(solutions.reachable, [True, False, True])
+    np.testing.assert_allclose(solutions.quality, [0.3, np.nan, -5.0])
