@@ -22,7 +22,7 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import Background
 from tracking.ego_motion import Box
-from tracking.foreground import Change, MovingForeground, StaticForeground
+from tracking.foreground import Foreground, MovingForeground, StaticForeground
 from tracking.marker import MarkerParams
 from tracking.marker_acquisition import is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
@@ -48,7 +48,7 @@ _MIN_FILL = 0.35  # least share of its box that an object covers
 _MAX_SHARE = 0.25  # largest share of the image that an object covers
 _MIN_LIKENESS = 0.7  # least Bhattacharyya coefficient of one object's colours in both eyes
 _MAX_RATIO = 1.2  # largest ratio of one object's angular radii in both eyes
-_DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
+_DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no foreground mask beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is of what surrounds it
 
 
@@ -165,13 +165,13 @@ class Acquisition:
         """The objects of one eye's motion regions."""
         background, trigger = self._backgrounds[eye], self._triggers[eye]
         then = trigger.image_before(camera.view, camera.stamp_s)
-        change: Change | None = None
+        foreground: Foreground | None = None
         if then is not None and background.is_known(camera.view):
-            change = StaticForeground(background, camera.view, then, camera.image)
+            foreground = StaticForeground(background, camera.view, then, camera.image)
         elif then is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
             before = partial(trigger.seen_before, camera.view, camera.stamp_s)
-            change = MovingForeground(background, camera.view, before, camera.image)
-        found = (segment(camera.image, one, self._optics[eye], change) for one in regions)
+            foreground = MovingForeground(background, camera.view, before, camera.image)
+        found = (segment(camera.image, one, self._optics[eye], foreground) for one in regions)
         parts = [candidate for candidate in found if candidate is not None]
         if then is None and eye == 0:  # the eye moves: flow tells whether what has a motion region's colours moves too
             parts = [one for one in parts if not one.by_color or trigger.moves(one.mask, one.box)]
@@ -226,10 +226,10 @@ class Acquisition:
         return fit_outline(cameras[eye].image, one.mask, one.box, self._optics[eye], area_px) or own
 
 
-def segment(image: Image, region: Region2D, optics: Optics, change: Change | None = None) -> Candidate | None:
+def segment(image: Image, region: Region2D, optics: Optics, foreground: Foreground | None = None) -> Candidate | None:
     """Return the object whose edge or body moved in `region`; None where nothing stands out there.
 
-    Its colours show it, or the `change` before the eye's background.  Several colours that move as one solid thing are
+    Its colours show it, or the `foreground`.  Several colours that move as one solid thing are
     one object; of what is not solid (an arm that holds something) distinct colours are the object.
     """
     x, y, w, h = region.box_px
@@ -244,14 +244,14 @@ def segment(image: Image, region: Region2D, optics: Optics, change: Change | Non
     if mask is not None and masks.is_cut(mask, box, image):
         mask = model = None
     by_color, is_partly_occluded = model is not None, False
-    if change is not None:
+    if foreground is not None:
         is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
-        by_color = mask is not None and change.confirms(mask, box, is_distinct)
-        moved = change.moved_mask(seed, box)  # the object, unless distinct colours show it too
+        by_color = mask is not None and foreground.confirms(mask, box, is_distinct)
+        moved = foreground.moved_mask(seed, box)  # the object, unless distinct colours show it too
         if moved is None and not by_color:
-            moved = change.disoccluded_mask(seed, box)
+            moved = foreground.disoccluded_mask(seed, box)
             is_partly_occluded = moved is not None
-        if moved is not None and not (is_distinct and mask is not None and change.shows_the_object(mask, moved)):
+        if moved is not None and not (is_distinct and mask is not None and foreground.shows_the_object(mask, moved)):
             mask, model, by_color = moved, _model(bins, moved), False
         elif not by_color:
             return None

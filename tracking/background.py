@@ -10,7 +10,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 from tracking import masks
-from tracking.background_edge import ASIDE_PX, LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
+from tracking.background_edge import ASIDE_PX, GHOST_EDGE, MIN_GHOST_PX, edge_of_background
 from tracking.ego_motion import Box, EgoMotion
 from tracking.moving_background import MovingBackground, beyond, most, smoothed
 
@@ -165,13 +165,13 @@ class Background:
         count, labels, stats, _ = cv2.connectedComponentsWithStats(rests[top : top + height, left : left + width])
         for k in range(1, count):
             x, y, w, h, area = (int(value) for value in stats[k])
-            if area >= LEAST_PLACE_PX:
+            if area >= MIN_GHOST_PX:
                 mask = np.pad(np.asarray(labels[y : y + h, x : x + w] == k), 2)
                 x, y = x + left, y + top
                 box = max(x - 2, 0), max(y - 2, 0), min(x + w + 2, image.shape[1]), min(y + h + 2, len(image))
                 mask = mask[box[1] - y + 2 : box[3] - y + 2, box[0] - x + 2 : box[2] - x + 2]
                 edge = edge_of_background(image, self._mean, self._gain_of(image), mask, box)
-                if edge is not None and edge > SURELY_EMPTY:
+                if edge is not None and edge > GHOST_EDGE:
                     self.set_from(image, view, stamp_s, masks.dilated(mask, 2), box)
 
     def invalidate(self, image: Image, view: View, mask: Mask, box: Box) -> None:

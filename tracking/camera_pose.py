@@ -1,4 +1,4 @@
-"""Poses of the cameras as their images show them: of a rig that is said to be fixed, and of joints that come late."""
+"""Camera poses estimated from the images: of a rig that is declared fixed, and of a head whose joints lag."""
 
 import math
 from collections import deque
@@ -15,25 +15,26 @@ from tracking.ego_motion import ROOM_M
 from tracking.image_rotation import Misalignment, Reference
 
 _ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
-_REST_PX, _SAME_PX = 0.1, 0.5  # a smaller rotation is none; both eyes' rotations may differ by so much
-_JITTER_MEMORY_S = 1.0  # over which a rotation's rate, and the jitter of joints, are averaged
-_RENEWED_S = 0.5  # a reference in which nothing is found again for so long is replaced
-_APART_S = 0.12  # time between the images that tell a delay
-_GAP_S = 0.25  # frames farther apart tell no velocity
-_DELAY_MEMORY_S = 10.0  # over which the delay is averaged
+_REST_PX = 0.1  # a smaller rotation is none
+_SAME_PX = 0.5  # largest difference of both cameras' rotations
+_JITTER_MEMORY_S = 1.0  # averaging time of the rotation rate and of the jitter of joints
+_RENEWED_S = 0.5  # a reference that does not match for this long is replaced
+_APART_S = 0.12  # time between the two images of a measurement of the delay
+_GAP_S = 0.25  # longest time between frames for a joint velocity
+_DELAY_MEMORY_S = 10.0  # averaging time of the delay
 _NOISE_PX = 0.05  # of a rotation between two images, per axis
-_SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise counts for
-_SURE_PX = 0.03  # a delay whose error shifts the image by less is measured once in `_SELDOM_S`
+_SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise is worth
+_SURE_PX = 0.03  # a delay whose error shifts the image by less is measured every `_SELDOM_S`
 _SELDOM_S = 1.0
 
 Joints = tuple[Array, Array]  # (n,) rad, at the left and the right image
 
 
 class CameraPoses(NamedTuple):
-    """Where both cameras are.
+    """Poses of both cameras.
 
-    `stamp_error_s` is the standard deviation of the time between images and joints, and `rotation_std_rad` that of the
-    rotation about each axis.  Not `is_known`: the cameras move, and the images do not tell how.
+    `stamp_error_s` is the standard deviation of the time between images and joints, `rotation_std_rad` that of the
+    rotation about each axis. `is_known` is False where the cameras move and the images do not determine the motion.
     """
 
     view: StereoView
@@ -44,9 +45,8 @@ class CameraPoses(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CameraMotion:
-    """Error of the nominal poses, as the images show it: the rotation (3,) rad since the first frame of a rig that is
-    said to be fixed, root frame, and its rate (rad/s, mean of the last second); the time by which joints are late, and
-    its standard deviation."""
+    """Estimated error of the nominal poses: rotation (3,) since the first frame of a rig that is declared fixed (rad,
+    root frame) and its rate (rad/s, mean of the last second); lag of the joints and its standard deviation (s)."""
 
     rotation_rad: Array
     rate_rad_s: float
@@ -76,7 +76,7 @@ class PoseEstimator:
         return self._late.step(frame, nominal, (left, right)) if self._late else CameraPoses(nominal)
 
     def nominal(self, frame: StereoFrame) -> CameraPoses:
-        """The nominal poses, for a frame whose images show nothing."""
+        """The nominal poses, for a frame with a blank image."""
         return CameraPoses(self._rig.view_of(frame))
 
     @property
@@ -87,11 +87,11 @@ class PoseEstimator:
 
 
 class _FixedRig:
-    """Rotation of a rig that is said to be fixed, from its first image on.
+    """Rotation of a rig that is declared fixed, relative to its first image.
 
     The rotation of the first image from the nominal pose is unknown; its variance is that of the jitter from image to
-    image.  Both eyes must turn alike.  The first image stays the reference as long as half of its corners are in view,
-    so that a rig that swings back does not drift; else the last one that replaced it.
+    image.  Both cameras must turn equally.  The first image stays the reference while half of its corners are in view, so
+    that a rig that swings back does not drift; else the last image that replaced it.
     """
 
     def __init__(self) -> None:
@@ -123,7 +123,7 @@ class _FixedRig:
         return CameraPoses(self._corrected(nominal), rotation_std_rad=std_rad)
 
     def _renew(self, images: tuple[Image, Image], nominal: StereoView, stamp_s: float) -> None:
-        """Take the present images for the last reference."""
+        """Make the current images the last reference."""
         view = _turned(nominal, self.rotation)
         left, right = (
             Reference(eye.camera, image.copy(), eye.T_root_camera)
@@ -133,47 +133,49 @@ class _FixedRig:
         self._known_s = stamp_s
 
     def _measured(self, images: tuple[Image, Image], nominal: StereoView) -> Array | None:
-        """The rotation (3,) rad, root frame; None if it is unknown."""
-        first = [(one, image) for one, image in zip(self._references[0], images, strict=True) if one.has_corners]
-        if all(one.is_still(image) for one, image in first):
+        """Rotation (3,) rad, root frame; None if it is unknown."""
+        first = zip(self._references[0], images, strict=True)
+        if all(reference.is_still(image) for reference, image in first if reference.has_corners):
             self._error_rad2 = 0.0
             return np.zeros(3)
         for references in self._references:
-            found, error_rad2 = [], 0.0
+            rotations = []
+            error_rad2 = 0.0
             for reference, image, eye in zip(references, images, (nominal.left, nominal.right), strict=True):
                 R = eye.T_root_camera[:3, :3]
-                one = reference.misalignment(image, eye, ROOM_M, R.T @ self.rotation)
-                if one is not None:
-                    found.append(R @ one.rotation)
-                    error_rad2 += float(np.trace(one.cov)) / 3
-            same_rad, least_rad = _SAME_PX / nominal.left.camera.focal_px, _REST_PX / nominal.left.camera.focal_px
-            if found and math.dist(found[0], found[-1]) < same_rad:
-                rotation: Array = np.mean(found, axis=0)
-                self._error_rad2 = error_rad2 / len(found) ** 2
-                return rotation if math.hypot(*rotation) > least_rad else np.zeros(3)
+                misalignment = reference.misalignment(image, eye, ROOM_M, R.T @ self.rotation)
+                if misalignment is not None:
+                    rotations.append(R @ misalignment.rotation)
+                    error_rad2 += float(np.trace(misalignment.cov)) / 3
+            focal_px = nominal.left.camera.focal_px
+            if rotations and math.dist(rotations[0], rotations[-1]) < _SAME_PX / focal_px:
+                rotation: Array = np.mean(rotations, axis=0)
+                self._error_rad2 = error_rad2 / len(rotations) ** 2
+                return rotation if math.hypot(*rotation) > _REST_PX / focal_px else np.zeros(3)
         return None
 
     def _corrected(self, nominal: StereoView) -> StereoView:
-        """The nominal view, turned as the rig is now."""
+        """The nominal view turned by the rig's current rotation."""
         return _turned(nominal, self.rotation)
 
 
 def _turned(nominal: StereoView, rotation: Array) -> StereoView:
-    """The view turned by a rotation vector (3,) about the middle between the cameras."""
+    """The view turned by a rotation vector (3,) about the midpoint of the cameras."""
     if not rotation.any():
         return nominal
-    R, middle = np.asarray(cv2.Rodrigues(rotation)[0], float), nominal.midpoint
-    T = transform(R, middle - R @ middle)
-    return StereoView(*(View(one.camera, T @ one.T_root_camera) for one in (nominal.left, nominal.right)))
+    R = np.asarray(cv2.Rodrigues(rotation)[0], float)
+    T = transform(R, nominal.midpoint - R @ nominal.midpoint)
+    left, right = (View(view.camera, T @ view.T_root_camera) for view in (nominal.left, nominal.right))
+    return StereoView(left, right)
 
 
 class _LateJoints:
-    """By how much joints are late; the frame's are extrapolated by it.
+    """Lag of the joints behind the images; a frame's joints are extrapolated by it.
 
-    A delay τ puts the nominal rotation off by τ·ω.  Between two images of an eye the background shows how that error
-    changes; its inverse distance is estimated beside it (recursive least squares).  The scatter of these measurements
-    scales its variance.  Joints are exact or late, each with probability ½ before any image; the delay and its
-    variance are the mean and the variance of both.
+    A lag τ causes a rotation error τ·ω.  The background in two images of a camera shows the change of that error; its
+    inverse distance is estimated too (recursive least squares).  The scatter of the measurements scales the variance.
+    A priori the joints are exact or late, each with probability ½; the delay and its variance are the mean and the
+    variance of this mixture.
     """
 
     def __init__(self, rig: StereoRig, prior_std_s: float) -> None:
@@ -183,7 +185,7 @@ class _LateJoints:
         self._scatter, self._scattered = 0.0, 0.0  # sum of the squared normalised misfits, and their number
         self._past: deque[tuple[float, StereoView, Joints]] = deque(maxlen=3)
         self._reference: tuple[Reference, Array, float] | None = None  # with the angular velocity and the stamp
-        self._eye, self._taken_s = 0, -math.inf
+        self._eye, self._measured_s = 0, -math.inf
         self.delay_s, self.std_s = 0.0, prior_std_s
 
     def step(self, frame: StereoFrame, nominal: StereoView, joints: Joints) -> CameraPoses:
@@ -199,30 +201,34 @@ class _LateJoints:
 
     @property
     def _rotation_std_rad(self) -> float:
-        """Of one image: what neither the delay nor the measurement's error explains between two."""
+        """Rotation error of one image that neither the delay nor the measurement noise explains."""
         return math.sqrt(0.5 * max(self._misfit_rad2, 0.0))
 
     def _times(self) -> tuple[float, float]:
-        """Time between the last three frames, s."""
+        """Times between the last three frames, s."""
         a, b, c = (stamp_s for stamp_s, _, _ in self._past)
         return b - a, c - b
 
     def _extrapolated(self, joints: list[Array]) -> Array:
         """Joints (n,) after the delay, at constant acceleration."""
-        (h, k), (a, b, c), t = self._times(), joints, self.delay_s
-        before, now = (b - a) / h, (c - b) / k
-        ahead: Array = c + t * now + (now - before) / (h + k) * t * (k + t)
-        return ahead
+        h, k = self._times()
+        a, b, c = joints
+        t = self.delay_s
+        last_rate = (c - b) / k
+        acceleration = (last_rate - (b - a) / h) / (h + k)
+        extrapolated: Array = c + t * last_rate + acceleration * t * (k + t)
+        return extrapolated
 
     def _rate(self, eye: int) -> Array:
         """(3,) rad/s: nominal angular velocity of an eye in its own frame, at the last frame."""
         h, k = self._times()
         a, b, c = ((view.left, view.right)[eye].T_root_camera[:3, :3] for _, view, _ in self._past)
-        before, now = cv2.Rodrigues(a.T @ b)[0].ravel() / h, cv2.Rodrigues(b.T @ c)[0].ravel() / k
-        return np.asarray(now + (now - before) / (h + k) * k, float)
+        first_rate = cv2.Rodrigues(a.T @ b)[0].ravel() / h
+        last_rate = cv2.Rodrigues(b.T @ c)[0].ravel() / k
+        return np.asarray(last_rate + (last_rate - first_rate) / (h + k) * k, float)
 
     def _measure(self, frame: StereoFrame, nominal: StereoView) -> None:
-        """Compare an image with one a moment before, of either eye in turn."""
+        """Compare an image with an earlier one, of both cameras in turn."""
         stamp_s = frame.stamp_s
         view, image = ((nominal.left, frame.left), (nominal.right, frame.right))[self._eye]
         if self._reference is not None:
@@ -231,42 +237,44 @@ class _LateJoints:
                 return
             turned = view.T_camera_root[:3, :3] @ reference.T_root_camera[:3, :3]
             change = self._rate(self._eye) - turned @ rate_then
-            one = reference.misalignment(image, view, ROOM_M, self.delay_s * change)
-            if one is not None:
-                self._take(one, change, stamp_s)
-            self._reference, self._eye = None, 1 - self._eye
+            misalignment = reference.misalignment(image, view, ROOM_M, self.delay_s * change)
+            if misalignment is not None:
+                self._update(misalignment, change, stamp_s)
+            self._reference = None
+            self._eye = 1 - self._eye
             return
         rate = self._rate(self._eye)
         is_sure = self.std_s * math.hypot(*rate) * view.camera.focal_px < _SURE_PX
-        if is_sure and stamp_s - self._taken_s < _SELDOM_S:
+        if is_sure and stamp_s - self._measured_s < _SELDOM_S:
             return
         self._reference = Reference(view.camera, image.copy(), view.T_root_camera), rate, stamp_s
 
-    def _take(self, one: Misalignment, change: Array, stamp_s: float) -> None:
-        """Update the delay by a rotation that is the delay times a change of angular velocity, and parallax."""
-        X = np.column_stack([change, one.by_parallax])
-        noise = one.cov + (_NOISE_PX / self._rig.left.focal_px) ** 2 * np.eye(3)
+    def _update(self, measured: Misalignment, change: Array, stamp_s: float) -> None:
+        """Update the delay by a rotation: the delay times a `change` (3,) of angular velocity, plus parallax."""
+        X = np.column_stack([change, measured.by_parallax])
+        noise = measured.cov + (_NOISE_PX / self._rig.left.focal_px) ** 2 * np.eye(3)
         W = np.linalg.inv(noise)
-        elapsed_s = min(stamp_s - self._taken_s, _DELAY_MEMORY_S)
+        elapsed_s = min(stamp_s - self._measured_s, _DELAY_MEMORY_S)
         keep = math.exp(-elapsed_s / _DELAY_MEMORY_S)
         self._information = keep * self._information + X.T @ W @ X
-        self._pull = keep * self._pull + X.T @ W @ one.rotation
+        self._pull = keep * self._pull + X.T @ W @ measured.rotation
         cov = np.linalg.inv(self._prior + self._information)
         estimate = cov @ self._pull
-        misfit = one.rotation - X @ estimate
-        self._scatter, self._scattered = keep * self._scatter + float(misfit @ W @ misfit), keep * self._scattered + 3
+        misfit = measured.rotation - X @ estimate
+        self._scatter = keep * self._scatter + float(misfit @ W @ misfit)
+        self._scattered = keep * self._scattered + 3
         beyond = (float(misfit @ misfit) - float(np.trace(noise))) / 3
         self._misfit_rad2 += (beyond - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
         scale = (_SCATTER_PRIOR + self._scatter) / (_SCATTER_PRIOR + self._scattered)
         self.delay_s, self.std_s = exact_or_late(float(estimate[0]), scale * cov[0, 0], self._prior_std_s)
-        self._taken_s = stamp_s
+        self._measured_s = stamp_s
 
 
 def exact_or_late(late_s: float, late_var_s2: float, prior_std_s: float) -> tuple[float, float]:
-    """Mean and standard deviation of a delay that is 0 with probability ½, else normal about 0 with `prior_std_s`.
+    """Mean and standard deviation (s) of a delay that is 0 with probability ½, else normal about 0 with `prior_std_s`.
 
-    `late_s` and `late_var_s2` are its mean and variance if it is not 0.  The odds of 0 are the density there after the
-    measurements to that before them (Dickey 1971).
+    `late_s` and `late_var_s2` are its mean and variance if it is not 0.  The odds of 0 are the ratio of posterior and
+    prior density there (Dickey 1971).
     """
     odds = prior_std_s / math.sqrt(late_var_s2) * math.exp(-0.5 * late_s**2 / late_var_s2)
     is_late = 1 / (1 + odds)

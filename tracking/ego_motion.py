@@ -1,4 +1,4 @@
-"""Warp an older image to the camera's present pose: the head's own motion, known from the joints."""
+"""Warp an earlier image to the camera's current pose (ego-motion known from the joints)."""
 
 from functools import cached_property
 
@@ -11,18 +11,18 @@ from pps_vision.types import Array
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
 ROOM_M = 1.2
-"""Distance of most static things."""
+"""Assumed distance of the static scene."""
 _NO_MAP = np.empty(0, np.float32)  # remap's second map, when the first holds both coordinates
 _STEP = 8  # px between the nodes at which the warp is computed; between them it is smooth
-_FAR_PX = np.float32(-1e4)  # where what cannot be seen is put
+_FAR_PX = np.float32(-1e4)  # pixel of a direction that the image does not contain
 _STILL = 1e-5  # rad and m: far less than a hundredth of a pixel
 
 
 class EgoMotion:
     """Warps images of one camera between its poses.
 
-    What a translation does depends on the distance, which nobody knows: the caller says which
-    (as 1/m, so that 0 is infinitely far) it wants the scene warped for.
+    The effect of a translation depends on the scene's distance, which is unknown: the caller gives the inverse distance
+    (1/m; 0 is infinity) of the points that shall coincide.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -37,16 +37,16 @@ class EgoMotion:
 
     @staticmethod
     def is_still(then: View, now: View) -> bool:
-        """Whether the eye has not moved at all."""
+        """Whether both poses are equal."""
         return then is now or bool((np.abs(then.T_root_camera - now.T_root_camera) < _STILL).all())
 
     def parallax_px_m(self, then: View, now: View) -> float:
-        """How far apart, in the older image, things are whose inverse distances differ by 1/m."""
+        """Parallax in the earlier image (px) per 1/m of inverse distance."""
         return self.camera.focal_px * float(np.linalg.norm(now.center - then.center))
 
     def maps(self, then: View, now: View, inverse_distance: float, box: Box | None = None) -> NDArray[np.float32]:
-        """(y1 − y0, x1 − x0, 2) where each pixel of `now`, all of them or those of `box`, was in `then`;
-        far outside the image where it could not be seen."""
+        """Pixel (y1 − y0, x1 − x0, 2) in the view `then` of each pixel of `box` (None: of all) in the view `now`; far
+        outside the image where `then` does not contain it."""
         x0, y0, x1, y1 = box or (0, 0, self.camera.width, self.camera.height)
         first_row, first_column = y0 // _STEP, x0 // _STEP
         cells = np.s_[first_row : -(-y1 // _STEP) + 2, first_column : -(-x1 // _STEP) + 2]
@@ -62,15 +62,14 @@ class EgoMotion:
     def warp(
         self, image: NDArray[np.uint8], then: View, now: View, inverse_distance: float, box: Box | None = None
     ) -> NDArray[np.uint8]:
-        """`image` (H, W) or (H, W, 3), taken from `then`, as it would look from `now`: all of it, or the
-        pixels x0 … x1 − 1, y0 … y1 − 1 of `box`; 0 where it does not reach."""
+        """The image (H, W) or (H, W, 3) of the view `then` as seen from `now`, or its `box`; 0 where unknown."""
         maps = self.maps(then, now, inverse_distance, box)
         return np.asarray(cv2.remap(image, maps, _NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)
 
 
 def color_difference(colors: NDArray[np.float32], points: Array, image: NDArray[np.uint8], view: View) -> float:
-    """Mean absolute difference (grey levels) of the colours (n, 3) of points (n, 3), root frame, and of those that an
-    image (H, W, 3), taken from `view`, shows of them; 0 is shown beside the image."""
+    """Mean absolute difference (grey levels) between the colours (n, 3) of points (n, 3; root frame) and their colours
+    in an image (H, W, 3) of `view` (0 outside of it)."""
     pixels = view.project(points).astype(np.float32)
-    seen = cv2.remap(image, pixels[None], _NO_MAP, cv2.INTER_LINEAR)[0]
-    return float(np.abs(seen - colors).mean())
+    sampled = cv2.remap(image, pixels[None], _NO_MAP, cv2.INTER_LINEAR)[0]
+    return float(np.abs(sampled - colors).mean())

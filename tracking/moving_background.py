@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import View
 from pps_vision.types import Image, Mask
 from tracking import masks
-from tracking.background_edge import LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
+from tracking.background_edge import GHOST_EDGE, MIN_GHOST_PX, edge_of_background
 from tracking.ego_motion import ROOM_M, Box, EgoMotion, color_difference
 
 # Chosen on independent films of seeds 7000-7005 (a grey ball before moving eyes).
@@ -179,10 +179,10 @@ def _drop_empty_places(image: Image, mean: Pixels, moved: NDArray[np.uint8]) -> 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(moved)
     for k in range(1, count):
         x, y, w, h, area = (int(value) for value in stats[k])
-        if area >= LEAST_PLACE_PX:
+        if area >= MIN_GHOST_PX:
             mask = np.asarray(labels[y : y + h, x : x + w] == k)
             edge = edge_of_background(image, mean, 1.0, mask, (x, y, x + w, y + h))
-            if edge is not None and edge > SURELY_EMPTY:
+            if edge is not None and edge > GHOST_EDGE:
                 moved[y : y + h, x : x + w][mask] = 0
 
 

@@ -15,7 +15,7 @@ from tracking.tracker import TrackerParams
 
 def test_constants_are_numbers_that_no_compiled_function_has_built_in() -> None:
     found = module_constants()
-    assert found["foreground._WITHIN"] == tracking.foreground._WITHIN
+    assert found["foreground._MIN_ENCLOSED"] == tracking.foreground._MIN_ENCLOSED
     assert "kernels._MASK_VAR" not in found  # in a compiled function
     assert not any(name.startswith("track2d.") for name in found)
 

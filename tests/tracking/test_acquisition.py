@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,17 +17,13 @@ from tracking.acquisition import (
     Acquisition,
     Candidate,
     SearchCounts,
-    _model,
-    _sine,
-    _with_both_colors,
     segment,
 )
-from tracking.appearance import ColorModel, color_bins
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.foreground import MovingForeground, StaticForeground
 from tracking.marker import MarkerParams, find_markers
-from tracking.marker_acquisition import _contains, is_nearer_than_surroundings, moved_markers
+from tracking.marker_acquisition import is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline
 from tracking.stereo import Association, CameraFrame, StereoParams, camera_frames
@@ -497,32 +492,6 @@ def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig: StereoRig, robot:
     np.testing.assert_allclose(found.center_px, [159.5, 109.5], atol=0.5)
 
 
-def test_an_outline_holds_what_has_its_centre_in_its_box() -> None:
-    one = Outline(np.array([15.0, 25.0]), np.eye(2), 0.1, 1e-6, (10.0, 20.0, 10.0, 8.0), 60.0, False)
-    for u, v, holds in ((9, 25, 0), (10, 25, 1), (19, 25, 1), (20, 25, 0), (15, 19, 0), (15, 20, 1), (15, 28, 0)):
-        assert _contains(one, replace(one, center_px=np.array([u, v], float))) == bool(holds)
-
-
-def test_the_sine_of_an_angle_is_that_of_any_two_lengths() -> None:
-    for deg in (10.0, 90.0, 150.0):
-        other = 3.0 * np.array([np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg)), 0.0])
-        assert _sine(np.array([0.5, 0.0, 0.0]), other) == pytest.approx(np.sin(np.deg2rad(deg)))
-
-
-def test_beside_vivid_colours_those_of_low_saturation_are_none_of_the_objects() -> None:
-    """A violet square in whose mask is as much grey; a grey one keeps its grey."""
-    image = green((20, 20, 40, 40), of=(120, 20, 220))
-    bins, mask = color_bins(image[:80, :80]), np.zeros((80, 80), bool)
-    mask[20:40, 20:60] = True
-    model = _model(bins, mask)
-    assert model.object[int(bins[30, 30])] == pytest.approx(1.0)
-    assert model.background.sum() == pytest.approx(1.0)
-    assert model.background[int(bins[30, 30])] == 0
-    grey = np.zeros((80, 80), bool)
-    grey[50:70, 50:70] = True
-    assert _model(bins, grey).object[100:].sum() == pytest.approx(1.0)
-
-
 def test_the_evidence_of_a_colour_is_its_regions_residual_as_far_as_it_stands_out(rig: StereoRig) -> None:
     """Violet before grey stands out wholly."""
     optics, region = Optics(rig.left), Region2D((150, 100, 20, 20), np.ones((20, 20), bool), 3.0)
@@ -532,16 +501,6 @@ def test_the_evidence_of_a_colour_is_its_regions_residual_as_far_as_it_stands_ou
     assert alone.by_color
     assert alone.flow is None
     assert alone.box == (124, 74, 196, 146)  # its size and 6 px more on all sides
-
-
-def test_both_eyes_know_the_colours_that_either_sees() -> None:
-    models = [ColorModel(np.eye(110)[k], np.eye(110)[k + 1]) for k in (3, 8)]
-    one = Outline(np.array([15.0, 25.0]), np.eye(2), 0.1, 1e-6, (10.0, 20.0, 10.0, 8.0), 60.0, False)
-    pair = [Candidate(one, model, 1.0, None, True, np.ones((4, 4), bool), (0, 0, 4, 4)) for model in models]
-    for candidate, model in zip(_with_both_colors(*pair), models, strict=True):
-        assert (candidate.model.object[3], candidate.model.object[8]) == (0.5, 0.5)
-        assert candidate.model.object.sum() == 1
-        assert candidate.model.background is model.background
 
 
 def test_what_the_search_has_met_is_counted(robot: Robot, rig: StereoRig) -> None:
@@ -557,65 +516,6 @@ def test_what_the_search_has_met_is_counted(robot: Robot, rig: StereoRig) -> Non
     assert counts["frames"] == 7
     assert counts["motion_left"] == counts["motion_right"] == 2
     assert counts["candidates_left"] == counts["candidates_right"] == 2
-
-
-def candidate(evidence: float, like: float = 1.0, angle_rad: float = 0.1, **changes: object) -> Candidate:
-    """One that is no disc, whose colours have a Bhattacharyya coefficient of `like` with those of one where it is 1."""
-    colors = like**2 * np.eye(110)[3] + (1 - like**2) * np.eye(110)[8]
-    outline = Outline(np.array([15.0, 25.0]), np.eye(2), angle_rad, 1e-6, (10.0, 20.0, 10.0, 30.0), 200.0, False)
-    one = Candidate(
-        outline, ColorModel(colors, np.eye(110)[20]), evidence, None, True, np.ones((4, 4), bool), (0, 0, 4, 4)
-    )
-    return replace(one, **changes)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("lefts", "rights", "best", "refused"),
-    [
-        ([candidate(0.5)], [candidate(0.1)], (0, 0), {}),
-        ([candidate(4.0), candidate(9.0)], [candidate(1.0)], (1, 0), {}),
-        ([candidate(9.0), candidate(4.0)], [candidate(1.0)], (0, 0), {}),
-        ([candidate(1.0)], [candidate(9.0, 0.8), candidate(5.0)], (0, 0), {}),  # 0.8 · 3 is more than √5
-        ([candidate(1.0)], [candidate(9.0, 0.72), candidate(5.0)], (0, 1), {}),
-        ([candidate(1.0)], [candidate(9.0, 0.72)], (0, 0), {}),
-        ([candidate(1.0)], [candidate(9.0, 0.68)], None, {"colour": 1}),
-        ([candidate(1.0, angle_rad=0.119)], [candidate(9.0)], (0, 0), {}),
-        ([candidate(1.0)], [candidate(9.0, angle_rad=0.119)], (0, 0), {}),
-        ([candidate(1.0, angle_rad=0.121)], [candidate(9.0)], None, {"size": 1}),
-        ([candidate(1.0)], [candidate(9.0, angle_rad=0.121)], None, {"size": 1}),
-        ([candidate(1.0, is_partly_occluded=True)], [candidate(9.0, angle_rad=0.09)], (0, 0), {}),
-        ([candidate(1.0, is_partly_occluded=True)], [candidate(9.0, angle_rad=0.101)], None, {"half hidden": 1}),
-        (
-            [candidate(1.0, is_partly_occluded=True)],
-            [candidate(9.0, is_partly_occluded=True)],
-            None,
-            {"half hidden": 1},
-        ),
-    ],
-)
-def test_the_best_pair_has_most_evidence_of_those_that_may_be_one_object(
-    lefts: list[Candidate],
-    rights: list[Candidate],
-    best: tuple[int, int] | None,
-    refused: dict[str, int],
-    rig: StereoRig,
-    robot: Robot,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Evidence is the likeness of their colours times the geometric mean of both; likeness 0.7 and sizes to 1.2."""
-    search, view, black = Search(rig), rig.view(home(robot)), np.zeros((240, 320, 3), np.uint8)
-    cameras = camera_frames(StereoFrame(black, black, 0.0, 0.0), view)
-    for fits in (True, False):
-        monkeypatch.setattr(Association, "observe", lambda *_, fits=fits: fits or None)
-        monkeypatch.setattr(Association, "refusal", lambda *_: "epipolar gate")
-        found = search._acquisition._best_pair(search._association, cameras, view, lefts, rights, 0.0)
-        if best is None or not fits:
-            assert found is None
-        else:
-            assert found == (lefts[best[0]], rights[best[1]])
-        if fits:
-            assert {key.split(" ", 2)[2]: n for key, n in search.counts.items() if n} == refused
-    assert (search.counts["rejected by epipolar gate"] > 0) == (best is not None)
 
 
 @pytest.mark.parametrize(

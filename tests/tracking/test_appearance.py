@@ -2,7 +2,6 @@
 
 import colorsys
 
-import cv2
 import numpy as np
 import pytest
 from ball_scenes import Sphere, look
@@ -10,12 +9,11 @@ from scipy import ndimage
 
 from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import LEFT_EYE
-from pps_vision.types import Observation3D
 from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, all_colors, color_bins, histogram, is_same_object
 from tracking.marker import MarkerParams, find_markers, threshold
 from tracking.outline import Optics
-from tracking.particle_filter import Particles, Prior, likelihoods, propagate, resample, sample
+from tracking.particle_filter import Particles, resample
 
 
 def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
@@ -57,22 +55,6 @@ def test_resampling_keeps_each_particle_as_often_as_it_weighs(rng: np.random.Gen
     particles = Particles(np.column_stack([np.arange(50.0), np.zeros(50), np.ones(50)]), np.zeros((50, 3)))
     counts = np.bincount(resample(particles, weights, rng).current[:, 0].astype(int), minlength=50)
     assert np.all(np.abs(counts - 50 * weights) < 1)
-
-
-def test_the_cloud_finds_a_bright_box_and_follows_a_prior(rng: np.random.Generator) -> None:
-    likelihood = np.zeros((120, 160))
-    likelihood[50:70, 80:100] = 1.0
-    integral = cv2.integral(2 * likelihood - 1)
-    particles = propagate(sample(400, np.array([84.0, 55.0]), 20.0, 6.0, rng), None, rng)
-    weights = likelihoods(particles, integral, (0, 0), (1.0, 1.0))
-    assert np.linalg.norm(weights @ particles.current[:, :2] - [89.5, 59.5]) < 1.5
-    on = propagate(Particles(particles.current, particles.current - [4.0, -7.0, 0.0]), None, rng)
-    assert (
-        np.linalg.norm(on.current[:, :2].mean(axis=0) - particles.current[:, :2].mean(axis=0) - [4, -7]) < 1
-    )  # as it went
-    moved = propagate(particles, Prior(np.array([30.0, 40.0]), 1.0, 1.1), rng)
-    assert np.linalg.norm(moved.current[:, :2].mean(axis=0) - [30, 40]) < 0.5
-    assert moved.current[:, 2].mean() == pytest.approx(1.1 * particles.current[:, 2].mean(), rel=0.02)
 
 
 def test_mask_operations_are_those_of_mathematical_morphology(rng: np.random.Generator) -> None:
@@ -147,9 +129,6 @@ def test_what_has_the_least_value_or_saturation_is_of_the_marker(least: str, row
 def test_bad_parameters_are_named() -> None:
     with pytest.raises(ValueError, match="hue 400"):
         MarkerParams(hue_deg=400.0)
-
-
-OBSERVED = Observation3D(0.0, np.zeros(3), np.eye(3), 0.03, 1e-6, 0.1)
 
 
 def model(share: float) -> ColorModel:

@@ -7,7 +7,7 @@ import pytest
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
-from tracking.background import Background, _gain_and_noise, _learn
+from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 
 VIEW = View(LEFT_EYE, transform())
@@ -293,77 +293,3 @@ def test_three_tenths_of_its_size_around_the_object_nothing_is_learned(rng: np.r
     kept = np.zeros((240, 320), bool)
     kept[92:138, 139:201] = True
     np.testing.assert_array_equal(background.differs(image, VIEW, WHOLE), kept)
-
-
-@pytest.mark.parametrize("channel", [0, 1, 2])
-def test_a_pixel_follows_rests_or_becomes_background_as_it_and_its_past_say(channel: int) -> None:
-    """Of an image twice as bright as a background of 50, at 1 s; what has been for more than 0.5 s is background."""
-    now, mean, recent = (np.full((1, 5, 3), level, kind) for level, kind in ((100, "u1"), (50, "f4"), (50, "u1")))
-    since_s, rests = np.array([[0.2, 0.5, 0.4, 0.2, 0.2]]), np.array([[True, False, True, True, True]])
-    now[0, :, channel] = 108, 120, 120, 121, 121  # within the threshold of 4; three that differ; one near the object
-    recent[0, 1:3, channel] = 60
-    _learn(now, mean, recent, since_s, rests, 2.0, 4.0, 1.0, 0.5, (4, 0, 5, 1))
-    np.testing.assert_allclose(mean[0, :, channel], [50.4, 50, 60, 50, 50], rtol=1e-6)
-    assert recent[0, :, channel].tolist() == [50, 60, 60, 61, 61]
-    assert since_s.tolist() == [[0.2, 0.5, 0.4, 1.0, 1.0]]
-    assert rests.tolist() == [[False, True, False, False, False]]
-    for other in {0, 1, 2} - {channel}:
-        assert (mean[..., other] == 50).all()
-        assert (recent[..., other] == 50).all()
-
-
-def test_the_mean_moves_a_tenth_of_the_way_outside_the_object_s_box() -> None:
-    """All channels by themselves; and what would be brighter than white is white."""
-    mean, recent = np.full((3, 6, 3), 50, np.float32), np.full((3, 6, 3), 50, np.uint8)
-    now = np.broadcast_to(np.array([53, 52, 49], np.uint8), (3, 6, 3)).copy()
-    _learn(now, mean, recent, np.zeros((3, 6)), np.zeros((3, 6), bool), 1.0, 4.0, 1.0, 0.5, (2, 1, 4, 2))
-    kept = np.zeros((3, 6), bool)
-    kept[1, 2:4] = True
-    np.testing.assert_allclose(mean[kept], 50)
-    np.testing.assert_allclose(mean[~kept], np.broadcast_to([50.3, 50.2, 49.9], (16, 3)), rtol=1e-6)
-    now[:] = 200
-    _learn(now, mean, recent, np.zeros((3, 6)), np.zeros((3, 6), bool), 0.5, 4.0, 1.0, 0.5, (0, 0, 0, 0))
-    assert (recent == 255).all()  # as it has just taken this colour, it is not background yet
-    _learn(now, mean, recent, np.zeros((3, 6)), np.zeros((3, 6), bool), 0.5, 4.0, 1.0, 0.5, (0, 0, 0, 0))
-    assert (mean == 255).all()
-
-
-def _halves(share: float, left: float, right: float, axis: int = 1) -> np.ndarray:
-    """(240, 320, 3) one level up to a share of the columns or rows, another beyond."""
-    values = np.where(np.arange((240, 320)[axis]) < share * (240, 320)[axis], left, right)
-    return np.broadcast_to(values[(None, slice(None)) if axis else (slice(None), None)][..., None], (240, 320, 3))
-
-
-@pytest.mark.parametrize(
-    ("image", "background", "gain", "noise"),
-    [
-        (_halves(0.55, 150, 100), _halves(1, 100, 100), 1.5, 0),  # that of most of the image
-        (_halves(0.45, 150, 100), _halves(1, 100, 100), 1.0, 0),
-        (_halves(0.55, 150, 100, axis=0), _halves(1, 100, 100), 1.5, 0),
-        (_halves(0.45, 150, 100, axis=0), _halves(1, 100, 100), 1.0, 0),
-        (_halves(0.6, 42, 120), _halves(0.6, 21, 100), 2.0, 0),
-        (_halves(0.6, 38, 120), _halves(0.6, 19, 100), 1.2, 38 - 1.2 * 19),  # what is dark tells no gain
-        (_halves(0.6, 200, 120), _halves(0.6, -1e4, 100), 1.2, 0),  # what is unknown tells nothing
-        (_halves(1, 5, 5), _halves(1, 0, 0), 1.0, 5),
-        (_halves(1, 5, 5), _halves(1, -1e4, 0), 1.0, 0),
-    ],
-)
-def test_gain_is_the_median_over_lit_pixels_and_noise_what_it_does_not_explain(
-    image: np.ndarray, background: np.ndarray, gain: float, noise: float, rng: np.random.Generator
-) -> None:
-    found = _gain_and_noise(image.astype(np.uint8), background.astype(np.float32))
-    np.testing.assert_allclose(found, (gain, noise), atol=1e-5)
-    noisy = np.clip(np.rint(100 + 12 * rng.standard_normal((240, 320, 3))), 0, 255).astype(np.uint8)
-    assert _gain_and_noise(noisy, np.full((240, 320, 3), 100, np.float32)) == pytest.approx((1, 0.6745 * 4), rel=0.15)
-
-
-def test_all_rows_are_learned_once_in_a_fifth_of_a_second_from_the_first_on(rng: np.random.Generator) -> None:
-    """A strip that is 3 levels brighter is a tenth of that further after 0.2 s; a quarter of its rows once more after
-    another 50 ms, the next after another."""
-    background, image = Background(EgoMotion(LEFT_EYE), 10.0), draw(rng, noise=0.0)
-    background.update(image, VIEW, 0.0, None)
-    image[:, :42] += 3
-    for stamp_s, learned_twice in ((0.2, 0), (0.25, 60), (0.3, 120)):
-        background.update(image.copy(), VIEW, stamp_s, None)
-        expected = np.where(np.arange(240) < learned_twice, 3 * (1 - 0.9**2), 0.3)
-        np.testing.assert_allclose(background._mean[:, 20, 0] - WALL[0], expected, atol=1e-3)

@@ -1,7 +1,6 @@
 """Poses that images correct: the delay of joints by grids and normal equations, a turning rig by its homography."""
 
 import math
-from collections.abc import Callable
 from functools import cache
 
 import cv2
@@ -12,7 +11,6 @@ from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image, StereoFrame
 from tracking.camera_pose import PoseEstimator, _LateJoints, exact_or_late
-from tracking.image_rotation import Misalignment
 
 PRIOR_S = 0.02
 
@@ -50,29 +48,6 @@ def test_joints_that_are_never_late_have_no_delay() -> None:
     assert math.isnan(motion.delay_std_s)
 
 
-def late_after(stamps_s: list[float], angle: Callable[[float], float]) -> _LateJoints:
-    """The estimator after black frames whose joints were at these angles."""
-    late = _LateJoints(TURNING, PRIOR_S)
-    for stamp_s in stamps_s:
-        q = np.array([angle(stamp_s)])
-        late.step(StereoFrame(NO_IMAGE, NO_IMAGE, stamp_s, stamp_s, q, q), TURNING.view(q, q), (q, q))
-    return late
-
-
-@pytest.mark.parametrize("delay_s", [0.0, 0.015, -0.01])
-def test_joints_are_extrapolated_exactly_at_constant_acceleration(delay_s: float) -> None:
-    def angle(t: float) -> float:
-        return 0.1 + 0.3 * t - 2.0 * t**2
-
-    stamps = [0.0, 0.03, 0.08]  # uneven
-    late = late_after(stamps, angle)
-    late.delay_s = delay_s
-    found = late._extrapolated([np.array([angle(t)]) for t in stamps])
-    assert found[0] == pytest.approx(angle(0.08 + delay_s))
-    for eye in (0, 1):  # about its own vertical axis, at the last stamp
-        assert late._rate(eye) == pytest.approx([0.0, 0.3 - 4.0 * 0.08, 0.0], abs=1e-9)
-
-
 def test_poses_before_the_third_frame_and_after_a_gap_are_those_that_are_told() -> None:
     late = _LateJoints(TURNING, PRIOR_S)
     late.delay_s = 0.05
@@ -86,81 +61,6 @@ def test_poses_before_the_third_frame_and_after_a_gap_are_those_that_are_told() 
         poses.append(np.linalg.norm(cv2.Rodrigues(off)[0]))
         assert found.stamp_error_s == late.std_s
     np.testing.assert_allclose(poses, [0, 0, 0.1, 0, 0, 0.1], atol=1e-9)
-
-
-def measured(rotation: Array, noise: float = 1e-4) -> Misalignment:
-    return Misalignment(np.asarray(rotation, float), noise**2 * np.eye(3), np.array([0.0, 0.0, 0.002]))
-
-
-def test_a_delay_is_the_least_squares_of_what_was_measured(rng: np.random.Generator) -> None:
-    """All at one time, so that nothing is forgotten; against the normal equations of all measurements together."""
-    late, rows, values = _LateJoints(TURNING, PRIOR_S), [], []
-    noise = np.sqrt(1e-4**2 + (0.05 / 280) ** 2)  # of the registration, and of the images
-    for _ in range(40):
-        change = rng.normal(0, 0.5, 3)
-        rotation = 0.012 * change + 0.3 * np.array([0.0, 0.0, 0.002]) + noise * rng.standard_normal(3)
-        late._take(measured(rotation), change, 1.0)
-        rows.append(np.column_stack([change, [0.0, 0.0, 0.002]]) / noise)
-        values.append(rotation / noise)
-    X, y = np.vstack(rows), np.concatenate(values)
-    information = X.T @ X + np.diag([PRIOR_S**-2, 0.5**-2])
-    estimate = np.linalg.solve(information, X.T @ y)
-    assert late.delay_s == pytest.approx(estimate[0], rel=1e-6)  # the odds of exact joints are nil
-    assert late.delay_s == pytest.approx(0.012, abs=4 * late.std_s)
-    std = np.sqrt(np.linalg.inv(information)[0, 0])
-    assert 0.8 * std < late.std_s < 1.25 * std  # scaled by the scatter
-
-
-def test_a_larger_scatter_than_stated_makes_the_delay_less_certain(rng: np.random.Generator) -> None:
-    stds = []
-    for factor in (1.0, 3.0):
-        late, noise = _LateJoints(TURNING, PRIOR_S), factor * np.sqrt(1e-4**2 + (0.05 / 280) ** 2)
-        for k in range(200):
-            change = rng.normal(0, 0.5, 3)
-            late._take(measured(0.012 * change + noise * rng.standard_normal(3)), change, 0.01 * k)
-        stds.append(late.std_s)
-    assert stds[1] / stds[0] == pytest.approx(3.0, rel=0.15)
-
-
-def test_an_old_delay_is_forgotten_within_tens_of_seconds() -> None:
-    """After one memory, 10 s, the old measurements weigh 1/e of as many new ones."""
-    late = _LateJoints(TURNING, 1.0)
-    change = np.array([0.0, 0.5, 0.0])
-    late._take(measured(0.010 * change), change, 0.0)
-    late._take(measured(0.020 * change), change, 10.0)
-    weight = np.exp(-1)
-    assert late.delay_s == pytest.approx((weight * 0.010 + 0.020) / (weight + 1), rel=0.02)
-    for k in range(5):
-        late._take(measured(0.020 * change), change, 20.0 + 10 * k)
-    assert late.delay_s == pytest.approx(0.020, rel=0.01)
-
-
-def test_a_delay_is_as_certain_as_what_was_measured_scattered() -> None:
-    """The assumed noise counts for six angles that scatter as it says; each measurement is three, here without any."""
-    late, change = _LateJoints(TURNING, PRIOR_S), np.array([0.0, 0.5, 0.0])
-    rotation = np.zeros(3)
-    for n in (1, 2, 3):
-        late._take(measured(rotation), change, 1.0)
-        var = 1 / (PRIOR_S**-2 + n * 0.5**2 / (1e-4**2 + (0.05 / 280) ** 2))
-        assert late.std_s == pytest.approx(exact_or_late(0.0, 6 / (6 + 3 * n) * var, PRIOR_S)[1])
-
-
-def test_what_no_delay_explains_is_the_rotation_of_one_image(rng: np.random.Generator) -> None:
-    """2 mrad about each axis in each of two images, beside the noise of their registration."""
-    late, stds = _LateJoints(TURNING, PRIOR_S), []
-    assert late._rotation_std_rad == 0
-    noise = np.sqrt(1e-4**2 + (0.05 / 280) ** 2 + 2 * 2e-3**2)
-    for k in range(600):
-        change = rng.normal(0, 0.5, 3)
-        late._take(measured(0.012 * change + noise * rng.standard_normal(3)), change, 0.02 * k)
-        stds.append(late._rotation_std_rad)
-    assert np.sqrt(np.mean(np.square(stds[100:]))) == pytest.approx(2e-3, rel=0.1)
-
-
-def test_what_was_before_a_gap_tells_no_delay() -> None:
-    stamps = [0.0, 0.04, 0.08]
-    assert late_after(stamps, lambda t: t)._reference is not None
-    assert late_after([*stamps, 0.5], lambda t: t)._reference is None
 
 
 def test_poses_that_no_image_corrects_are_those_that_are_told() -> None:

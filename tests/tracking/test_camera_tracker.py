@@ -162,20 +162,6 @@ def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(
     assert found is None  # outlines are found by colours
 
 
-@pytest.mark.parametrize(("radius", "is_it"), [(18.0, True), (19.5, True), (20.7, False), (12.2, True), (10.5, False)])
-def test_a_markers_blob_is_about_as_large_as_expected(radius: float, is_it: bool, rng: np.random.Generator) -> None:
-    """Its area is 0.4 to 1.25 times the expected one; the score is the ratio of the smaller to the larger."""
-    tracker = camera_tracker(rng, MarkerParams())
-    camera = seen_from(picture(rng, (disc(160, 112, radius), GREEN)))
-    state, prior = CameraState(size_px=30.0), Prior(np.array([155.0, 110.0]), 3.0, 1.2)
-    found, is_hue_there = tracker._find_marker(MarkerParams(), state, camera, prior)
-    assert is_hue_there
-    assert (found is not None) == is_it
-    if found is not None:
-        assert np.linalg.norm(found.outline.center_px - [160, 112]) < 0.3
-        assert found.score == pytest.approx(min(radius / 18, 18 / radius) ** 2, abs=0.06)
-
-
 def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng: np.random.Generator) -> None:
     """Within the object's size, four standard deviations and 3 px: 59 px."""
     tracker = camera_tracker(rng, MarkerParams())
@@ -244,64 +230,3 @@ def test_an_object_of_the_walls_colour_is_told_by_the_background(rng: np.random.
     assert found is not None
     assert found.outline.area_px == pytest.approx(np.pi * 18**2, rel=0.1)
     assert again.by_background
-
-
-def test_evidence_of_an_empty_place_adds_up_where_it_rests(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The share of the background's edge beyond 0.6, -3 in total at least; of what moves by a pixel only what speaks
-    against it counts."""
-    tracker = learned(rng)
-    image = picture(rng, (disc(150, 110, 18), BLUE))
-    before = tracker.image_tracker.start(image, BOX)
-    at_px = before.particles.current[:, :2].mean(axis=0)
-
-    def after(ghost_score: float, edge: float | None, moved_px: float = 0.0) -> float:
-        monkeypatch.setattr(tracker.background, "learned_edge", lambda *_: edge)
-        one = of_size(36.0, (at_px[0] + 0.6 * moved_px, at_px[1] - 0.8 * moved_px))
-        state = CameraState(before, ghost_score=ghost_score)
-        return tracker._ghost_score(state, seen_from(image), before, ImageDetection(one, one.box_px, 1.0))
-
-    assert after(0.1, 1.0) == pytest.approx(0.5)
-    assert after(0.1, 0.0) == pytest.approx(-0.5)
-    assert after(0.1, None) == 0.1
-    assert after(-2.8, 0.0) == -3.0
-    assert after(-3.0, 1.0) == pytest.approx(-2.6)
-    assert after(0.1, 1.0, 0.9) == pytest.approx(0.5)
-    assert after(0.1, 1.0, 1.1) == 0.1
-    assert after(0.1, 0.0, 1.1) == pytest.approx(-0.5)
-    assert after(-3.0, 1.0, 1.1) == -3.0
-    assert [CameraState(ghost_score=one).is_ghost for one in (0.2, 0.3)] == [False, True]
-
-
-def test_what_rests_before_an_eye_that_turns_moves_in_its_image(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As what is 1.2 m away does."""
-    tracker, image = camera_tracker(rng), picture(rng, (disc(150, 110, 18), BLUE))
-    turned = View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, 0.05, 0.0]))[0], (0.02, 0.0, 0.0)))
-    before = tracker.image_tracker.start(image, BOX)
-    at_px = before.particles.current[:, :2].mean(axis=0)
-    monkeypatch.setattr(tracker.background, "learned_edge", lambda *_: 1.0)
-    monkeypatch.setattr(tracker, "_changed_place", lambda *_: (np.ones((10, 10), bool), (0, 0, 10, 10)))
-    state, resting = CameraState(before, view=VIEW), turned.project(VIEW.center + 1.2 * VIEW.rays(at_px))
-    for place, ghost_score in ((resting, 0.4), (at_px, 0.0)):
-        one = of_size(36.0, (float(place[0]), float(place[1])))
-        found = ImageDetection(one, one.box_px, 1.0)
-        assert tracker._ghost_score(state, seen_from(image, turned), before, found) == pytest.approx(ghost_score)
-
-
-def test_of_a_place_without_a_background_nothing_is_known(rng: np.random.Generator) -> None:
-    """Nor does an object before it become one; a moving eye that follows a marker needs none."""
-    camera, one = seen_from(picture(rng, (disc(150, 110, 18), BLUE))), of_size(36.0)
-    tracker, found = camera_tracker(rng), ImageDetection(one, one.box_px, 1.0)
-    assert tracker._ghost_score(
-        CameraState(ghost_score=0.2), camera, tracker.image_tracker.start(camera.image, BOX), found
-    )
-    tracker.set_from(camera, found)
-    assert not tracker.background.is_known(VIEW)
-    moved = View(LEFT_EYE, transform(translation=(0.01, 0.0, 0.0)))
-    assert learned(rng, MarkerParams())._known_background(seen_from(camera.image, moved)) is None
-    at_rest, moving = learned(rng), learned(rng)
-    assert at_rest._known_background(camera) is at_rest.background
-    assert moving._known_background(seen_from(camera.image, moved)) is moving.background.moving

@@ -145,17 +145,6 @@ def test_the_stated_covariance_is_the_scatter_of_the_rotations(rng: np.random.Ge
     assert np.abs(np.mean(found, axis=0)).max() < 4 * np.sqrt(np.mean(stated, axis=0).diagonal().max() / 400)
 
 
-def test_the_shift_of_all_points_turns_what_follows_it() -> None:
-    """A translation of all points: to first order its rotation is that of a fit to the moved points."""
-    before = np.array([[0.3, 0.1, 1.0], [-0.2, 0.2, 1.0], [0.1, -0.3, 1.0], [-0.1, -0.1, 1.0], [0.2, 0.3, 1.0]])
-    before /= np.linalg.norm(before, axis=1, keepdims=True)
-    shift = np.array([1e-5, -2e-5, 0.0])
-    cut = (1e-3, 1e-2)  # no vector counts less
-    _, _, following, _ = _fitted_rotation(before, before.copy(), np.zeros(3), shift, cut)
-    turned, _, _, _ = _fitted_rotation(before, before + shift, np.zeros(3), shift, cut)
-    np.testing.assert_allclose(following, turned, rtol=0.02, atol=1e-8)
-
-
 def test_a_rotation_is_measured_under_another_light(wall: Image, rng: np.random.Generator) -> None:
     """Lucas–Kanade alone takes the change for motion, of twice as much as is allowed here."""
     turn = np.deg2rad([0.3, -0.6, 0.5])

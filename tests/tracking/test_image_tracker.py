@@ -18,8 +18,6 @@ from tracking.image_tracker import (
     ImageDetection,
     ImageTracker,
     ImageTrackerParams,
-    _is_off,
-    _without_thin_parts,
 )
 from tracking.kalman import Belief, KalmanParams, predict
 from tracking.marker import MarkerParams
@@ -399,19 +397,8 @@ def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_b
     assert state.ghost_score >= -3  # so that a thing that leaves later can still be noticed
 
 
-FREE = (0, 0, LEFT_EYE.width, LEFT_EYE.height)
-
-
 def _eye(rng: np.random.Generator) -> ImageTracker:
     return ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
-
-
-def _blocks(*blocks: tuple[int, int, int, int]) -> np.ndarray:
-    """(240, 320) 1 in blocks x0, y0, x1, y1."""
-    likelihood = np.zeros((240, 320), np.float32)
-    for x0, y0, x1, y1 in blocks:
-        likelihood[y0:y1, x0:x1] = 1
-    return likelihood
 
 
 def test_colours_are_taken_from_well_inside_a_box_and_well_outside(rng: np.random.Generator) -> None:
@@ -447,75 +434,3 @@ def test_an_outline_that_is_followed_sets_place_and_size(rng: np.random.Generato
     np.testing.assert_allclose(moved.particles.current.mean(axis=0), [90, 70, 50])
     np.testing.assert_allclose(moved.particles.current[:, :2].std(axis=0), target.particles.current[:, :2].std(axis=0))
     assert (moved.model, moved.shape, moved.fill) == (target.model, target.shape, 0.6)
-
-
-@pytest.mark.parametrize(("off_px", "is_off"), [(4.9, False), (5.1, True)])
-def test_of_two_that_touch_one_is_off_by_three_deviations_and_a_twentieth_of_its_size(
-    off_px: float, is_off: bool
-) -> None:
-    outline = Outline(np.array([90.0, 70.0]), np.eye(2), 0.1, 1e-6, (65.0, 45.0, 40.0, 40.0), 1500.0, False)
-    for way in ((1, 0), (0, -1), (-0.6, 0.8)):
-        assert _is_off(outline, Prior(outline.center_px + off_px * np.array(way), 1.0, 1.0), 40.0) == is_off
-
-
-@pytest.mark.parametrize(
-    ("size", "known_background", "gap", "joined"),
-    [
-        *((60, True, 6, True), (60, True, 7, False), (60, False, 2, True), (60, False, 3, False)),
-        *((12, True, 2, True), (12, True, 3, False), (11, True, 1, False)),
-    ],
-)
-def test_gaps_are_closed_by_the_size_of_what_they_divide(
-    size: int, known_background: bool, gap: int, joined: bool, rng: np.random.Generator
-) -> None:
-    """Up to a tenth of the size before a known background, else 2 px; none in what is small."""
-    x0, x1 = 150 - size // 2, 150 + size // 2
-    halves = _blocks((x0, 90, 150, 90 + size), (150 + gap, 90, x1 + gap, 90 + size))
-    backdrop = None if known_background else np.zeros((240, 320), bool)
-    center = np.array([149.0, 90 + (size - 1) / 2])
-    found = _eye(rng)._mask(halves, backdrop, FREE, center, float(size), (1.0, 1.0))
-    assert found is not None
-    assert bool(found[0][:, 151 + gap :].any()) == joined
-
-
-@pytest.mark.parametrize(
-    ("block", "seen"),
-    [
-        *(((150, 110, 153, 113), False), ((150, 110, 155, 112), True)),  # 9 px, 10 px
-        *(((158, 109, 162, 112), True), ((163, 109, 167, 112), False)),  # 8 and 13 px from the middle
-        *(((149, 118, 152, 122), True), ((149, 123, 152, 127), False)),
-    ],
-)
-def test_a_mask_has_ten_pixels_and_some_near_the_middle(
-    block: tuple[int, int, int, int], seen: bool, rng: np.random.Generator
-) -> None:
-    """Within 0.3 of the size."""
-    found = _eye(rng)._mask(_blocks(block), None, FREE, np.array([150.0, 110.0]), 40.0, (1.0, 1.0))
-    assert (found is not None) == seen
-
-
-@pytest.mark.parametrize(("length", "touches"), [(24, False), (42, True)])
-def test_what_reaches_far_beyond_an_object_s_size_is_another_thing(
-    length: int, touches: bool, rng: np.random.Generator
-) -> None:
-    """A disc of 20 px and a bar of 10 px that goes on for so much beyond 25 px: more than a quarter of the disc's area,
-    or less.  The disc alone is left of it."""
-    v, u = np.mgrid[:240, :320]
-    disc = np.hypot(u - 150, v - 110) < 20
-    both = (_blocks((150, 105, 176 + length, 115)) > 0) | disc
-    found = _eye(rng)._mask(both.astype(np.float32), None, FREE, np.array([150.0, 110.0]), 40.0, (1.0, 1.0), np.pi / 4)
-    assert found is not None
-    mask, joined = found
-    assert np.count_nonzero(mask ^ disc) < 0.05 * np.count_nonzero(disc)
-    assert (joined is not None) == touches
-    assert joined is None or np.count_nonzero(joined ^ both) < 10
-
-
-@pytest.mark.parametrize(("arm", "length", "kept"), [(16, 20, False), (18, 20, True), (16, 40, True)])
-def test_parts_of_less_than_half_the_width_are_cut_off_unless_they_are_much_of_it(
-    arm: int, length: int, kept: bool
-) -> None:
-    """Of a square of 40 px; an arm of 16 px and 40 px length is more than a quarter of both.  What is small stays."""
-    mask = _blocks((100, 100, 140, 140), (140, 110, 140 + length, 110 + arm)) > 0
-    assert bool(_without_thin_parts(mask, 40.0)[:, 150:].any()) == kept
-    np.testing.assert_array_equal(_without_thin_parts(mask, 12.0), mask)

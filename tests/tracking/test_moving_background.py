@@ -222,19 +222,3 @@ def test_a_pixel_is_beyond_a_range_by_its_farthest_channel() -> None:
     low, high = np.array([[[50, 60, 70]]], np.uint8), np.array([[[80, 90, 100]]], np.uint8)
     for rgb, by in (((60, 70, 80), 0), ((40, 95, 80), 10), ((85, 60, 120), 20), ((60, 45, 102), 15)):
         assert beyond(np.array([[rgb]], np.uint8), low, high).tolist() == [[by]]
-
-
-@pytest.mark.parametrize("wall_m", [0.6, 2.5])
-def test_the_distance_of_what_rests_is_found_by_an_eye_that_shifts(wall_m: float, rng: np.random.Generator) -> None:
-    """By 3 cm aside: a wall that faces the eye, to a step of 0.2 1/m."""
-    views = [View(LEFT_EYE, transform(translation=(x, 0.0, 0.0))) for x in (0.0, 0.03)]
-    background, images = MovingBackground(EgoMotion(LEFT_EYE)), []
-    for view in views:
-        rays = view.rays(np.stack([_U, _V], axis=-1).reshape(-1, 2).astype(float)).reshape(240, 320, 3)
-        x = rays[..., 0] / rays[..., 2] + view.center[0] / wall_m
-        at = (np.stack([x, rays[..., 1] / rays[..., 2]], axis=-1) * 400 + (450, 300)).astype(np.float32)
-        images.append(cv2.remap(WALL, at, np.empty(0, np.float32), cv2.INTER_LINEAR).astype(np.uint8))
-    background.update(images[0], views[0], 0.0, None)
-    background.update(images[1], views[1], 0.5, None)
-    assert background._nearness == pytest.approx(1 / wall_m, abs=0.29)  # the rays' distance is larger at the sides
-    assert background.differs(images[1], views[1], (40, 20, 280, 220)).mean() < 0.01
