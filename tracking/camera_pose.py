@@ -90,8 +90,8 @@ class _FixedRig:
     """Rotation of a rig that is declared fixed, relative to its first image.
 
     The rotation of the first image from the nominal pose is unknown; its variance is that of the jitter from image to
-    image.  Both cameras must turn equally.  The first image stays the reference while half of its corners are in view, so
-    that a rig that swings back does not drift; else the last image that replaced it.
+    image.  Both cameras must turn equally.  The first image stays the reference while half of its corners are in view,
+    so that a rig that swings back does not drift; else the last image that replaced it.
     """
 
     def __init__(self) -> None:
