@@ -1,4 +1,4 @@
-"""Run studies and write their numbers, charts and tables: what `pps-vision bench` does."""
+"""Run studies and write their numbers, charts and tables (`pps-vision bench`)."""
 
 import json
 import math
@@ -28,7 +28,7 @@ _DENSE = ",", ":"  # separators of JSON
 
 
 def listing() -> str:
-    """Return every study's name, what it measures, and its parameters."""
+    """Return every study's name, summary, parameters and parts."""
     lines = []
     for name, study in catalogue().items():
         parameters = ", ".join(f"{field} = {value!r}" for field, value in study.defaults().items())
@@ -38,33 +38,32 @@ def listing() -> str:
 
 
 def bench(
-    asked: Sequence[str],
+    requested: Sequence[str],
     overrides: Mapping[str, Any] = {},
     out: Path = _DOCUMENTS,
     again: bool = False,
     redraw: bool = False,
     short: bool = False,
 ) -> None:
-    """Run the studies that are asked for; with `redraw` only draw and fill what was measured.
+    """Run the named studies; with `redraw` only draw charts and fill tables from their results.
 
-    A `short` run takes each study's smallest parameters (`Study.SHORT`), where `overrides` give no others. Of several
-    studies, `workers` of the overrides run at once, those that took longest first; one that fails does not stop the
-    others.
+    A `short` run takes each study's smallest parameters (`Study.SHORT`), unless `overrides` give others. Several
+    studies run in `workers` processes (an override), the longest first; a study that fails does not stop the others.
     """
-    known = catalogue()
-    chosen = [name for name in known if any(_is_asked(name, one) for one in asked)]
+    catalog = catalogue()
+    chosen = [name for name in catalog if any(_is_requested(name, word) for word in requested)]
     workers = 1
     if len(chosen) > 1:
         workers = int(overrides.get("workers", 1))
         overrides = {name: value for name, value in overrides.items() if name != "workers"}
-    for one in asked:
-        if not any(_is_asked(name, one) for name in known):
+    for word in requested:
+        if not any(_is_requested(name, word) for name in catalog):
             raise InputError(
-                "bench", f"no study {one}; expected all, {', '.join(_GROUPS)} or one of {', '.join(known)}"
+                "bench", f"no study {word}; expected all, {', '.join(_GROUPS)} or one of {', '.join(catalog)}"
             )
     for name, value in overrides.items():
-        if len(asked) == len(chosen) and not any(name in known[study].defaults() for study in chosen):
-            raise InputError("bench", f"{', '.join(asked)} takes no {name} ({value}); see `bench` without a name")
+        if len(requested) == len(chosen) and not any(name in catalog[study].defaults() for study in chosen):
+            raise InputError("bench", f"{', '.join(requested)} takes no {name} ({value}); see `bench` without a name")
     commit = versions.commit()
     if out == _DOCUMENTS and not redraw and commit.endswith("dirty"):
         raise InputError("bench", "the code has uncommitted changes; commit them first, or give --out FOLDER")
@@ -72,9 +71,9 @@ def bench(
         raise InputError("bench", "a short run measures nothing; give --out FOLDER for its results")
     studies = {}
     for name in chosen:
-        fields = known[name].defaults()
-        given = {field: value for field, value in overrides.items() if field in fields}
-        studies[name] = known[name](**(known[name].short() if short else {}) | given)
+        fields = catalog[name].defaults()
+        parameters = {field: value for field, value in overrides.items() if field in fields}
+        studies[name] = catalog[name](**(catalog[name].short() if short else {}) | parameters)
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
@@ -82,7 +81,7 @@ def bench(
     else:
         longest_first = sorted(chosen, key=lambda name: (-_minutes(_result(name, out)), name))
         _measure_all({name: studies[name] for name in longest_first}, commit, out, again, workers)
-    _fill_documents(known, out)
+    _fill_documents(catalog, out)
 
 
 def _result(name: str, out: Path) -> Path:
@@ -90,7 +89,7 @@ def _result(name: str, out: Path) -> Path:
 
 
 def _minutes(file: Path) -> float:
-    """Processor time of a study when it was measured last; infinite where it was not."""
+    """Processor time (min) of a study's last measurement; infinite without one."""
     if not file.exists():
         return math.inf
     results = json.loads(file.read_text())
@@ -99,25 +98,26 @@ def _minutes(file: Path) -> float:
 
 
 def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bool, workers: int) -> None:
-    """Measure studies, `workers` at once, each in a process of its own; with one, in turn and in this one."""
+    """Measure studies in `workers` processes; a single worker is this process."""
     if workers == 1:
         for name, study in studies.items():
             _measure(name, study, commit, out, again)
         return
     with worker_pool(workers, max_tasks_per_child=1) as pool:
-        done = [pool.submit(_measure, name, study, commit, out, again) for name, study in studies.items()]
-    if errors := [error for future in done if (error := future.exception())]:
+        futures = [pool.submit(_measure, name, study, commit, out, again) for name, study in studies.items()]
+    if errors := [error for future in futures if (error := future.exception())]:
         for error in errors[1:]:
             print(f"! {error}")
         raise errors[0]
 
 
-def _is_asked(name: str, asked: str) -> bool:
-    return asked in (name, "all") or (asked in _GROUPS and name.startswith(f"{asked}_"))
+def _is_requested(name: str, word: str) -> bool:
+    return word in (name, "all") or (word in _GROUPS and name.startswith(f"{word}_"))
 
 
 def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> None:
-    """Run a study, part by part, and write its result and charts; skip what this commit has measured the same way."""
+    """Run a study, part by part, and write result and charts; skip parts that this commit has measured with the same
+    parameters."""
     file = _result(name, out)
     fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
     fields.pop("parts", None)
@@ -148,9 +148,9 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
 
 
 def _processor_s() -> float:
-    """Processor time of this process and of those that it has waited for."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
+    """Processor time (s) of this process and its finished children."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
@@ -162,10 +162,10 @@ def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
         print(f"→ {file}")
 
 
-def _fill_documents(known: Mapping[str, type[Study]], out: Path) -> None:
-    """Fill the marked tables of the documents and of README.md from the results that are there.
+def _fill_documents(catalog: Mapping[str, type[Study]], out: Path) -> None:
+    """Fill the marked tables of the documents and README.md from the results in `out`.
 
-    With another folder than the documents' own the filled documents are written there.
+    If `out` is not the documents' folder, the filled documents are written to it.
     """
     for document in [*sorted(_DOCUMENTS.glob("*.md")), *Path().glob("README.md")]:
         text = document.read_text()
@@ -174,10 +174,10 @@ def _fill_documents(known: Mapping[str, type[Study]], out: Path) -> None:
             if name == _CLAIMS:
                 tables[name] = markdown(claims_table(out / "results"))
                 continue
-            studies = [study for study in known if name == study or name.startswith(f"{study}_")]
+            studies = [study for study in catalog if name == study or name.startswith(f"{study}_")]
             if not studies:
                 raise InputError(document, f"table {name}; expected the name of a study (and of its table)")
-            table = _table(known, max(studies, key=len), name, out, document)
+            table = _table(catalog, max(studies, key=len), name, out, document)
             if table is not None:
                 tables[name] = markdown(table)
         target = document if out == _DOCUMENTS else out / document.name
@@ -187,12 +187,12 @@ def _fill_documents(known: Mapping[str, type[Study]], out: Path) -> None:
                 partial.write_text(new)
 
 
-def _table(known: Mapping[str, type[Study]], study: str, name: str, out: Path, document: Path) -> Table | None:
+def _table(catalog: Mapping[str, type[Study]], study: str, name: str, out: Path, document: Path) -> Table | None:
     """The table `name` of a study; None where it was not measured."""
     file = _result(study, out)
     if not file.exists():
         return None
-    cls = known[study]
+    cls = catalog[study]
     numbers = read_numbers(file)
     tables = cls().tables(numbers)
     table = name[len(study) + 1 :]

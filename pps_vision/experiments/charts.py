@@ -15,15 +15,21 @@ from numpy.typing import ArrayLike
 
 from pps_vision.types import Array
 
-_INK, _OURS, _BASELINE = "0.25", "tab:blue", "tab:orange"
-_NAME_PT, _WIDEST_IN, PAGE_IN = 7.0, 14.0, 7.2
-_WIDE = 30.0  # errors that span more than this ratio are drawn on a logarithmic axis
+PAGE_IN = 7.2
+"""Width of a page."""
+_INK = "0.25"
+_OURS = "tab:blue"
+_BASELINE = "tab:orange"
+_NAME_PT = 7.0
+_MAX_WIDTH_IN = 14.0
+_LOG_RATIO = 30.0  # errors that span a larger ratio are drawn on a logarithmic axis
 
 
 def panels(n: int, columns: int | None = None, width: float = 4.6, height: float = 3.8) -> tuple[Figure, list[Axes]]:
     """Return a figure with `n` panels, `columns` of them side by side (default: all)."""
     columns = min(columns or n, n)
-    rows, width = -(-n // columns), min(width, _WIDEST_IN / columns)
+    rows = -(-n // columns)
+    width = min(width, _MAX_WIDTH_IN / columns)
     size = (width * columns, height * rows)
     figure = Figure(size, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
@@ -55,23 +61,25 @@ def speed_error(
     A method without an error stands at the top, marked "fails"; one that had no frame to work on is left out.
     """
     quartiles = {name: np.concatenate(intervals([method["ms"]])) for name, method in methods.items()}
-    names = [name for name, of in quartiles.items() if np.isfinite(of).all()]
+    names = [name for name, times in quartiles.items() if np.isfinite(times).all()]
     if not names:
         axis.text(0.5, 0.5, "no frame to measure on", ha="center", va="center", transform=axis.transAxes)
         return
     ms = np.array([quartiles[name] for name in names])
     value, low, high = intervals([methods[name][metric] for name in names])
-    known = np.isfinite(value)
-    wide = known.any() and value[known].min() > 0 and value[known].max() > _WIDE * value[known].min()
-    top = (1.8 if wide else 1.15) * (float(value[known].max()) if known.any() else 1.0)
-    shown = np.where(known, value, top)
+    is_finite = np.isfinite(value)
+    wide = (
+        is_finite.any() and value[is_finite].min() > 0 and value[is_finite].max() > _LOG_RATIO * value[is_finite].min()
+    )
+    top = (1.8 if wide else 1.15) * (float(value[is_finite].max()) if is_finite.any() else 1.0)
+    shown = np.where(is_finite, value, top)
     front = pareto_front(list(ms[:, 1]), list(value))
     axis.plot(ms[front, 1], value[front], color=_INK, lw=1, ls=":", zorder=1)
     for k, name in enumerate(names):
         color = _BASELINE if name in baselines else _OURS
         axis.plot(ms[k, [0, 2]], [shown[k]] * 2, color=color, lw=1.2, alpha=0.6)
         axis.plot([ms[k, 1]] * 2, [low[k], high[k]], color=color, lw=1.2, alpha=0.6)
-        axis.plot(ms[k, 1], shown[k], "o" if known[k] else "x", color=color, ms=5)
+        axis.plot(ms[k, 1], shown[k], "o" if is_finite[k] else "x", color=color, ms=5)
         if name == default:
             axis.plot(ms[k, 1], shown[k], "o", mfc="none", mec=_INK, ms=12, mew=1.4)
     if wide:
@@ -91,8 +99,8 @@ def speed_error(
     lines = [np.column_stack([ms[front, 1], value[front]])]
     lines += [np.array([[ms[k, 0], shown[k]], [ms[k, 2], shown[k]]]) for k in range(len(names))]
     lines += [np.array([[ms[k, 1], low[k]], [ms[k, 1], high[k]]]) for k in np.flatnonzero(np.isfinite(low + high))]
-    told = [name if k else f"{name} (fails)" for name, k in zip(names, known, strict=True)]
-    _write_names(axis, ms[:, 1], shown, told, lines)
+    labels = [name if k else f"{name} (fails)" for name, k in zip(names, is_finite, strict=True)]
+    _write_names(axis, ms[:, 1], shown, labels, lines)
     axis.plot([], [], "o", color=_OURS, label="ours")
     if baselines:
         axis.plot([], [], "o", color=_BASELINE, label="baseline")
@@ -119,7 +127,7 @@ def speed_errors(
 
 
 def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, bound: float | None = None) -> None:
-    """Draw `metric` of each method over the severities of a disturbance (what `compare_severities` returns).
+    """Draw `metric` of each method over the severities of a disturbance, from the result of `compare_severities`.
 
     × marks where a method breaks; the `bound` is dashed.
     """
@@ -130,8 +138,18 @@ def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, boun
         axis.fill_between(places, low, high, color=line.get_color(), alpha=0.15, lw=0)
         if cell["breaks_at"] is not None:
             k = study["severities"].index(cell["breaks_at"])
-            at, place = (value[k], axis.transData) if np.isfinite(value[k]) else (0.0, axis.get_xaxis_transform())
-            axis.plot(k, at, "x", color=line.get_color(), ms=10, mew=2, clip_on=False, transform=place)
+            is_drawn = np.isfinite(value[k])
+            place = axis.transData if is_drawn else axis.get_xaxis_transform()
+            axis.plot(
+                k,
+                value[k] if is_drawn else 0.0,
+                "x",
+                color=line.get_color(),
+                ms=10,
+                mew=2,
+                clip_on=False,
+                transform=place,
+            )
     if bound is not None:
         axis.axhline(bound, color=_INK, lw=0.9, ls="--")
     axis.set_xticks(places, [f"{value:g}" for value in study["severities"]])
@@ -140,7 +158,7 @@ def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, boun
 
 
 def severities(studies: Mapping[str, Mapping[str, Any]], metric: str, label: str, bound: float, columns: int) -> Figure:
-    """Return a figure of `metric` over severity: by disturbance what `compare_severities` returns, one panel each."""
+    """Return a figure of `metric` over severity, one panel a disturbance (results of `compare_severities`)."""
     figure, axes = panels(len(studies), columns, width=3.2, height=2.7)
     for axis, (name, study) in zip(axes, studies.items(), strict=True):
         severity(axis, study, metric, label, bound)
@@ -149,12 +167,12 @@ def severities(studies: Mapping[str, Mapping[str, Any]], metric: str, label: str
     return figure
 
 
-def calibration(axis: Axes, stated: Sequence[float], found: Mapping[str, Sequence[Any]], label: str) -> None:
-    """Draw what was found (percent) against what was stated, for each series; the diagonal is perfect."""
+def calibration(axis: Axes, stated: Sequence[float], measured: Mapping[str, Sequence[Any]], label: str) -> None:
+    """Draw measured against stated percentages for each series; the diagonal is perfect."""
     axis.plot([0, 100], [0, 100], color=_INK, lw=0.9, ls="--")
-    for k, (name, values) in enumerate(found.items()):
+    for k, (name, values) in enumerate(measured.items()):
         value, low, high = intervals(values)
-        at = np.asarray(stated, dtype=float) + 0.6 * (k - (len(found) - 1) / 2)
+        at = np.asarray(stated, dtype=float) + 0.6 * (k - (len(measured) - 1) / 2)
         axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="o-", ms=4, capsize=2, label=name)
     axis.set(xlabel="stated (%)", ylabel=label)
     axis.grid(alpha=0.25)
@@ -199,11 +217,13 @@ def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], lines: Se
     extent = axis.get_window_extent()
     size = 72 / axis.figure.dpi * np.array([extent.width, extent.height])  # points
     points = to_axes(np.column_stack([x, y])) * size
-    inside, line = np.array([[0.0, 0.0, *size]]), 1.2 * _NAME_PT
-    dots = [_dots(to_axes(one) * size) for one in lines]
-    taken = np.vstack([np.hstack([at - half, at + half]) for half, at in [(5, points), *((1, at) for at in dots)]])
+    inside = np.array([[0.0, 0.0, *size]])
+    line = 1.2 * _NAME_PT
+    markers = [(5, points), *((1, _dots(to_axes(path) * size)) for path in lines)]
+    taken = np.vstack([np.hstack([center - half, center + half]) for half, center in markers])
     for k in np.argsort(-points[:, 1], kind="stable").tolist():
-        (u, v), length = points[k], 1.08 * TextPath((0, 0), names[k], _NAME_PT).get_extents().width
+        u, v = points[k]
+        length = 1.08 * TextPath((0, 0), names[k], _NAME_PT).get_extents().width
         rises = [4 + i * line for i in range(4)] + [-4 - (i + 1) * line for i in range(4)] + [-line / 2]
         rises.sort(key=lambda dy: abs(dy + line / 2 - 1))
         offsets = [(dx, dy) for dy in rises for dx in (5, -5 - length)]
@@ -234,6 +254,7 @@ def _dots(line: Array) -> Array:
 
 
 def _shared(boxes: Array, others: Array) -> Array:
-    """(n,) area that each of the boxes (n, 4) shares with the others (m, 4), all of them (left, low, right, high)."""
-    low, high = np.maximum(boxes[:, None, :2], others[:, :2]), np.minimum(boxes[:, None, 2:], others[:, 2:])
+    """(n,) area that each of the boxes (n, 4) shares with the others (m, 4), as (left, low, right, high)."""
+    low = np.maximum(boxes[:, None, :2], others[:, :2])
+    high = np.minimum(boxes[:, None, 2:], others[:, 2:])
     return np.asarray((high - low).clip(0).prod(axis=2).sum(axis=1))

@@ -1,4 +1,4 @@
-"""What a study is, and the harness that measures every method on every scenario with every seed.
+"""Base classes of the studies, their catalogue, and measurement and statistics of methods.
 
 A study is a module, or a package, directly in `pps_vision/experiments` that holds exactly one frozen dataclass derived
 from `Study`. `pps-vision bench` finds it there by the module's name; the summary is the module's docstring.
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
 DATA = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
 """Folder of the real data (default of every field `data`)."""
 NOISE_SIGMA = 2.0
-"""Pixel noise of the recordings, grey levels of 255, where it is not what is studied."""
+"""Pixel noise of the recordings, grey levels of 255, unless it is varied."""
 
 SceneSource = Literal["rendered", "independent"]
 Scenes = Literal["rendered", "independent", "both"]
 
 Values = Mapping[str, ArrayLike]
-"""What one method measured on one recording: numbers by quantity, as many of each as there are (0 or more)."""
+"""A method's measurements on one recording: any number of values by quantity."""
 Method = Callable[[Any, int], Values]
 """A method takes a recording and a seed."""
 
 TURNS = 3
-"""How many times by turns methods are timed on a recording, where their times are compared."""
-_RESAMPLED = 1000
-_LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
+"""Repetitions of each method, in turn, where times are compared."""
+_RESAMPLES = 1000
+_MINIMA = {"seed": 0, "seconds": 0.1, "share": 0.01}
 _SHORT = {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2}  # of every study that has them
 
 
@@ -64,14 +64,14 @@ class Study(ABC):
     def __post_init__(self) -> None:
         """Check the parameters: counts (all whole numbers but the seed), seed, seconds and shares."""
         for name, value in vars(self).items():
-            least = _LEAST.get(name, 1 if type(value) is int else None)
-            if least is not None and not value >= least:
-                raise InputError(f"bench {self.name()}", f"--{name} {value}; expected at least {least:g}")
+            minimum = _MINIMA.get(name, 1 if type(value) is int else None)
+            if minimum is not None and not value >= minimum:
+                raise InputError(f"bench {self.name()}", f"--{name} {value}; expected at least {minimum:g}")
 
     @classmethod
     def name(cls) -> str:
         """Return the study's name, which is its module's."""
-        return cls.__module__.removeprefix(f"{experiments.__name__}.").replace(".", "_")
+        return cls.__module__.removeprefix(f"{experiments.__name__}.")
 
     @classmethod
     def summary(cls) -> str:
@@ -92,10 +92,10 @@ class Study(ABC):
 
     @abstractmethod
     def run(self) -> dict[str, Any]:
-        """Measure and return the numbers, as they stand in docs/results."""
+        """Measure and return the numbers of the result file."""
 
     def chart(self, numbers: dict[str, Any]) -> "Figure | dict[str, Figure]":
-        """Draw the numbers, as they are read from the result file: one chart, or several by name."""
+        """Draw the numbers of the result file: one chart, or several by name."""
         return {}
 
     def tables(self, numbers: dict[str, Any]) -> "dict[str, Table]":
@@ -173,15 +173,15 @@ def _by_part(
 
 @dataclass(frozen=True)
 class SeededStudy(Study):
-    """Base of the studies in which something is random."""
+    """Base of the studies with a seed."""
 
     seed: int = 0
-    """Seed of whatever is random; recordings, robots and simulations count up from it."""
+    """Seed; recordings, robots and simulations count up from it."""
 
 
 @dataclass(frozen=True)
 class SampledStudy(SeededStudy):
-    """Base of the studies that repeat what they measure on independent units."""
+    """Base of the studies that repeat a measurement on independent units."""
 
     n: int = 4
     """Independent units of each kind: recordings, robots or simulations."""
@@ -201,11 +201,11 @@ class TrackingStudy(SampledStudy):
 
     @property
     def sources(self) -> tuple[SceneSource, ...]:
-        """The scene sources that are asked for."""
+        """The chosen scene sources."""
         return ("rendered", "independent") if self.scenes == "both" else (self.scenes,)
 
     def scenarios(self, make: Callable[..., Any], kinds: Sequence[str]) -> dict[str, Callable[..., Any]]:
-        """Return what makes `make(kind, source, seed)` of a seed, by the name "source, kind"."""
+        """Return functions of a seed that call `make(kind, source, seed)`, by "source, kind"."""
         return {f"{source}, {kind}": partial(make, kind, source) for source in self.sources for kind in kinds}
 
 
@@ -217,7 +217,7 @@ class Metric(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """What a severity study varies: its name with unit, and the values, the first of them undisturbed."""
+    """The varied quantity of a severity study: name with unit, and values, the first undisturbed."""
 
     label: str
     severities: Sequence[float]
@@ -257,11 +257,11 @@ def measure(
     seeds: Sequence[int],
     repeated: int = 1,
 ) -> dict[str, dict[str, list[Values]]]:
-    """Run every method on every recording in turn; return each one's values by scenario and method, one per seed.
+    """Run every method on every recording; return the values by scenario and method, one item per seed.
 
     `scenarios` make a recording from a seed. A method that does not return its own "ms" (one value a frame) gets the
-    processor time of the whole run. With `repeated` above 1 all methods run on a recording so many times by turns; the
-    times are those of all runs.
+    processor time of the whole run. With `repeated` above 1 the methods run so many times in turn, and "ms" has all
+    times.
     """
     measured: dict[str, dict[str, list[Values]]] = {}
     for scenario, make in scenarios.items():
@@ -289,21 +289,21 @@ def summarize(
 ) -> dict[str, dict[str, Any]]:
     """Return by method: every metric as [value, low, high], quartiles of "ms", their ratio to `reference`, and n.
 
-    The 95 % intervals come from resampling recordings, which are the independent units; values within one are not.
+    The 95 % intervals come from resampling recordings, the independent units.
     """
-    found: dict[str, dict[str, Any]] = {}
+    summaries: dict[str, dict[str, Any]] = {}
     for method, values in recordings.items():
         cell: dict[str, Any] = {"n": len(values)}
-        if all("ms" in one for one in values):
-            pooled = np.concatenate([np.atleast_1d(one["ms"]) for one in values])
+        if all("ms" in recording for recording in values):
+            pooled = np.concatenate([np.atleast_1d(recording["ms"]) for recording in values])
             cell["ms"] = [float(q) for q in np.percentile(pooled, (25, 50, 75))] if len(pooled) else [np.nan] * 3
             if reference is not None:
                 pairs = zip(values, recordings[reference], strict=True)
-                cell["ratio"] = interval([[_median_ms(one) / _median_ms(other)] for one, other in pairs], median)
+                cell["ratio"] = interval([[_median_ms(ours) / _median_ms(theirs)] for ours, theirs in pairs], median)
         for name, metric in metrics.items():
-            cell[name] = interval([np.atleast_1d(one.get(metric.values, ())) for one in values], metric.summary)
-        found[method] = cell
-    return found
+            cell[name] = interval([np.atleast_1d(v.get(metric.values, ())) for v in values], metric.summary)
+        summaries[method] = cell
+    return summaries
 
 
 def _median_ms(values: Values) -> float:
@@ -313,13 +313,13 @@ def _median_ms(values: Values) -> float:
 def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mean) -> list[float]:
     """Return [value, low, high] of `summary` over all values, with the 95 % interval by resampling the `units`.
 
-    A unit is what is independent: a recording, a seed, a subject. Each may hold several values or none.
+    Units are independent, such as recordings, seeds or subjects; each may hold several values or none.
     """
     arrays = [np.asarray(unit, dtype=float) for unit in units]
     if not arrays:
         return [np.nan, np.nan, np.nan]
     rng = np.random.default_rng(0)
-    draws = rng.integers(len(arrays), size=(_RESAMPLED, len(arrays)))
+    draws = rng.integers(len(arrays), size=(_RESAMPLES, len(arrays)))
     resampled = [summary(np.concatenate([arrays[k] for k in draw])) for draw in draws]
     if np.all(np.isnan(resampled)):
         return [summary(np.concatenate(arrays)), np.nan, np.nan]
@@ -360,8 +360,8 @@ def compare_severities(
 
     Returns "axis", "severities", and by method each metric as a list of [value, low, high] and "breaks_at".
     """
-    at = {f"{axis.label} {s:g}": lambda seed, s=s: scenario(seed, s) for s in axis.severities}
-    rows = list(compare(at, methods, metrics, seeds).values())
+    scenarios = {f"{axis.label} {s:g}": lambda seed, s=s: scenario(seed, s) for s in axis.severities}
+    rows = list(compare(scenarios, methods, metrics, seeds).values())
     by_method: dict[str, dict[str, Any]] = {
         m: {name: [row[m][name] for row in rows] for name in metrics} for m in methods
     }
@@ -382,12 +382,10 @@ def breaks_at(severities: Sequence[float], values: Sequence[float], breaks: Brea
 def catalogue() -> dict[str, type[Study]]:
     """Return the class of every study by the study's name."""
     studies = {}
-    for group in ("", ".pps"):
-        package = import_module(f"{experiments.__name__}{group}")
-        for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
-            for value in vars(import_module(info.name)).values():
-                if _is_study(value) and value.__module__ == info.name != __name__:
-                    studies[value.name()] = value
+    for info in pkgutil.iter_modules(experiments.__path__, f"{experiments.__name__}."):
+        for value in vars(import_module(info.name)).values():
+            if _is_study(value) and value.__module__ == info.name != __name__:
+                studies[value.name()] = value
     return studies
 
 

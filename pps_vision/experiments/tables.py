@@ -1,4 +1,4 @@
-"""Generated tables in documents: what stands between `<!-- table: NAME -->` and `<!-- end -->`."""
+"""Generated tables in documents, between `<!-- table: NAME -->` and `<!-- end -->`."""
 
 import json
 import math
@@ -26,12 +26,12 @@ def markdown(table: Table) -> str:
 
 
 def break_points(studies: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return where each method breaks, one row a disturbance (by name what `compare_severities` returns)."""
+    """Return where each method breaks, one row a disturbance (results of `compare_severities` by name)."""
     rows = []
     for name, study in studies.items():
-        at = (method["breaks_at"] for method in study["methods"].values())
+        breaks = (method["breaks_at"] for method in study["methods"].values())
         tried = ", ".join(f"{value:g}" for value in study["severities"])
-        rows.append([f"{name}: {study['axis']}", tried, *("–" if one is None else f"{one:g}" for one in at)])
+        rows.append([f"{name}: {study['axis']}", tried, *("–" if value is None else f"{value:g}" for value in breaks)])
     return Table(["disturbance", "tried", *next(iter(studies.values()))["methods"]], rows)
 
 
@@ -42,13 +42,13 @@ def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
 
 
 def read_numbers(file: Path) -> dict[str, Any]:
-    """What a study has written, for its chart, its tables and the claims."""
+    """Return the numbers of a result file."""
     numbers: dict[str, Any] = not_measured(json.loads(file.read_text()))
     return numbers
 
 
 def not_measured(value: Any) -> Any:
-    """What was read from JSON with NaN in place of each null of a list: a short run has nothing to measure some by."""
+    """Return a value read from JSON with NaN in place of each null in a list, which stands for an unmeasured value."""
     if isinstance(value, dict):
         return {key: not_measured(x) for key, x in value.items()}
     if isinstance(value, list):
