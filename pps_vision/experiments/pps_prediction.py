@@ -44,7 +44,6 @@ REAL_TRIALS: dict[str, Predictor] = {
     "R's map, authors' code, averaged": by_authors_map,
     "R's map, shrunk to the base rate": by_shrunk_map,
 }
-SPLITS = {"quarters": "quarters", "early_late": "first 24 → last 13"}
 _EARLY_SHARE = 24 / 37
 
 
@@ -130,12 +129,16 @@ def _scores(touched: Mask, p: Array, base_rate: Array) -> dict[str, list[float]]
 
 def tabulate_real_trials(numbers: dict[str, Any]) -> Table:
     """Return the scores by predictor and split."""
-    columns = {"auroc": "AUROC", "brier": "Brier score", "gain": "below the base rate's"}
+    columns = {
+        ("quarters", "auroc"): "AUROC, quarters",
+        ("quarters", "brier"): "Brier score, quarters",
+        ("quarters", "gain"): "below the base rate's, quarters",
+        ("early_late", "gain"): "below the base rate's, first 24 → last 13",
+    }
     rows = [
-        [name, *(estimate(method[split][key]) for split in SPLITS for key in columns)]
-        for name, method in numbers["methods"].items()
+        [name, *(estimate(method[split][key]) for split, key in columns)] for name, method in numbers["methods"].items()
     ]
-    return Table(["", *(f"{column}, {split}" for split in SPLITS.values() for column in columns.values())], rows)
+    return Table(["", *columns.values()], rows)
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ LAST_MOMENTS = MemoryParams(distance_range_m=(-0.15, 0.20), ttc_range_s=(-0.025,
 def table5(session: Session) -> dict[str, float]:
     """Return the columns of R Table 5.
 
-    A sample is a step of 50 ms in which a taxel of the part perceives the object. Minutes are those of the movements;
+    A sample is a step of 50 ms in which a taxel of the part perceives the object. Minutes count the movements only;
     R's include the way back and pauses.
     """
     memory = train_memory(session.trials)
@@ -161,7 +161,7 @@ def _by_wrist(session: Session) -> dict[str, Any]:
 
 
 def draw_landscapes(numbers: dict[str, Any]) -> dict[str, Figure]:
-    """Draw the maps of the sessions, and those of Fig 9."""
+    """Draw the maps of the sessions and of Fig 9."""
     maps = {
         f"{TITLES[name]}\n{session['taxel']}, {session['samples_of_shown_taxel']} samples": session["activation"]
         for name, session in numbers["sessions"].items()
@@ -258,7 +258,7 @@ def taxel_offsets(study: "PpsSessions") -> dict[str, Any]:
     """Return, by part, the mean offsets, and by method the error; 95 % intervals over miscalibrated robots.
 
     TTC is the time left to the touch, known afterwards. TTC as perceived before (R eq. 2) cannot show an error along
-    the approach, which shifts D and TTC alike.
+    the approach, which shifts D and TTC equally.
     """
     robots = [[row for part in PAPER_OFFSETS_MM for row in _robot_offsets(study, part, k)] for k in range(study.n)]
     parts = {}
@@ -301,7 +301,7 @@ def _robot_offsets(study: "PpsSessions", part: SessionName, k: int) -> list[dict
 
 
 def _end(trial: TouchTrial) -> TouchTrial:
-    """The last samples of a trial, the only ones that count here."""
+    """The last samples of a trial; no others count here."""
     last = trial.stamps_s >= trial.stamps_s[-1] - 2 * LAST_MOMENTS.ttc_range_s[1]
     samples = ("stamps_s", "joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
     return replace(trial, **{name: getattr(trial, name)[last] for name in samples})

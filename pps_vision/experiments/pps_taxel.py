@@ -217,7 +217,8 @@ def _difference(ours: Counts, published: Counts) -> dict[str, Any]:
 
 def published_ridge_cm(data: Mapping[str, NDArray[Any]]) -> dict[str, float]:
     """Return where the line through the noisy Monte Carlo's published counts crosses TTC = 0, by weights and bins."""
-    positive, negative = data["positive_counts"], data["negative_counts"]
+    positive = data["positive_counts"]
+    negative = data["negative_counts"]
     weights = {"positive counts": positive, "f": positive / np.maximum(positive + negative, 1)}
     return {
         f"{name}, {bins}": 100 * orthogonal_line(*axes, w)[0]
@@ -282,7 +283,7 @@ def repeat_approaches(
 ) -> tuple[Array, Array]:
     """Return the time until the touch (T,) s and the activation (T, n) of maps that have counted only that approach.
 
-    The simulated paths are those of the ball's lowest point.
+    The simulated paths are paths of the ball's lowest point.
     """
     paths = [sample_paths(simulation, 2000, rng) for _ in range(-(-n // 100))]  # 8 % touch the first taxel
     d = np.concatenate([batch.d_m[batch.touched[:, 0], :, 0] for batch in paths])[:n] + RADIUS_M * NORMAL

@@ -13,12 +13,10 @@ from learning.pps.memory import MemoryParams, PPSMemory, activation, learn
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.study import SampledStudy
-from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import quartiles, timed_runs
 from pps_vision.types import Array, TaxelEvents
 
 TAXELS = (32, 125, 500, 1000, 2000, 4000, 8000, 16000)
-_ICUB = 4000
 _LIMBS = 8
 _SAMPLES = 60  # 3 s at 50 ms
 _FIELD = ReceptiveField(distance_to="surface")
@@ -42,7 +40,7 @@ class Body:
 class WholeSkin(SampledStudy):
     """Processor time to perceive one stimulus and activate all taxels, and to learn from 3 s.
 
-    Usually the ball is in the receptive fields of the taxels near it; in the worst case it is in all of them.
+    Usually the ball is in the receptive fields of the taxels near it; in the worst case it is in all receptive fields.
     """
 
     n: int = 100
@@ -76,12 +74,6 @@ class WholeSkin(SampledStudy):
         axis.set(xscale="log", yscale="log")
         axis.legend(fontsize=8)
         return figure
-
-    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the times of the iCub's number of taxels."""
-        column = numbers["taxels"].index(_ICUB)
-        rows = [[case, *(f"{value:.2g}" for value in values[column])] for case, values in numbers["ms"].items()]
-        return {"": Table([f"{_ICUB} taxels, processor time (ms)", "median", "25 %", "75 %"], rows)}
 
 
 def make_body(n: int, rng: np.random.Generator) -> Body:

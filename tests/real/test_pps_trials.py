@@ -11,8 +11,8 @@ from pps_vision.experiments.pps.taxel_trials import load_trials
 
 
 def test_no_split_of_the_session_in_time_is_predicted_worse_than_by_the_base_rate():
-    """Blocks of consecutive trials, and the first or last trials from the others, by the map that is shrunk to the base
-    rate; the scores of the constant rates are those of the data's description."""
+    """Blocks of consecutive trials, and the first or last trials from the others, by the map shrunk to the base
+    rate; the scores of the constant rates agree with the description of the data."""
     trials = load_trials(shared_data("pps_real_robot", "trials_forearm_internal.npz"))
     touched = outcomes(trials)
     assert touched.sum(axis=0).tolist() == [29, 3, 0, 11]

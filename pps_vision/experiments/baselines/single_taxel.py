@@ -19,7 +19,7 @@ UNBOUNDED = ReceptiveField(base_radius_m=10.0, length_m=10.0)
 class Simulation:
     """Objects on straight paths at constant speed, from a starting zone above a flat skin to a Gaussian landing point.
 
-    The landing points are about the first taxel. Values are R's; where its text is silent, those of its released data.
+    The landing points are about the first taxel. Values are R's; where its text is silent, values of its released data.
     """
 
     start_distance_m: tuple[float, float] = (0.25, 0.30)
@@ -91,8 +91,7 @@ def from_taxel(d_m: ArrayLike, v_m_s: ArrayLike, field: ReceptiveField) -> tuple
 
 
 def from_landing(d_m: ArrayLike, v_m_s: ArrayLike, offset_m: float = 0.0) -> tuple[Array, Array]:
-    """Return D and TTC (…, T − 1, n), measured from the last displacement, which is no sample itself (R's published
-    maps).
+    """Return D and TTC (…, T − 1, n), measured from the last displacement, which is not a sample (R's published maps).
 
     With an offset, TTC is the time to the path's end and D is measured from the touched point of the assumed skin: the
     ridge crosses TTC = 0 at the offset. The counts behind R Fig 3 shift D and TTC together, so that their ridge crosses

@@ -22,7 +22,7 @@ Predictor = Callable[[Trials, Trials], Array]
 
 PRIORS = (1.0, 10.0, 100.0, 1000.0, 1e9)
 _FOLDS = 8
-_AUTHORS = MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75)  # of the authors' own code
+_AUTHORS = MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75)  # parameters of the authors' code
 
 
 def outcomes(trials: Trials) -> Mask:
@@ -31,7 +31,7 @@ def outcomes(trials: Trials) -> Mask:
 
 
 def by_base_rate(training: Trials, test: Trials) -> Array:
-    """Predict the share of trials that touched each taxel, whatever the path."""
+    """Predict the share of trials that touched each taxel, independent of the path."""
     return np.tile(outcomes(training).mean(axis=0), (len(test), 1))
 
 

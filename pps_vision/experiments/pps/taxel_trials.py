@@ -48,7 +48,7 @@ class Trial:
 def load_trials(path: Path) -> tuple[Trial, ...]:
     """Read a file of the authors' trials; samples that are not finite become NaN.
 
-    The rows of `position_m` and `velocity_m_s` (m, 3) follow each other by trial and taxel; those of pair k are
+    The rows of `position_m` and `velocity_m_s` (m, 3) follow each other by trial and taxel; pair k has the rows
     `offsets[k]` to `offsets[k + 1]`. `outcome` (trials, taxels) is 1 (touched) or -1.
     """
     data = named(path, read_arrays(path, "trials", _ARRAYS), _ARRAYS, "trials")
@@ -102,8 +102,8 @@ def _in_taxel_frames(trial: TouchTrial, robot: Robot, part: SkinPart, touched: M
 
 def known_at_horizon(stamps_s: Array) -> Mask:
     """Return which samples (T,) are known at the horizon."""
-    known: Mask = stamps_s <= stamps_s[-1] - HORIZON_S + _EPS_S
-    return known
+    mask: Mask = stamps_s <= stamps_s[-1] - HORIZON_S + _EPS_S
+    return mask
 
 
 def perceive(trial: Trial) -> tuple[Array, Array]:
@@ -115,9 +115,9 @@ def at_horizon(trials: Sequence[Trial]) -> tuple[Array, Array]:
     """Return D and TTC (trials, n) of the last sample known at the horizon; NaN without one."""
     samples = np.full((2, len(trials), len(trials[0].touched)), np.nan)
     for k, trial in enumerate(trials):
-        known = known_at_horizon(trial.stamps_s)
-        if known.any():
-            samples[:, k] = [values[known][-1] for values in perceive(trial)]
+        mask = known_at_horizon(trial.stamps_s)
+        if mask.any():
+            samples[:, k] = [values[mask][-1] for values in perceive(trial)]
     return samples[0], samples[1]
 
 

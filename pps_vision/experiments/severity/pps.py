@@ -121,8 +121,8 @@ def _perceive(paths: Paths, missing: float, rng: np.random.Generator) -> tuple[A
 
 def _last_known(D: Array, TTC: Array, steps: int) -> tuple[Array, Array]:
     """The last perceived samples (N, n) at least `steps` before the end."""
-    known = np.any(np.isfinite(D[:, : D.shape[1] - steps]), axis=2)
-    last = np.where(known.any(axis=1), known.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1), 0)
+    perceived = np.any(np.isfinite(D[:, : D.shape[1] - steps]), axis=2)
+    last = np.where(perceived.any(axis=1), perceived.shape[1] - 1 - np.argmax(perceived[:, ::-1], axis=1), 0)
     rows = np.arange(len(D))
     return D[rows, last], TTC[rows, last]
 

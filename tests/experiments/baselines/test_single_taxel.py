@@ -38,9 +38,9 @@ def test_paths_are_straight_even_and_end_on_the_skin():
     speed = np.nanmax(np.linalg.norm(objects.v_m_s[:, :, 0], axis=2), axis=1)
     assert 0.05 <= speed.min() < 0.06 < 0.14 < speed.max() <= 0.15
     D, TTC = from_landing(objects.d_m, objects.v_m_s)
-    known = np.isfinite(D)
-    np.testing.assert_allclose((D / TTC)[known], np.broadcast_to(speed[:, None, None], D.shape)[known], rtol=1e-9)
-    np.testing.assert_allclose(np.diff(-TTC, axis=1)[known[:, :-1]], 0.05, rtol=1e-6)
+    is_known = np.isfinite(D)
+    np.testing.assert_allclose((D / TTC)[is_known], np.broadcast_to(speed[:, None, None], D.shape)[is_known], rtol=1e-9)
+    np.testing.assert_allclose(np.diff(-TTC, axis=1)[is_known[:, :-1]], 0.05, rtol=1e-6)
     last = objects.d_m[:, -1, 0, 2]
     assert last.min() >= 0
     assert last.max() < 0.15 * 0.05
@@ -99,9 +99,9 @@ def test_the_maps_frequencies_agree_with_quadrature():
     touched = np.concatenate([paths.touched, ~paths.touched], axis=1)  # the second taxel makes every object count
     counts = count_paths(empty_map(2, MemoryParams()), D, TTC, touched).counts[0]
     total = counts.sum(axis=-1)
-    seen = total > 3000
-    assert seen.sum() >= 8
+    counted = total > 3000
+    assert counted.sum() >= 8
     chance = expected[0] / np.maximum(expected.sum(axis=0), 1e-12)
-    assert np.ptp(chance[seen]) > 0.15
-    np.testing.assert_allclose((counts[..., 0] / np.maximum(total, 1))[seen], chance[seen], atol=0.03)
+    assert np.ptp(chance[counted]) > 0.15
+    np.testing.assert_allclose((counts[..., 0] / np.maximum(total, 1))[counted], chance[counted], atol=0.03)
     np.testing.assert_allclose(total / total.sum(), expected.sum(axis=0) / expected.sum(), atol=0.01)

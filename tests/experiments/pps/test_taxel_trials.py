@@ -117,7 +117,7 @@ def test_shrunk_maps_beat_the_base_rate_and_stay_near_it_on_permuted_touches(tri
     training, test = trials
     touched = outcomes(test)
     assert brier(touched, by_shrunk_map(training, test)) < brier(touched, by_base_rate(training, test))
-    permuted = [replace(t, touched=other.touched) for t, other in zip(training, training[::-1], strict=True)]
+    permuted = [replace(t, touched=partner.touched) for t, partner in zip(training, training[::-1], strict=True)]
     base = by_base_rate(permuted, test)
     assert np.abs(by_shrunk_map(permuted, test) - base).max() < np.abs(by_map(permuted, test) - base).max()
 
