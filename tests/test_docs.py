@@ -150,21 +150,6 @@ def test_whatever_is_typed_is_run() -> None:
             assert page.name == "README.md" or not line.startswith("pps-vision "), f"{page.name}: {line}"
 
 
-INLINE = [
-    span
-    for page in PAGES
-    for span in re.findall(r"`(pps-vision [^`]+)`", page.read_text())
-    if "--" in span and not re.search(r"…|\b[A-Z]{3,}\b", span)
-]
-
-
-@pytest.mark.parametrize("command", INLINE)
-def test_commands_in_the_text_are_understood(command: str) -> None:
-    program, *words = shlex.split(command)
-    assert program == "pps-vision"
-    cli._parsed(words)  # a wrong option ends the process
-
-
 def test_the_site_builds_without_a_broken_link(tmp_path: Path) -> None:
     out = tmp_path / "site"
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)]

@@ -96,7 +96,7 @@ def test_what_can_be_touched_is_found_by_its_distance(scene: EncounterScene) -> 
 
 
 def test_what_a_forearm_cannot_touch_the_palm_can(scene: EncounterScene) -> None:
-    """So of the objects to reach for none is out of the arm's reach (docs/avoidance.md)."""
+    """So of the objects to reach for none is out of the arm's reach (docs/results.md)."""
     encounter = draw(scene, "reach", 1, 9960)
     assert encounter.part.endswith("forearm")
     found = [
