@@ -8,4 +8,4 @@ from typing import Literal
 Mode = Literal["generic", "marker"]
 FollowedBy = Literal["colour", "background", "hue"]
 
-DEFAULT_ORDER = 4  # of the Kalman filter: position, velocity, acceleration and jerk (R)
+DEFAULT_ORDER = 4  # order of the Kalman filter: position, velocity, acceleration and jerk (R)

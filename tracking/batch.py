@@ -62,7 +62,7 @@ def find(appearance: Appearance, images: Sequence[Image], optics: Optics, device
     Args:
         appearance: The marker's hue, or the object's colours.
         images: None is returned for all if the size of any differs from the camera's.
-        optics: Of the camera.
+        optics: The camera's optics.
         device: Device on which the masks are computed.
     """
     width = optics.camera.width

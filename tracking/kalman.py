@@ -4,7 +4,7 @@
     gate      ν = z − H x,  S = H P Hᵀ + R  NIS = νᵀ S⁻¹ ν
     update    x + K ν                       P − K S Kᵀ,  K = P Hᵀ S⁻¹
 
-The state x holds position, velocity, … (order, 3); H selects the position.  F and Q act on each axis alike.
+The state x holds position, velocity, … (order, 3); H selects the position.  F and Q act on every axis.
 """
 
 import math
@@ -20,7 +20,7 @@ from tracking import DEFAULT_ORDER
 
 _REFERENCE_M = 0.4  # distance at which peripersonal space is learned; the default parameters hold there
 _AT_REST_CHI2 = 11.3  # 99 % quantile with three degrees of freedom
-_TERMS = 16  # of a power series
+_TERMS = 16  # number of terms in a power series
 _STEADY_NOISE_SCALE = 0.025  # of straight motion at constant speed
 # Smallest (0.005 and 0.012 do about as well; chosen like `stereo._TO_FIRST`); largest: back and forth once a second.
 _NOISE_SCALE_RANGE = (0.008, 30.0)
@@ -32,7 +32,7 @@ NOISE_DENSITY = {1: 4e-3, 2: 1.5e-3, 3: 0.2, 4: 270.0}
 
 @dataclass(frozen=True)
 class KalmanParams:
-    """Parameters for an object at 0.4 m; `scaled` gives those for another distance, `of_order` those of an order."""
+    """Parameters for an object at 0.4 m; `scaled` converts them to another distance, `of_order` to another order."""
 
     order: int = DEFAULT_ORDER
     """Number of modelled quantities out of position, velocity, acceleration and jerk, 1–4 (R: 4)."""
@@ -208,7 +208,7 @@ def update(
 def gate(
     params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None = None
 ) -> GatedMeasurement | None:
-    """Gate a measurement by its NIS, first for the belief as it is, then inflated.
+    """Gate a measurement by its NIS, first for the belief, then for the inflated belief.
 
     Arguments as for `update`; None for an outlier.
     """

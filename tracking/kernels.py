@@ -19,7 +19,7 @@ _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: weight of the condition a + b = 1 beside one pixel's level
 _LEVEL_VAR = 1.0  # grey levels²: smallest variance of a pixel (rounding)
 _MIN_DET = 0.04  # grey levels⁴, below which both colours are the same
-_MASK_VAR = 1 / 12  # of the hard mask as an estimate of a pixel's share: an edge anywhere in the pixel
+_MASK_VAR = 1 / 12  # variance of the hard mask as an estimate of a pixel's share: an edge anywhere in the pixel
 _EDGE = 0
 _INNER = 1
 _OUTER = 2

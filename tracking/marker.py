@@ -17,10 +17,10 @@ from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
 
 _MARGIN_PX = 8  # of background around a blob, from which the outline takes its background colour
-_MIN_AREA_PX = 8  # of a blob
+_MIN_AREA_PX = 8  # smallest blob
 _MAX_COMPARED = 40  # blobs that are compared with the background
 _MAX_BLOBS = 4  # blobs that are outlined, the largest and roundest: it limits the time in an image full of the hue
-_COMMON_SHARE = 0.02  # of the image, from which a hue belongs to the scene
+_COMMON_SHARE = 0.02  # share of the image from which a hue belongs to the scene
 _SAMPLE_PX = 4  # distance of the pixels that are sampled for it
 _OUTLIER = 4.0  # standard deviations above the hue's median saturation
 

@@ -16,9 +16,9 @@ from tracking.stereo import Association, CameraFrame, CameraFrames
 _MAX_ELONGATION = 2.0  # ratio of a marker's sides
 _RING_SIZE = 1.3  # inner size of the surroundings, relative to the marker's
 _RING_POINTS = 300  # pixels of the surroundings that are compared
-_MAX_INVERSE_DISTANCE = 0.8  # of the surroundings, relative to the marker's
+_MAX_INVERSE_DISTANCE = 0.8  # largest inverse distance of the surroundings, relative to the marker's
 _DISTANCES = 16  # hypotheses of the surroundings' distance
-_MAX_RATIO = 0.7  # of the image differences at the surroundings' distance and at the marker's
+_MAX_RATIO = 0.7  # ratio of the image differences at the surroundings' distance and at the marker's
 
 
 def moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:

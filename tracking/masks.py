@@ -11,7 +11,7 @@ from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 
 SOLID = 0.9  # solidity below which a moving region may be an object and its holder
-_SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
+_SMALL_HOLE = 0.01  # share of the mask; smaller holes are noise
 
 
 @cache
@@ -43,13 +43,13 @@ def _within(mask: Mask, radius: int) -> Mask:
     """Pixels (h, w) at most `radius` px from the mask: in each row, the union of the chords of the circles around the
     nearest mask pixel of every column."""
     height, width = mask.shape
-    far = radius + 1
-    away = np.empty((height, width), np.int32)  # distance to the nearest mask pixel of the column, at most `far`
+    beyond = radius + 1
+    away = np.empty((height, width), np.int32)  # distance to the nearest mask pixel of the column, at most `beyond`
     for column in range(width):
-        away[0, column] = 0 if mask[0, column] else far
+        away[0, column] = 0 if mask[0, column] else beyond
     for row in range(1, height):
         for column in range(width):
-            away[row, column] = 0 if mask[row, column] else min(away[row - 1, column] + 1, far)
+            away[row, column] = 0 if mask[row, column] else min(away[row - 1, column] + 1, beyond)
     for row in range(height - 2, -1, -1):
         for column in range(width):
             away[row, column] = min(away[row, column], away[row + 1, column] + 1)
@@ -81,7 +81,7 @@ def component(mask: Mask, where: Mask) -> Mask | None:
 
 
 def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
-    """The mask with its holes filled, except large ones that are mostly `backdrop`."""
+    """The mask with its holes filled, except large holes that are mostly `backdrop`."""
     whole = mask.view(np.uint8).copy()
     contours, _ = cv2.findContours(whole, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(whole, contours, -1, (1,), cv2.FILLED)

@@ -60,7 +60,7 @@ class TriggerParams:
     flow: bool = True
     """Whether optical flow confirms and measures the regions."""
     min_moving: float = 0.25
-    """Share of a region's matched points that must move alike; a region with fewer matches than that moves too."""
+    """Share of a region's matched points that must move together; a region with fewer matches than that moves too."""
 
     def __post_init__(self) -> None:
         if not (
@@ -248,7 +248,7 @@ class MotionTrigger:
         return [confirmed.get(k, region) for k, region in enumerate(regions) if k in confirmed or not confirm]
 
     def _moves(self, region: Match) -> bool:
-        """Whether enough of a region's matched points move alike.
+        """Whether enough of a region's matched points move together.
 
         Points without a match do not count: a plain object shows flow at its edge only, and has no match where it
         covers and uncovers its background.

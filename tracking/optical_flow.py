@@ -2,7 +2,7 @@
 
 A point is matched if the flow from the present image to the older one and back returns to it (forward–backward error,
 Kalal 2010).  It moves if its flow differs from the median flow of the region's surroundings, so that an error of the
-eye's pose, which shifts everything alike, moves nothing.  Points move alike if one translation and expansion explain
+eye's pose, which shifts the whole image, moves nothing.  Points move together if one translation and expansion explain
 their flow: an object that comes along the line of sight only expands.
 """
 
@@ -22,13 +22,13 @@ Grey = NDArray[np.uint8]  # (H, W)
 JITTER_S = 0.005  # of stamps
 _WINDOW_PX = 9  # of Lucas–Kanade; R's 15 covers too much of the background of a region of 20 px
 _LEVELS = 4  # of its image pyramid (the default of OpenCV)
-_MAX_POINTS = 40  # of a region, and of the surroundings; it limits the time
+_MAX_POINTS = 40  # points in a region, and in the surroundings; limits the time
 _MIN_POINTS = 4  # for a median
 _SURROUND_PX = 4  # nearer to a region a window contains much of it
 _EQUAL_PX = 0.5  # tolerance of equal flows
 _EQUAL_SHARE = 0.15  # additional tolerance, as a share of the flow
 _MAX_PAIRS = 200  # of points, each of which gives one hypothesis of an expansion
-_COMMON_STD_PX = 0.1  # of the error that all points of a region share
+_COMMON_STD_PX = 0.1  # standard deviation of the error that all points in a region share
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Flow2D:
 
 
 class Match(NamedTuple):
-    """Share of a region's points that move alike, share without a match, and the flow of the moving points."""
+    """Share of a region's points that move together, share without a match, and the flow of the moving points."""
 
     moving: float
     unmatched: float
@@ -135,7 +135,7 @@ def velocity(
     If the intervals differ, the shorter counts: an object that has just started to move was slower in the longer.
 
     Args:
-        flows: Of the left and the right eye.
+        flows: Flow in the left and the right eye.
         view: Present view.
         position: (3,) m, root frame.
         prior_std: Prior standard deviation of velocity (m/s) and acceleration (m/s²).  Flow is the mean velocity of

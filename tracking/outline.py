@@ -124,8 +124,8 @@ def fit_outline(
 
 
 def _disc(mask: Mask, box: Box, visible: Outline, area_px: float, joined: Mask | None = None) -> Outline | None:
-    """Fit a disc of a known area (px) to the edge of a mask (h, w) of the region `box`, as far as it is an edge of
-    `joined` (h, w) too; None if the fit fails."""
+    """Fit a disc of a known area (px) to the edge of a mask (h, w) of the region `box`, where it is also an edge of
+    `joined` (h, w); None if the fit fails."""
     whole = mask if joined is None else joined
     contours, _ = cv2.findContours(whole.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     edge = max(contours, key=len)[:, 0]

@@ -94,7 +94,7 @@ def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterat
 class _Segment:
     """Unfinished steps of one track, from the first of the unbroken observations that led to it.
 
-    A step without a track and an observation is a segment of its own.
+    A step without a track and an observation is its own segment.
     """
 
     def __init__(self, params: KalmanParams, first: TrackerStep) -> None:

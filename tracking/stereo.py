@@ -19,12 +19,12 @@ Outlines = list[Outline] | None
 
 _MIN_ERROR_PX = 0.005  # smallest standard deviation of the calibration's error: the covariance stays regular
 _MEMORY_PAIRS = 20.0  # number of pairs over which the residuals are averaged
-_MAX_RADIUS_RATIO = 1.7  # of the two angular radii
+_MAX_RADIUS_RATIO = 1.7  # ratio between both angular radii
 # Chosen on independent films (seeds 4100, 4101), judged on others (4200, 4201: 95 % ellipsoid 84 → 94 %).
 _OUTLINE_RATE = 0.2  # at which the outlines' variance follows a pair; 0.1 and 0.35 do as well
 # Ratio of the variances of an edge's first harmonic, which shifts the centre, to its second and third where both eyes
-# see them alike.  Chosen on independent films (seeds 7000, 7001) and rendered recordings (300), judged on others (7002,
-# 7003, 301).
+# see the same edge.  Chosen on independent films (seeds 7000, 7001) and rendered recordings (300), judged on others
+# (7002, 7003, 301).
 _TO_FIRST = 2.5
 _BLURRED = 8.0  # px²: non-circularity times squared radius of a ball's image that is blurred by σ = √2 px
 _SQUARE = math.pi / 3 - 1  # non-circularity of a square

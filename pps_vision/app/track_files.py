@@ -66,7 +66,7 @@ class TrackFiles:
         self._folder = folder
         self._run = run
         self._extras = extras
-        self._joints: deque[Array] = deque()  # of the steps whose path was not added yet
+        self._joints: deque[Array] = deque()  # joints for steps whose path was not added yet
         self._key_frames: list[Image] = []
         self._key_frame_interval = -(-len(run) // _KEY_FRAMES)
         recording = run.recording

@@ -7,7 +7,7 @@ from pps_vision.app.cli.options import SourceOptions, command_line, print_skippe
 
 @dataclass(frozen=True)
 class Info(SourceOptions):
-    """Print a recording's rates, gaps, desynchronisation and cameras, and what is missing or implausible.
+    """Print a recording's rates, gaps, desynchronisation and cameras, with missing or implausible items.
 
     The options are as for `track`; the last line is the command that tracks this recording.
     """

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from learning.reach.params import MapParams
     from pps_vision.robot.robot_setup import RobotSetup
 
-_TEST_POSTURES = 10_000  # of a map without --max-error: they bound an error of 0.02 % by 0.06 %
+_TEST_POSTURES = 10_000  # for a map without --max-error: they bound an error of 0.02 % by 0.06 %
 _LEAST_BUDGET = 200  # labels: with fewer, the test set is too small to bound the error
 
 
