@@ -1,4 +1,4 @@
-"""One camera's tracker: where the 3D track predicts the object, and where the image or a marker's hue shows it."""
+"""Tracker of one camera: predicts the object from the 3D track and detects it by its image or a marker's hue."""
 
 import math
 from functools import partial
@@ -34,16 +34,16 @@ _MAX_STD_PX = 40.0
 
 
 class CameraState(NamedTuple):
-    """What one camera's tracker knows of the object."""
+    """State of one camera's tracker."""
 
     target: Target | None = None
-    """Of the image tracker; None before an object is found."""
+    """State of the image tracker; None before an object is acquired."""
     offset_px: tuple[float, float] = (0.0, 0.0)
-    """From the track's projection to the outline's centre: calibration error."""
+    """From the projected track to the outline's centre: calibration error."""
     size_px: float = 0.0
     """Apparent diameter."""
     by_background: bool = False
-    """Whether it is followed by what differs from the background, since colours do not separate it."""
+    """Whether the likelihood is the foreground, since colours do not separate the object."""
     ghost_score: float = 0.0
     """Evidence that it is a ghost, the uncovered place of an object that was learned as background: sum over images of
     `learned_edge` − `LEARNED_EDGE`, where it rests."""
@@ -57,8 +57,7 @@ class CameraState(NamedTuple):
 
 
 class CameraTracker:
-    """One camera's tracker: where the track predicts the object, and where it is.  Holds no state but the
-    background."""
+    """Tracker of one camera. Holds no state but the background."""
 
     def __init__(
         self,
@@ -74,7 +73,7 @@ class CameraTracker:
         self.background = Background(EgoMotion(optics.camera), background_memory_s)
 
     def predict(self, state: CameraState, camera: CameraFrame, last: Belief, now: Belief) -> Prior | None:
-        """Where the belief says that this camera sees the object; None outside the image."""
+        """Predicted position in this camera's image; None outside of it."""
         x, y, z = _position_at(now, camera.stamp_s)
         u, v, of_u, of_v = camera.view.project_linearised(x, y, z)
         center = u + state.offset_px[0], v + state.offset_px[1]
@@ -142,14 +141,13 @@ class CameraTracker:
         return max(state.ghost_score + (change if rests else min(change, 0.0)), _MIN_GHOST_SCORE)
 
     def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
-        """The background of the eye, at rest or moving; None where it is unknown, or the eye moves and follows a
-        marker, which needs none."""
+        """The background of the static or moving camera; None if unknown, or for a marker if the camera moves."""
         if self.background.is_known(camera.view):
             return self.background
         return None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
 
     def _changed_place(self, camera: CameraFrame, found: ImageDetection) -> tuple[Mask, Box] | None:
-        """What differs from the background where an object was found: a mask (h, w) of a box; None if nothing does."""
+        """Foreground mask (h, w) at a detection, and its box; None if there is none."""
         background = self._known_background(camera)
         if background is None:
             return None
@@ -160,7 +158,7 @@ class CameraTracker:
         return None if mask is None else (mask, box)
 
     def set_from(self, camera: CameraFrame, found: ImageDetection) -> None:
-        """Learn what an object's place shows as background."""
+        """Set the background from the image at a detection (a ghost)."""
         place = self._changed_place(camera, found)
         if place is not None:
             mask, box = place
@@ -169,8 +167,8 @@ class CameraTracker:
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
     ) -> tuple[ImageDetection | None, bool]:
-        """The blob nearest to the prior, unless its area is quite another: its hue does not separate it then; and
-        whether there is any blob."""
+        """The blob nearest to the prior, None if its area does not fit (its hue does not separate it then); and whether
+        there is any blob."""
         x, y = prior.center_px.tolist()
         near, area_px = (x, y, state.size_px + 4 * prior.std_px + 3), math.pi / 4 * (prior.growth * state.size_px) ** 2
         differs = partial(self.background.differs, camera.image, camera.view)
@@ -184,7 +182,7 @@ class CameraTracker:
         return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True
 
     def _given(self, state: CameraState, found: list[Outline], prior: Prior) -> ImageDetection | None:
-        """The one of the outlines `found` beforehand that lies near the prior and is as large as predicted."""
+        """The outline of `found` that lies near the prior and has the predicted size."""
         half, expected_px = 0.5 * state.size_px + 2 * prior.std_px + 4, prior.growth * state.size_px
         for one in found:
             near = float(np.abs(one.center_px - prior.center_px).max()) < half
@@ -193,7 +191,7 @@ class CameraTracker:
         return None
 
     def remember(self, state: CameraState, camera: CameraFrame, outline: Outline, belief: Belief) -> CameraState:
-        """The state with the object's offset from the track and its size."""
+        """Update the object's offset from the track and its size."""
         u, v, _, _ = camera.view.project_linearised(*_position_at(belief, camera.stamp_s))
         x, y = outline.center_px.tolist()
         return state._replace(offset_px=(x - u, y - v), size_px=self._size_px(outline))
@@ -216,7 +214,7 @@ class CameraTracker:
 
 
 def _position_at(belief: Belief, stamp_s: float) -> Vector:
-    """The object's position when a camera's image was taken, which may differ from the belief's stamp."""
+    """The object's position at the stamp of a camera's image, which may differ from the belief's."""
     (x, y, z), *rates = belief.mean.tolist()
     if not rates:
         return x, y, z

@@ -17,22 +17,22 @@ from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import Particles, Prior, likelihoods, propagate, resample, sample
 
 Evidence = Callable[[Box], NDArray[np.float32] | Mask]
-"""(h, w) probability that each pixel of a box is not the background, or whether it differs from it."""
+"""Box → probability (h, w) that a pixel is foreground, or a foreground mask."""
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-_GAP = 0.05  # of the object's size: gaps up to twice as wide are closed in what differs from the background
+_GAP = 0.05  # of the object's size: half the width of gaps that are closed in a foreground mask
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
-MIN_SCORE = 0.4  # below which the object counts as not seen
-_LEARN_RATE = 0.03  # at which the colours of the object follow the image
-_BACKGROUND_RATE = 0.2  # at which those of its surroundings do
-_SIZE_RATE = 0.3  # the same for its size and proportions
-_MIN_AREA_PX = 10  # smallest image of an object
-# Share of a mask left without its thin parts, below which they are the object's own (octopus 0.6, leaks 0.9).
+MIN_SCORE = 0.4  # below which the object is not detected
+_LEARN_RATE = 0.03  # of the object's colours
+_BACKGROUND_RATE = 0.2  # of the colours of its surroundings
+_SIZE_RATE = 0.3  # of its size and aspect ratio
+_MIN_AREA_PX = 10  # of the smallest object
+# Share of a mask without its thin parts below which these belong to the object (octopus 0.6, leaks 0.9).
 _CORE = 0.75
 _REACH = 1.25  # largest mask, as a multiple of the expected size
 # Chosen on independent films of two equal balls and of fast reversals, seeds 4107 and 4129-4141.
-_TOUCHING = 0.25  # of the object's area, what is joined with it beyond its reach if another thing touches it
-_PASSING = 5  # images for which the two may hide each other then
-_BESIDE = 0.05  # of its size, by which it may then be off the prediction beside its standard deviation
+_TOUCHING = 0.25  # area beyond the reach, relative to the object's, from which another object touches it
+_PASSING = 5  # images for which the two may occlude each other
+_BESIDE = 0.05  # of its size: tolerance of the prediction then, beside three standard deviations
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,7 @@ class ImageTrackerParams:
 
 
 class ImageDetection(NamedTuple):
-    """The object in one image: its outline, its box with the size smoothed over time, and how well colours and area
-    fit, 0–1."""
+    """Detection in one image: outline, box (size smoothed over time), and similarity of colours and area, 0–1."""
 
     outline: Outline
     box_px: BoxPx
@@ -58,8 +57,8 @@ class ImageDetection(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """State of the image tracker: colours, particles, √(width·height) of the box in px, the box's sides at unit size,
-    the share of the box that the object covers, and for how many more images another thing may touch it."""
+    """State of the image tracker: colours, particles, size √(width·height) of the box (px), sides of the box at unit
+    size, share of the box that the object covers, and number of further images in which another object may touch it."""
 
     model: ColorModel
     particles: Particles
@@ -70,7 +69,7 @@ class Target:
 
 
 class ImageTracker:
-    """Follows one object in one camera's images.  Holds no state: `start` gives a `Target`, `step` the next one."""
+    """Tracks one object in one camera's images. Holds no state: `start` returns a `Target`, `step` the next one."""
 
     def __init__(self, params: ImageTrackerParams, optics: Optics, rng: np.random.Generator) -> None:
         self.params, self.optics, self.rng = params, optics, rng
@@ -83,23 +82,29 @@ class ImageTracker:
         shift_px: Array | None = None,
         fill: float | None = None,
     ) -> Target:
-        """The target that fills a box, its colours taken from the image or from another `model`.
+        """Initial target.
 
-        `shift_px` (2,) is its motion from one image to the next (None: at rest); `fill` the share of the box that it
-        covers (None: as its colours show).
+        Args:
+            image: RGB (H, W, 3).
+            box: Box of the object.
+            model: Its colours; None: from the image.
+            shift_px: Its motion (2,) from one image to the next; None: at rest.
+            fill: Share of the box that it covers; None: from its colours.
         """
         x, y, w, h = box
         center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
         roi = self.region(center, 1.2 * w + 4, 1.2 * h + 4)
         bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
-        inside, around = masks.ellipse(roi, center, 0.9 * w, 0.9 * h), masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
+        inside = masks.ellipse(roi, center, 0.9 * w, 0.9 * h)
+        around = masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
         model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
-        size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
+        size = float(np.sqrt(w * h))
+        aspect = float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
         if fill is None:
-            found = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
-            whole = None if found is None else fit_outline(image, found[0], roi, self.optics)
-            fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
+            segments = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
+            outline = None if segments is None else fit_outline(image, segments[0], roi, self.optics)
+            fill = np.pi / 4 if outline is None else min(outline.area_px / (w * h), 1.0)  # as measured by `step`
         particles = sample(self.params.particles, center, size, 0.5, self.rng, shift_px)
         return Target(model, particles, size, shape, fill)
 
@@ -112,15 +117,15 @@ class ImageTracker:
         by_color: bool = True,
         if_joined: Evidence | None = None,
     ) -> tuple[Target, ImageDetection | None]:
-        """The target in the next image, and its detection; None where it does not show.
+        """The target in the next image, and its detection; None where it is not detected.
 
         Args:
             target: In the last image.
             image: RGB (H, W, 3).
-            prior: Where the object is predicted; None where it was last.
-            evidence: Says what is not the background: the object is nowhere else.  None: the background is unknown.
-            by_color: Whether the object's colours are its likelihood; else the evidence is.
-            if_joined: The evidence to use, where there is none, if colours join the object with something else.
+            prior: Predicted position; None: the last motion goes on.
+            evidence: Foreground, which contains the object; None: the background is unknown.
+            by_color: Whether the likelihood is that of the object's colours; else it is the evidence.
+            if_joined: Evidence to use, if `evidence` is None, where another object has the colours and touches.
         """
         s = replace(target, touched=max(target.touched - 1, 0))
 
@@ -137,7 +142,8 @@ class ImageTracker:
         if prior:
             s = replace(s, size=s.size * prior.growth)
         particles = propagate(s.particles, prior, self.rng)
-        middle, reach = particles.current[:, :2].mean(axis=0), 2.0 * particles.current[:, :2].std(axis=0)
+        middle = particles.current[:, :2].mean(axis=0)
+        reach = 2.0 * particles.current[:, :2].std(axis=0)
         half = _REACH * s.size * np.array(s.shape) / 2 + reach + 4
         roi = self.region(middle, *half)
         if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
@@ -147,23 +153,23 @@ class ImageTracker:
         center: Array = weights @ particles.current[:, :2]
         s = replace(s, particles=resample(particles, weights, self.rng))
         backdrop = s.model.backdrop()[bins] if evidence is None else None
-        seen = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.fill)
-        if seen is not None and evidence is not None and masks.is_cut(seen[0], roi, image):
-            center = masks.centroid(seen[0], roi)
+        segments = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.fill)
+        if segments is not None and evidence is not None and masks.is_cut(segments[0], roi, image):
+            center = masks.centroid(segments[0], roi)
             roi = self.region(center, *half)
             bins, likelihood = likelihood_in(roi)
-            seen = self._mask(likelihood, None, roi, center, s.size, s.shape, s.fill)
-        if seen is None:
+            segments = self._mask(likelihood, None, roi, center, s.size, s.shape, s.fill)
+        if segments is None:
             return s, None
-        mask, both = seen
-        if evidence is None and both is not None and if_joined is not None:
+        mask, joined = segments
+        if evidence is None and joined is not None and if_joined is not None:
             return self.step(target, image, prior, if_joined, by_color)
         if evidence is None:
-            both = None
-        if both is not None:
+            joined = None
+        if joined is not None:
             s = replace(s, touched=_PASSING)
         expected_area = s.fill * s.size**2
-        outline = fit_outline(image, mask, roi, self.optics, expected_area, both)
+        outline = fit_outline(image, mask, roi, self.optics, expected_area, joined)
         if outline is None or (s.touched and prior is not None and _is_off(outline, prior, s.size)):
             return s, None
         ratio = outline.area_px / expected_area
@@ -174,18 +180,18 @@ class ImageTracker:
         return self._learn(s, bins, mask, outline, score, ratio)
 
     def follow(self, target: Target, outline: Outline) -> Target:
-        """The target moved to an outline that was found without it; its colours stay."""
+        """The target moved to an outline that was detected otherwise; its colours stay."""
         size = float(np.sqrt(outline.area_px / target.fill))
         return replace(target, particles=_moved_to(target.particles, outline.center_px, size), size=size)
 
     def _learn(
         self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
     ) -> tuple[Target, ImageDetection]:
-        """Particles, size and colours follow what was seen; the size only where the whole object was."""
+        """Update particles, size and colours from a detection; the size only if the whole object is visible."""
         k = _SIZE_RATE
         size = s.size if outline.is_partial else s.size * ratio ** (0.5 * k)
-        seen_aspect = s.shape[0] ** 2 if outline.is_partial else outline.box_px[2] / outline.box_px[3]
-        aspect = (s.shape[0] ** 2) ** (1 - k) * seen_aspect**k
+        measured_aspect = s.shape[0] ** 2 if outline.is_partial else outline.box_px[2] / outline.box_px[3]
+        aspect = (s.shape[0] ** 2) ** (1 - k) * measured_aspect**k
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
         model = s.model.blend(newest, _LEARN_RATE, _BACKGROUND_RATE)
         sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
@@ -195,7 +201,7 @@ class ImageTracker:
         return target, ImageDetection(outline, (x - (w - 1) / 2, y - (h - 1) / 2, w, h), score)
 
     def region(self, center: Array, half_w: float, half_h: float) -> Box:
-        """The part of the image that reaches so far (px) to all sides of a centre (2,)."""
+        """Region of the image up to `half_w` and `half_h` (px) from a centre (2,)."""
         camera = self.optics.camera
         x0, y0 = max(int(center[0] - half_w), 0), max(int(center[1] - half_h), 0)
         return x0, y0, min(int(center[0] + half_w) + 2, camera.width), min(int(center[1] + half_h) + 2, camera.height)
@@ -210,45 +216,46 @@ class ImageTracker:
         shape: tuple[float, float],
         fill: float = 1.0,
     ) -> tuple[Mask, Mask | None] | None:
-        """The object's pixels near `center`, holes filled, and all that they are joined with, where that is so large
-        that another thing touches the object; None where there are too few.
+        """Mask of the object near `center`, and the whole component if another object touches it, else None; None if
+        the mask is too small.
 
-        What reaches past the expected outline is cut off there, and what is much thinner than the object is opened
-        away (a part of the background that has the object's colour and touches it), unless that is much of the mask.
-        Without a `backdrop` (a mask of what differs from a known background) wider gaps are closed: there the object
-        looks like what is behind it.
+        The mask is cut off beyond the expected outline, and parts that are much thinner than the object are removed by
+        opening (background of the object's colour that touches it), unless they are much of the mask. Holes are filled.
+        Without a `backdrop` (the likelihood is a foreground mask) wider gaps are closed, where object and background
+        have the same colour.
         """
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
         if size >= 12:
             gap = 1 if backdrop is not None else max(int(_GAP * size), 1)
             hard = masks.closed(hard, masks.square(gap))
         w, h = size * shape[0], size * shape[1]
-        one, both = hard, None
+        mask = hard
+        joined = None
         for k in range(2):
-            found = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
-            if found is None:
+            component = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
+            if component is None:
                 return None
-            one = found
+            mask = component
             allowed = masks.ellipse(roi, center, _REACH * w, _REACH * h)
-            beyond = np.count_nonzero(one & ~allowed)
+            beyond = np.count_nonzero(component & ~allowed)
             if not beyond:
                 break
             if k == 0 and beyond > _TOUCHING * fill * size**2:
-                both = masks.filled(found, backdrop)
-            one = _without_thin_parts(one & allowed, size)
-            center = masks.centroid(one, roi)
-        whole = masks.filled(one, backdrop)
-        return (whole, both) if np.count_nonzero(whole) >= _MIN_AREA_PX else None
+                joined = masks.filled(component, backdrop)
+            mask = _without_thin_parts(component & allowed, size)
+            center = masks.centroid(mask, roi)
+        mask = masks.filled(mask, backdrop)
+        return (mask, joined) if np.count_nonzero(mask) >= _MIN_AREA_PX else None
 
 
 def _is_off(outline: Outline, prior: Prior, size: float) -> bool:
-    """Whether an outline is another object's than the predicted one, of which both touch."""
+    """Whether an outline is that of the other one of two touching objects."""
     off_px = math.dist(outline.center_px.tolist(), prior.center_px.tolist())
     return off_px > 3 * prior.std_px + _BESIDE * size
 
 
 def _without_thin_parts(mask: Mask, size: float) -> Mask:
-    """Without what is less than half as wide as the object; the mask itself where that leaves little."""
+    """The mask without parts less than half as wide as the object; the mask itself where that leaves little."""
     if size <= 12:
         return mask
     core = masks.opened(mask, int(_THIN * size))
@@ -256,7 +263,7 @@ def _without_thin_parts(mask: Mask, size: float) -> Mask:
 
 
 def _moved_to(particles: Particles, center_px: Array, size: float) -> Particles:
-    """The particles about another centre (2,), with another mean size."""
+    """The particles moved to a mean position (2,) and a mean size."""
     now = particles.current.copy()
     now[:, :2] += center_px - now[:, :2].mean(axis=0)
     now[:, 2] *= size / now[:, 2].mean()
