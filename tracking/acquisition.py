@@ -1,7 +1,7 @@
 """Acquisition of an object while none is tracked (R Fig 13, left half).
 
-A motion region grows to the whole object, by its colours; what moves in both eyes and has the same colours and size is
-the object.  A marker is searched by its hue (`marker_acquisition`).
+A motion region grows to the whole object by its colours.  Candidates of both images with the same colours and size are
+one object.  A marker is detected by its hue (`marker_acquisition`).
 """
 
 import itertools
@@ -31,43 +31,46 @@ from tracking.outline import Optics, Outline, fit_outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
 
 OwnBody = Callable[[Array, View], Mask]
-"""Joints (rad) and an eye's view → the pixels (H, W) where the robot sees itself."""
+"""Joints (rad) and the view of a camera → mask (H, W) of the robot's own body."""
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
 Backgrounds = tuple[Background, Background]
 SearchCounts = Counter[str]
-"""What the search has met so far: "frames" searched, those with "motion_left" and "motion_right", "candidates_left" and
-"candidates_right" for an object, and pairs of candidates "rejected by" colour, size, epipolar gate, …"""
+"""Statistics of the search: "frames" searched, those with "motion_left" and "motion_right", numbers of
+"candidates_left" and "candidates_right", and pairs of candidates "rejected by" colour, size, epipolar gate, …"""
 
-# Saturation of each colour bin, squared; the bins without a hue count as a tenth saturated.
+# Squared saturation of each colour bin; 0.1 for the bins without a hue.
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
-_MARGIN = 1.0  # searched around a motion region, relative to its size
-_MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of a region's and its surroundings' colours above which none stand out
-_ROUNDS = 4  # at most so often colours and extent are estimated in turn
+_MARGIN = 1.0  # around a motion region, relative to its size
+_MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of region and surroundings above which no object stands out
+_ROUNDS = 4  # largest number of alternating estimates of colours and mask
 _MIN_AREA_PX = 16  # of an object
-_MIN_FILL = 0.35  # least share of its box that an object covers
-_MAX_SHARE = 0.25  # largest share of the image that an object covers
-_MIN_LIKENESS = 0.7  # least Bhattacharyya coefficient of one object's colours in both eyes
-_MAX_RATIO = 1.2  # largest ratio of one object's angular radii in both eyes
-_DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no foreground mask beside them
-_LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is of what surrounds it
+_MIN_FILL = 0.35  # of its box
+_MAX_SHARE = 0.25  # of the image
+_MIN_LIKENESS = 0.7  # Bhattacharyya coefficient of an object's colours in both images
+_MAX_RATIO = 1.2  # of an object's angular radii in both images
+_DISTINCT = 0.5  # Bhattacharyya coefficient below which colours suffice without the foreground
+_LOW_SATURATION = 0.4  # of the object's mean squared saturation; lower: a colour of the surroundings
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An object that may be tracked, in one image.  Its evidence is its motion region's residual, if colours show it
-    times 1 less their likeness (Bhattacharyya coefficient) to those of its surroundings."""
+    """Possible object in one image.
+
+    Its evidence is the residual of its motion region; if it was segmented by colour, times 1 − the Bhattacharyya
+    coefficient of its colours and those of its surroundings.
+    """
 
     outline: Outline
     model: ColorModel
     evidence: float
     flow: Flow2D | None
     by_color: bool
-    """Whether its colours alone separate it from what surrounds it."""
+    """Whether its colours alone separate it from its surroundings."""
     mask: Mask
     box: Box
-    """Region of the image that `mask` (h, w) is of."""
+    """Region of the image of `mask` (h, w)."""
     is_partly_occluded: bool = False
-    """Whether it comes from behind something, so that a part of it may still be hidden."""
+    """Whether it appears from behind an occluder, so that a part of it may be hidden."""
 
 
 class Acquisition:
@@ -89,9 +92,9 @@ class Acquisition:
     def step(
         self, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
     ) -> tuple[Candidate, Candidate] | None:
-        """Return the object in both eyes, if there is one.
+        """The object in both images, or None.
 
-        The right image is searched only if something moves in the left one; flow need not confirm it again.
+        The right image is searched only if the left one shows motion; flow need not confirm it again.
         """
         with self.stages("trigger"):
             left = self._trigger(0, cameras[0], confirm=True)
@@ -111,9 +114,10 @@ class Acquisition:
     def find_marker(
         self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
     ) -> tuple[Outline, Outline] | None:
-        """Return the marker anywhere in both images: of the pairs of blobs of its hue that may be one thing, one that
-        has moved, before moving eyes in both images; there also the only one, if it is nearer than what surrounds it:
-        no patch of a wall.
+        """The marker in both images, or None.
+
+        Of the consistent pairs of blobs of its hue, the first that has moved (in both images if the cameras move), or
+        with moving cameras the only pair, if it is nearer than its surroundings (not a patch of a wall).
         """
         for eye, camera in enumerate(cameras):
             self._remember(eye, camera)
@@ -143,7 +147,7 @@ class Acquisition:
         return None
 
     def _moves(self, eye: int, one: Outline) -> bool:
-        """Whether flow shows that an outline of an eye's last image moves by itself."""
+        """Whether the optical flow of a camera's last image shows that an outline moves relative to the scene."""
         x, y, w, h = one.box_px
         camera = self._optics[eye].camera
         box = max(int(x), 0), max(int(y), 0), min(int(x + w) + 1, camera.width), min(int(y + h) + 1, camera.height)
@@ -162,20 +166,22 @@ class Acquisition:
         return None if own_body is None or joints is None else lambda: own_body(joints, camera.view)
 
     def _candidates(self, eye: int, camera: CameraFrame, regions: list[Region2D]) -> list[Candidate]:
-        """The objects of one eye's motion regions."""
+        """Candidates of one camera's motion regions."""
         background, trigger = self._backgrounds[eye], self._triggers[eye]
-        then = trigger.image_before(camera.view, camera.stamp_s)
+        earlier = trigger.image_before(camera.view, camera.stamp_s)
         foreground: Foreground | None = None
-        if then is not None and background.is_known(camera.view):
-            foreground = StaticForeground(background, camera.view, then, camera.image)
-        elif then is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
+        if earlier is not None and background.is_known(camera.view):
+            foreground = StaticForeground(background, camera.view, earlier, camera.image)
+        elif earlier is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
             before = partial(trigger.seen_before, camera.view, camera.stamp_s)
             foreground = MovingForeground(background, camera.view, before, camera.image)
-        found = (segment(camera.image, one, self._optics[eye], foreground) for one in regions)
-        parts = [candidate for candidate in found if candidate is not None]
-        if then is None and eye == 0:  # the eye moves: flow tells whether what has a motion region's colours moves too
-            parts = [one for one in parts if not one.by_color or trigger.moves(one.mask, one.box)]
-        return parts
+        segments = (segment(camera.image, region, self._optics[eye], foreground) for region in regions)
+        candidates = [candidate for candidate in segments if candidate is not None]
+        if (
+            earlier is None and eye == 0
+        ):  # the camera moves: flow confirms that a colour region moves relative to the scene
+            candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]
+        return candidates
 
     def _best_pair(
         self,
@@ -186,32 +192,34 @@ class Acquisition:
         right: list[Candidate],
         stamp_s: float,
     ) -> tuple[Candidate, Candidate] | None:
-        """The two candidates that are one object, those with most evidence."""
-        best, most = None, 0.0
+        """The consistent pair of candidates with most evidence, or None."""
+        best = None
+        best_evidence = 0.0
         for a, b in itertools.product(left, right):
             likeness = a.model.similarity(b.model.object)
             if likeness < _MIN_LIKENESS:
                 self._counts["rejected by colour"] += 1
                 continue
-            one, other = self._whole_outline(0, cameras, a, b), self._whole_outline(1, cameras, b, a)
-            if (
-                one is None or other is None or (a.is_partly_occluded and b.is_partly_occluded)
-            ):  # then neither eye shows its size
+            outline_a = self._whole_outline(0, cameras, a, b)
+            outline_b = self._whole_outline(1, cameras, b, a)
+            neither_is_whole = a.is_partly_occluded and b.is_partly_occluded
+            if outline_a is None or outline_b is None or neither_is_whole:
                 self._counts["rejected since half hidden"] += 1
                 continue
-            ratio = one.angular_radius_rad / other.angular_radius_rad
+            ratio = outline_a.angular_radius_rad / outline_b.angular_radius_rad
             evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
             if max(ratio, 1 / ratio) > _MAX_RATIO:
                 self._counts["rejected by size"] += 1
-            elif evidence > most and association.observe(view, one, other, stamp_s):
-                best, most = (replace(a, outline=one), replace(b, outline=other)), evidence
-            elif evidence > most:
-                self._counts[f"rejected by {association.refusal(view, one, other)}"] += 1
+            elif evidence > best_evidence and association.observe(view, outline_a, outline_b, stamp_s):
+                best = replace(a, outline=outline_a), replace(b, outline=outline_b)
+                best_evidence = evidence
+            elif evidence > best_evidence:
+                self._counts[f"rejected by {association.refusal(view, outline_a, outline_b)}"] += 1
         return best
 
     def _whole_outline(self, eye: int, cameras: CameraFrames, one: Candidate, other: Candidate) -> Outline | None:
-        """The outline of a candidate's whole object: that of a disc as large as the other eye sees, if it sees a larger
-        one that fits; else the candidate's own, None if it is_partly_occluded, since a part of it may be hidden."""
+        """Outline of the whole object: if the other image shows a larger disc that fits, a disc of that size; else the
+        candidate's own outline, None if it is partly occluded."""
         own = None if one.is_partly_occluded else one.outline
         ratio = other.outline.angular_radius_rad / one.outline.angular_radius_rad
         if ratio < (1.0 if one.outline.is_partial or one.is_partly_occluded else _MAX_RATIO):
@@ -227,10 +235,10 @@ class Acquisition:
 
 
 def segment(image: Image, region: Region2D, optics: Optics, foreground: Foreground | None = None) -> Candidate | None:
-    """Return the object whose edge or body moved in `region`; None where nothing stands out there.
+    """Candidate of a motion region; None where no object stands out.
 
-    Its colours show it, or the `foreground`.  Several colours that move as one solid thing are
-    one object; of what is not solid (an arm that holds something) distinct colours are the object.
+    It is segmented by its colours or by the `foreground`.  Several colours that move as one solid region are one
+    object; of a region that is not solid (an arm that holds an object) the distinct colours are the object.
     """
     x, y, w, h = region.box_px
     height, width = image.shape[:2]
@@ -265,12 +273,12 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
 
 
 def _sine(a: Array, b: Array) -> float:
-    """Of the angle between two vectors (3,)."""
+    """Sine of the angle between two vectors (3,)."""
     return float(np.linalg.norm(np.cross(a, b)) / np.linalg.norm(a) / np.linalg.norm(b))
 
 
 def _object_outline(image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
-    """The mask's outline, unless it is too large or too ragged for an object."""
+    """The mask's outline; None if it is too large or too ragged for an object."""
     shape = fit_outline(image, mask, box, optics)
     if shape is None or shape.area_px > _MAX_SHARE * image.shape[0] * image.shape[1]:
         return None
@@ -278,8 +286,10 @@ def _object_outline(image: Image, mask: Mask, box: Box, optics: Optics) -> Outli
 
 
 def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
-    """The object's mask (h, w) and colours from a seed (h, w) in the image's colour bins (h, w), None where nothing
-    stands out: estimated in turn.  Background in the seed drops out, because it is around as well."""
+    """Mask (h, w) and colours of the object at a seed (h, w), from colour bins (h, w); None where no object stands out.
+
+    Mask and colours are estimated alternately. Background in the seed drops out, as it surrounds the seed as well.
+    """
     mask: Mask = seed
     for _ in range(_ROUNDS):
         model = _model(bins, mask)
@@ -296,13 +306,13 @@ def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel 
 
 
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
-    """Colours of the mask, without those of low saturation beside vivid ones, and of what surrounds it."""
+    """Colours of the mask (without those of low saturation beside vivid ones) and of its surroundings."""
     colors = histogram(bins[mask], _VIVIDNESS[bins[mask]])
     colors[_LOW_SATURATION * (colors @ _VIVIDNESS) > _VIVIDNESS] = 0.0
     return ColorModel(colors / colors.sum(), histogram(bins[~masks.dilated(mask, 2)]))
 
 
 def _with_both_colors(a: Candidate, b: Candidate) -> tuple[Candidate, Candidate]:
-    """Each with the colours of both: what one eye sees of the object now, the other may see later."""
-    seen = 0.5 * (a.model.object + b.model.object)
-    return replace(a, model=replace(a.model, object=seen)), replace(b, model=replace(b.model, object=seen))
+    """Both candidates with the mean of their colours: colours in one image may appear later in the other."""
+    mean = 0.5 * (a.model.object + b.model.object)
+    return replace(a, model=replace(a.model, object=mean)), replace(b, model=replace(b.model, object=mean))

@@ -1,4 +1,4 @@
-"""The background of an eye at rest: the mean image without what moves."""
+"""Background model of a static camera: the mean image without moving objects."""
 
 import math
 
@@ -14,23 +14,23 @@ from tracking.background_edge import ASIDE_PX, GHOST_EDGE, MIN_GHOST_PX, edge_of
 from tracking.ego_motion import Box, EgoMotion
 from tracking.moving_background import MovingBackground, beyond, most, smoothed
 
-CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
-_PERIOD_S = 0.2  # in which all rows of the images are learned once, some in each image
+CHANGED = 0.3  # least foreground share of an object's image
+_PERIOD_S = 0.2  # in which every row is updated once
 _RATE = 0.1  # of the running mean
-_NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
-_SAMPLES = 20  # along a row and a column, from which gain and noise are measured
+_NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # foreground threshold: standard deviations, grey levels
+_SAMPLES = 20  # per row and column, for gain and noise
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
-_LIT = 20.0  # grey levels: darker pixels do not tell the gain
-_UNKNOWN = -1e4  # of what has not been seen yet, since the object hides it: no pixel is like it
+_LIT = 20.0  # grey levels: darker pixels do not determine the gain
+_UNKNOWN = -1e4  # mean of a pixel that has always been hidden
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
 
 
 class Background:
-    """Mean colours of one eye's images, smoothed over 3×3 px, where nothing moves.
+    """Mean colours of one camera's images, smoothed over 3×3 px.
 
-    What a changed pixel shows becomes its background once it has shown it for `memory_s`, except near the tracked
-    object.  The background begins anew when the eye has moved and rests again; `moving` is that of an eye that moves.
+    A pixel whose colour has been constant for `memory_s` becomes background, except near the tracked object.  The model
+    is reset when the camera has moved and rests again; `moving` is the model of the moving camera.
     """
 
     def __init__(self, ego: EgoMotion, memory_s: float) -> None:
@@ -39,27 +39,27 @@ class Background:
         self._last: View | None = None
         self._mean: Pixels
         self._recent: Image
-        self._since_s: NDArray[np.float64]  # when the pixel took the colour that it shows now
-        self._rests: Mask  # what stays the same but differs from the background
+        self._since_s: NDArray[np.float64]  # since when the pixel has its current colour
+        self._rests: Mask  # constant but foreground
         self._measured: Image | None = None
         self._gain_and_noise: tuple[float, float]
         self._threshold = _MIN_CONTRAST
-        self._row, self._learned_s = 0, 0.0  # the next row to learn; when the last ones were
+        self._row, self._learned_s = 0, 0.0  # next row to update; stamp of the last update
 
     def is_known(self, view: View) -> bool:
-        """Whether there is a background for an eye at this pose."""
+        """Whether the background is known for this pose of the camera."""
         return self._view is not None and self.ego.is_still(self._view, view)
 
     def behind_moving_eye(self, view: View, stamp_s: float) -> MovingBackground | None:
-        """The background of an eye that moves, at first what it learned at rest; None where none is known."""
+        """The background of the moving camera, initialized from the static one; None where it is unknown."""
         if self._view is not None and not self.is_known(view):
             self.moving.start(self._mean, self._view, stamp_s)
             self._view = None
         return self.moving if self.moving.is_known else None
 
     def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
-        """(h, w) probability that a pixel of a box is not the background: ½ at the noise's edge, 0 from half of that on
-        and if none is known."""
+        """Probability (h, w) that a pixel of a box is foreground: ½ at the threshold, 0 below half of it and where the
+        background is unknown."""
         if not self.is_known(view):
             return np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
         share = np.arange(256, dtype=np.float32) / np.float32(2 * self._threshold)
@@ -67,16 +67,15 @@ class Background:
         return np.take(np.minimum(share, 1), self._difference(image, box))
 
     def differs(self, image: Image, view: View, box: Box) -> Mask:
-        """(h, w) which pixels of a region are not the background; all, where none is known."""
+        """Foreground mask (h, w) of a box; all pixels where the background is unknown."""
         if not self.is_known(view):
             return np.ones((box[3] - box[1], box[2] - box[0]), bool)
         different: Mask = self._difference(image, box) > int(self._threshold)
         return different
 
     def _difference(self, image: Image, box: Box) -> NDArray[np.uint8]:
-        """(h, w) grey levels, the most of the three channels, by which a pixel is beyond the range of its neighbours in
-        the background; 255 beside what is unknown, where there is nothing to compare with, but for what looks as the
-        background does there."""
+        """Largest difference (h, w) of the three channels to the range of the background's 3×3 neighbourhood, grey
+        levels; 255 at and beside unknown pixels, unless the pixel itself equals its background."""
         x0, y0, x1, y1 = box
         left, top = max(x0 - 1, 0), max(y0 - 1, 0)
         around, inside = self._mean[top : y1 + 1, left : x1 + 1], np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
@@ -89,11 +88,11 @@ class Background:
         return over
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
-        """Whether a box (px) shows something else than the background, or no background is known."""
+        """Whether a box (px) is foreground, or the background is unknown."""
         return float(self.differs(image, view, (x, y, x + w, y + h)).mean()) > CHANGED
 
     def learned_edge(self, image: Image, view: View, mask: Mask, box: Box) -> float | None:
-        """`edge_of_background` of a mask (h, w) of the region `box`; None where no background is known."""
+        """`edge_of_background` of a mask (h, w) of the region `box`; None where the background is unknown."""
         if self.is_known(view):
             return edge_of_background(image, self._mean, self._gain_of(image), mask, box)
         if not self.moving.is_known:
@@ -107,7 +106,7 @@ class Background:
         return edge_of_background(image[top:bottom, left:right], self.moving.seen(view, wide), 1.0, mask, inside)
 
     def set_from(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
-        """Take what the image shows in a mask (h, w) of the region `box` for background, at rest or moving."""
+        """Set the background of a mask (h, w) of the region `box` from the image."""
         if not self.is_known(view):
             self.moving.set_from(image, view, stamp_s, mask, box)
             return
@@ -118,7 +117,7 @@ class Background:
     def update(
         self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
     ) -> None:
-        """Take an image in, except around the box (x, y, width, height px) of what is tracked."""
+        """Update the model with an image, except around the box (x, y, width, height px) of the tracked object."""
         last, self._last = self._last or view, view
         x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
         if not self.is_known(view):
@@ -148,7 +147,7 @@ class Background:
             self._set_ghosts(image, view, stamp_s)
 
     def _behind(self, view: View, box: Box, image: Image) -> Pixels | float:
-        """What the moving eye learned of a box that an object hides."""
+        """The moving camera's background of a box that an object hides."""
         box = box[0], box[1], min(box[2], image.shape[1]), min(box[3], image.shape[0])
         if not self.moving.is_known or box[0] >= box[2] or box[1] >= box[3]:
             return _UNKNOWN
@@ -157,7 +156,7 @@ class Background:
         return seen
 
     def _set_ghosts(self, image: Image, view: View, stamp_s: float) -> None:
-        """Where something was learned as background and has left."""
+        """Set the background at ghosts from the image."""
         rests = self._rests.view(np.uint8)
         left, top, width, height = cv2.boundingRect(rests)
         if not width:
@@ -175,15 +174,15 @@ class Background:
                     self.set_from(image, view, stamp_s, masks.dilated(mask, 2), box)
 
     def invalidate(self, image: Image, view: View, mask: Mask, box: Box) -> None:
-        """Know no more what is behind an object, a mask (h, w) of the region `box`, where it looks like the background,
-        and where anything else has changed: it may have rested there when the background was learned."""
+        """Mark the background as unknown where an object, a mask (h, w) of the region `box`, equals it, and in other
+        foreground: the object may have been at rest there during learning."""
         if self.is_known(view):
             doubtful = self.differs(image, view, box) ^ mask
             self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
 
     def invalidate_box(self, image: Image, view: View, box_px: tuple[float, float, float, float]) -> None:
-        """Know no more what is behind an object's box (x, y, width, height px) and what has changed within two of its
-        widths: it may have rested there when the background was learned."""
+        """Mark the background as unknown behind an object's box (x, y, width, height px) and in the foreground within
+        two box sizes: the object may have been at rest there during learning."""
         if not self.is_known(view):
             return
         x, y, w, h = (max(round(value), 0) for value in box_px)
@@ -193,11 +192,11 @@ class Background:
         self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
 
     def _gain_of(self, image: Image) -> float:
-        """How many times as bright as the background an image is."""
+        """Brightness of an image relative to the background."""
         return self._gain_and_noise_of(image)[0]
 
     def _gain_and_noise_of(self, image: Image) -> tuple[float, float]:
-        """As `_gain_and_noise`, measured once in an image."""
+        """`_gain_and_noise`, computed once per image."""
         if image is not self._measured:
             self._measured, self._gain_and_noise = image, _gain_and_noise(image, self._mean)
         return self._gain_and_noise
@@ -205,8 +204,8 @@ class Background:
 
 @njit(cache=True, error_model="numpy")
 def _gain_and_noise(image: Image, mean: Pixels) -> tuple[float, float]:
-    """How much brighter an image (h, w, 3) is than a background (h, w, 3), and the median absolute difference of the
-    image, smoothed over 3×3 px, from the background of that brightness: medians of samples of lit, of known pixels."""
+    """Gain of an image (h, w, 3) relative to a background (h, w, 3; median over lit pixels), and the median absolute
+    difference of the smoothed image from the background times the gain."""
     levels, known = np.empty(3 * _SAMPLES**2), np.empty(3 * _SAMPLES**2)
     n, height, width = 0, image.shape[0] - 2, image.shape[1] - 2
     for i in range(_SAMPLES):

@@ -1,4 +1,4 @@
-"""The background of an eye that moves: what an older image showed, seen from where the eye is now."""
+"""Background model of a moving camera: an earlier image warped to the current pose."""
 
 from typing import Any
 
@@ -19,18 +19,18 @@ _NEARNESS, _MUCH_BETTER = np.linspace(0, 2, 11), 0.95  # 1/m that are tried; fit
 _LEAST_PX, _MOST_PX = 1, 3  # error of the pose and of the distance that is tolerated
 _NOISE_FACTOR, _MIN_CONTRAST, _MAX_CONTRAST = 5.0, 6.0, 15.0  # as `TriggerParams`; and grey levels at most
 _STEP = 16  # px between the samples of noise and distance
-_KEPT = 0.3  # of a tracked object's box, around it, which is not learned
+_KEPT = 0.3  # margin around the tracked object's box, relative to it, that is not updated
 
 Pixels = NDArray[np.uint8]  # (h, w, 3)
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 
 
 class MovingBackground:
-    """Colours of what rests in one moving eye's images, smoothed over 3×3 px, as seen from an anchor: a recent pose.
+    """Colours of the static scene in one moving camera's images, smoothed over 3×3 px, at an anchor (a recent pose).
 
-    Every `_PERIOD_S` the eye's pose becomes the anchor.  A pixel is learned if it looks as the background does there or
-    as the anchor's image did, or if it is the empty place of what was learned; not where the tracked object is.  All
-    that rests is taken to be at one distance, the one at which the anchor's image fits best.
+    Every `_PERIOD_S` the current pose becomes the anchor.  A pixel is updated if it equals the background or the
+    anchor's image, or belongs to a ghost, but not at the tracked object.  The scene is assumed at one distance,
+    the one at which the anchor's image fits best.
     """
 
     def __init__(self, ego: EgoMotion) -> None:
@@ -41,49 +41,48 @@ class MovingBackground:
         self._threshold, self._nearness = _MIN_CONTRAST, 1 / ROOM_M
 
     def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
-        """(h, w) probability that a pixel of a box is not the background, as `Background.evidence`; 0 where none is
-        known."""
+        """Probability (h, w) that a pixel of a box is foreground, as `Background.evidence`; 0 where unknown."""
         over, known = self._beyond(smoothed(image, box), self._mean, view, box)
         share = np.minimum(over * np.float32(0.5 / self._threshold), 1)
         return np.asarray(np.where(known & (share > 0.25), share, 0), np.float32)
 
     def differs(self, image: Image, view: View, box: Box) -> Mask:
-        """(h, w) which pixels of a region are not the background; all, where none is known."""
+        """Foreground mask (h, w) of a box; all pixels where the background is unknown."""
         return self._differs(smoothed(image, box), view, box)
 
     def differs_in(self, part: Image, view: View, box: Box) -> Mask:
-        """`differs` of an image of which `part` is that box."""
+        """`differs` for the image `part` of a box."""
         return self._differs(np.asarray(cv2.blur(part, (3, 3)), np.uint8), view, box)
 
     def seen(self, view: View, box: Box) -> NDArray[np.float32]:
-        """(h, w, 3) the background as seen from a view; -1 where it is unknown."""
+        """Background (h, w, 3) as seen from a view; -1 where it is unknown."""
         mean = self._warped(self._mean, view, box).astype(np.float32)
         mean[self._warped(self._known, view, box) < 255] = -1.0
         return mean
 
     def start(self, mean: NDArray[np.float32], view: View, stamp_s: float) -> None:
-        """Begin with what an eye at rest learned: (H, W, 3), below 0 where it is unknown."""
+        """Initialize from the mean (H, W, 3) of a static camera, below 0 where it is unknown."""
         self._mean = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
         self._recent, self._known = self._mean, (mean[..., 0] >= 0).view(np.uint8) * np.uint8(255)
         self._anchor, self._stamp_s, self.is_known = view, stamp_s, True
 
     def invalidate(self) -> None:
-        """Begin anew."""
+        """Reset the model."""
         self.is_known = False
 
     def update(self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None) -> None:
-        """Take an image in, except around the box of what is tracked."""
+        """Update the model with an image, except around the tracked object's box."""
         if not self.is_known or stamp_s - self._stamp_s > _PERIOD_S - 1e-6:
             self._take(image, view, stamp_s, object_px, None)
 
     def set_from(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
-        """Take what the image shows in a mask (h, w) of the region `box` for background."""
+        """Set the background of a mask (h, w) of the region `box` from the image."""
         self._take(image, view, stamp_s, None, (mask, box))
 
     def _take(
         self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None, empty: tuple[Mask, Box] | None
     ) -> None:
-        """Make an image's pose the anchor."""
+        """Make the pose of an image the anchor."""
         height, width = image.shape[:2]
         x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
         kept = np.s_[
@@ -103,7 +102,7 @@ class MovingBackground:
     def _renewed(
         self, image: Image, now: Pixels, view: View, kept: tuple[slice, slice], empty: tuple[Mask, Box] | None
     ) -> tuple[Pixels, NDArray[np.uint8]]:
-        """The background as seen from a view, with what its image shows of it; and 255 where it is known."""
+        """Background warped to a view and updated with its image; and a mask, 255 where it is known."""
         whole = (0, 0, now.shape[1], now.shape[0])
         self._fit_distance(now, view)
         mean = self._warped(self._mean, view, whole)
@@ -128,7 +127,7 @@ class MovingBackground:
         return mean, np.asarray((was_known | (moved == 0)).view(np.uint8) * np.uint8(255), np.uint8)
 
     def _fit_distance(self, now: Pixels, view: View) -> None:
-        """Take the distance at which the anchor's image fits best, if it does so better than at the present one."""
+        """Set the distance at which the anchor's image fits best, if it fits better than at the current one."""
         rows, columns = np.mgrid[_STEP // 2 : now.shape[0] : _STEP, _STEP // 2 : now.shape[1] : _STEP].reshape(2, -1)
         rays = view.rays(np.stack([columns, rows], axis=-1).astype(float))
         colors = now[rows, columns].astype(np.float32)
@@ -148,11 +147,10 @@ class MovingBackground:
     def _beyond(
         self, now: Pixels, then: Pixels, view: View, box: Box, seen: Pixels | None = None
     ) -> tuple[NDArray[np.uint8], Mask]:
-        """(h, w) grey levels, the most of the three channels, by which the pixels `now` of a box are beyond the range
-        of what `then` showed within the tolerance; and where that is known.
+        """Largest difference (h, w) of the three channels of the pixels `now` of a box to the range of `then` within
+        the tolerance, grey levels; and where it is known.
 
-        The gaps that the tolerance leaves along the edges of `then` are closed.  `seen` is the box of it, if it is at
-        hand.
+        Gaps that the tolerance leaves along edges of `then` are closed.  `seen` is the warped box, if already computed.
         """
         if not self.is_known:
             return np.zeros(now.shape[:2], np.uint8), np.zeros(now.shape[:2], bool)
@@ -170,12 +168,12 @@ class MovingBackground:
         return np.asarray(over, np.uint8), np.asarray(known[inside], bool)
 
     def _warped(self, image: NDArray[np.uint8], view: View, box: Box) -> NDArray[np.uint8]:
-        """The box of an image of the anchor as seen from a view."""
+        """Box of an image of the anchor, warped to a view."""
         return self._ego.warp(image, self._anchor, view, self._nearness, box)
 
 
 def _drop_empty_places(image: Image, mean: Pixels, moved: NDArray[np.uint8]) -> None:
-    """Clear what nothing has moved to: places of what was learned as background and has left."""
+    """Clear ghosts from the foreground `moved`."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(moved)
     for k in range(1, count):
         x, y, w, h, area = (int(value) for value in stats[k])
@@ -187,18 +185,18 @@ def _drop_empty_places(image: Image, mean: Pixels, moved: NDArray[np.uint8]) -> 
 
 
 def beyond(now: Pixels, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.uint8]:
-    """(h, w) grey levels, the most of the three channels, by which pixels are below `low` or above `high`."""
+    """Largest difference (h, w) of the three channels below `low` or above `high`, grey levels."""
     return most(cv2.max(cv2.subtract(now, high), cv2.subtract(low, now)))
 
 
 def most(levels: NDArray[Any]) -> NDArray[np.uint8]:
-    """(h, w) the largest of the three channels."""
+    """Largest of the three channels (h, w)."""
     red, green, blue = cv2.split(levels)
     return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
 
 
 def smoothed(image: Image, box: Box) -> Pixels:
-    """(h, w, 3) the box of an image, smoothed over 3×3 px."""
+    """Box (h, w, 3) of an image, smoothed over 3×3 px."""
     x0, y0, x1, y1 = box
     left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
     smooth = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
