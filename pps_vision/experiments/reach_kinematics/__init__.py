@@ -16,7 +16,6 @@ class ReachKinematics(SampledStudy, PartsStudy):
         "forward_model": Part(
             lambda s: forward_model.run(s.seeds, s.sizes),
             forward_model.chart,
-            forward_model.table,
         ),
         "deviations": Part(lambda s: deviations.run(s.seeds, s.sizes[-1]), table=deviations.table),
         "lwpr": Part(lambda s: cross_function.run(s.seed, s.n_lwpr, s.lwpr_share), table=cross_function.table),

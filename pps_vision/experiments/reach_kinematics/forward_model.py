@@ -16,7 +16,6 @@ from pps_vision.experiments.baselines.lwpr import LWPR
 from pps_vision.experiments.baselines.regressors import ArmToGaze, gaussian_process, quintic_spline
 from pps_vision.experiments.reach_truth import first, gaze_rmse_deg
 from pps_vision.experiments.study import interval
-from pps_vision.experiments.tables import Table, estimate
 from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
@@ -103,20 +102,3 @@ def chart(numbers: dict[str, Any]) -> Figure:
     charts.speed_error(update, updates, "rmse_deg", _BASELINES, _DEFAULT, "update (ms per sample)", rmse)
     query.legend(fontsize=7)
     return figure
-
-
-def table(numbers: dict[str, Any]) -> Table:
-    """Return the error after some numbers of samples, and times after all."""
-    samples = numbers["samples"]
-    shown = sorted({0, len(samples) // 2, len(samples) - 1})
-    rows = [
-        [
-            name,
-            *(estimate(rows[k]["rmse_deg"], 2) for k in shown),
-            f"{rows[-1]['ms'][1]:.2g}",
-            f"{rows[-1]['update_ms']:.2g}",
-        ]
-        for name, rows in numbers["methods"].items()
-    ]
-    errors = [f"RMSE after {samples[k]} (°)" for k in shown]
-    return Table(["forward model", *errors, "query (ms)", "update (ms per sample)"], rows)

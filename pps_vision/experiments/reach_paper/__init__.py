@@ -29,7 +29,6 @@ class ReachPaper(SampledStudy, PartsStudy):
         "solvers": Part(
             lambda s: solvers.run(s.seed, s.n_problems, s.n_ipopt),
             solvers.chart,
-            solvers.table,
         ),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {

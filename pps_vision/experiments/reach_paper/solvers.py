@@ -17,7 +17,6 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.ipopt import two_stage_by_ipopt
 from pps_vision.experiments.reach_truth import closed_form
 from pps_vision.experiments.study import rms
-from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import timed
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
@@ -75,10 +74,3 @@ def chart(numbers: dict[str, Any]) -> Figure:
         charts.speed_error(axis, solvers, metric, baselines, _DEFAULT, "processor time per problem (ms)", label)
     axes[0].legend(fontsize=8)
     return figure
-
-
-def table(numbers: dict[str, Any]) -> Table:
-    """Return time, verdicts and optimality of each solver."""
-    keys = ("ms", "wrong_percent", "optimality_lost")
-    rows = [[name, *(f"{row[key]:.3g}" for key in keys)] for name, row in numbers["solvers"].items()]
-    return Table(["solver", "ms per problem", "wrong verdicts (%)", "optimality lost"], rows)

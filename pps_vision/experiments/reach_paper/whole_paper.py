@@ -106,8 +106,8 @@ def chart(numbers: dict[str, Any]) -> dict[str, Figure]:
     }
 
 
-def table(numbers: dict[str, Any]) -> dict[str, Table]:
-    """Return the scores against the true and the learned kinematics beside J's, and the extreme postures."""
+def table(numbers: dict[str, Any]) -> Table:
+    """Return the scores against the true and the learned kinematics beside J's."""
     rows = [
         [
             f"{name}; {truth} kinematics",
@@ -117,7 +117,4 @@ def table(numbers: dict[str, Any]) -> dict[str, Table]:
         for truth, scores in by_truth.items()
     ]
     rows.append(["J's figures", *(f"{jamone.PUBLISHED[key]:g}" for key in list(SCORES.values())[:-1]), "–"])
-    keys = ("vergence_deg_of_j", "vergence_deg", "elbow_deg_of_j", "elbow_deg")
-    points = [[name, *(f"{point[key]:.4g}" for key in keys)] for name, point in numbers["extremes"].items()]
-    header = ["point of J Fig 3", "vergence: J (°)", "ours (°)", "elbow: J (°)", "ours (°)"]
-    return {"": Table(["map; judged against", *SCORES], rows), "extremes": Table(header, points)}
+    return Table(["map; judged against", *SCORES], rows)

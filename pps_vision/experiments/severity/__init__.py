@@ -20,7 +20,6 @@ class Severity(PartsStudy, SampledStudy):
         "reach": Part(
             lambda study: reach.run(study.seeds, study.n_labels, study.n_test, study.reach_disturbances),
             reach.chart,
-            reach.table,
         ),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 200, "reach_disturbances": ("labels flipped",)}

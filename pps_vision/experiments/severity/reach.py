@@ -23,7 +23,6 @@ from pps_vision.experiments.baselines.jamone import MapQuery
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.reach_truth import closed_form, first, learn_hand
 from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_severities, percent
-from pps_vision.experiments.tables import Table, break_points
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams
@@ -178,8 +177,3 @@ def chart(numbers: dict[str, Any]) -> Figure:
     for axis in figure.axes:
         axis.set_yscale("log")
     return figure
-
-
-def table(numbers: dict[str, Any]) -> Table:
-    """Return where each method breaks."""
-    return break_points(_disturbances(numbers))
