@@ -249,17 +249,6 @@ def _spread_bins() -> tuple[Array, Array]:
     return D, TTC
 
 
-def tabulate_authors_counts(numbers: dict[str, Any]) -> Table:
-    """Return the differences from the published counts."""
-    keys = ("l1_percent", "only_ours", "only_theirs", "samples")
-    rows = [
-        [f"{name}, from {point}", *(f"{difference[key]:g}" for key in keys)]
-        for name in ("monte_carlo", "fig3", "fig9")
-        for point, difference in numbers[name].items()
-    ]
-    return Table(["counts", "L1 difference (%)", "only ours", "only the authors'", "samples"], rows)
-
-
 def single_touch(study: "PpsTaxel") -> dict[str, Any]:
     """Return, by approach, reference of D and map, the share (%) of repeated approaches above the threshold."""
     shares: dict[str, Any] = {}
@@ -319,7 +308,7 @@ class PpsTaxel(PartsStudy, SampledStudy):
     SHORT: ClassVar[Mapping[str, Any]] = {"approaches": 5}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "monte_carlo": Part(monte_carlo, draw_monte_carlo),
-        "authors_counts": Part(authors_counts, table=tabulate_authors_counts),
+        "authors_counts": Part(authors_counts),
         "single_touch": Part(single_touch, table=tabulate_single_touch),
     }
 
