@@ -41,7 +41,7 @@ class TrackerParams:
     mode: Mode = "generic"
     """Track any moving object, or a marker of known hue."""
     reduction: int = 1
-    """Each block of so many pixels a side is averaged to one before anything is looked for: less time, more error."""
+    """Side of the pixel blocks that are averaged before tracking: larger takes less time, with more error."""
     confirm_frames: int = 3
     """An object is tracked once both cameras detected it in this many frames in a row."""
     lost_after_s: float = 0.5
@@ -96,8 +96,7 @@ class TrackerStep:
 
 
 class TrackerState(NamedTuple):
-    """What the tracker carries from frame to frame, beside the backgrounds, the cameras' motion and the images that the
-    motion trigger keeps."""
+    """State of the tracker, without the backgrounds, the cameras' motion and the images of the motion trigger."""
 
     association: Association
     kalman: KalmanParams
@@ -106,7 +105,7 @@ class TrackerState(NamedTuple):
     cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
     belief: Belief | None = None
     search_result: tuple[Candidate, Candidate] | None = None
-    """How the search found the object."""
+    """Candidates from which the object was acquired."""
     radius_m: float = math.nan
     radius_var_m2: float = math.nan
     hits: int = 0
@@ -122,7 +121,7 @@ class TrackerState(NamedTuple):
 class Tracker:
     """Tracks one object in 3D.  `step` takes frames in the order of their stamps.
 
-    `own_body` masks the robot's own image, which is no stimulus; `stages` is entered around each stage (to time it).
+    `own_body` masks the robot's own body; `stages` is a context manager entered around each stage (to time it).
     """
 
     def __init__(
@@ -165,7 +164,7 @@ class Tracker:
 
         Args:
             frame: The next stereo frame.
-            outlines: The object's outlines in the left and the right image as searched, if they were found beforehand
+            outlines: The object's outlines in the left and the right (reduced) image, if they were computed beforehand
                 (`batch`).
 
         Raises:
@@ -177,7 +176,7 @@ class Tracker:
         return result if self.params.reduction == 1 else _enlarged(result, self.params.reduction)
 
     def searched(self, frame: StereoFrame) -> StereoFrame:
-        """The frame with its images reduced, as they are searched."""
+        """The frame with reduced images."""
         k = self.params.reduction
         if k == 1:
             return frame
@@ -206,7 +205,9 @@ class Tracker:
             state = self._learn(state, cameras, detections, observation)
         state = state._replace(stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
         parts = zip(self._cameras, cameras, detections, strict=True)
-        messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
+        messages = tuple(
+            tracker.detection(camera, detection) for tracker, camera, detection in parts if detection is not None
+        )
         return state, TrackerStep(track, messages, observation, view.midpoint, self._followed_by(state))
 
     def _followed_by(self, state: TrackerState) -> FollowedBy | None:
@@ -215,7 +216,7 @@ class Tracker:
             return None
         if self.params.mode == "marker":
             return "hue"
-        return "background" if any(one.by_background for one in state.cameras) else "colour"
+        return "background" if any(camera.by_background for camera in state.cameras) else "colour"
 
     def _detect(
         self,
@@ -229,8 +230,8 @@ class Tracker:
     ) -> tuple[TrackerState, Belief | None, Detections]:
         """The object in both images: near the prediction, else anywhere.
 
-        An object that is found elsewhere passes the re-identification gate; what was known of its motion is void then,
-        and it is confirmed anew.
+        If the object is re-acquired elsewhere, it must pass the re-identification gate; its motion state is reset and
+        the track must be confirmed again.
         """
         if blind:
             return state, predicted, _NOTHING
@@ -239,12 +240,12 @@ class Tracker:
             return state, None, detections
         with self.stages("image"):
             state, detections = self._follow(state, predicted, cameras)
-            if any(one.is_ghost for one in state.cameras):
-                for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
-                    if one is not None:
-                        tracker.set_from(camera, one)
+            if any(camera.is_ghost for camera in state.cameras):
+                for tracker, camera, detection in zip(self._cameras, cameras, detections, strict=True):
+                    if detection is not None:
+                        tracker.set_from(camera, detection)
                 return self._initial, None, _NOTHING
-        passing = any(one.target is not None and one.target.touched for one in state.cameras)
+        passing = any(camera.target is not None and camera.target.touched for camera in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
             acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
@@ -254,11 +255,11 @@ class Tracker:
     def _follow(self, state: TrackerState, predicted: Belief, cameras: CameraFrames) -> tuple[TrackerState, Detections]:
         """The object near where the track predicts it."""
         last = state.belief or predicted
-        (a, left), (b, right) = (
-            tracker.find(one, camera, tracker.predict(one, camera, last, predicted))
-            for tracker, one, camera in zip(self._cameras, state.cameras, cameras, strict=True)
+        (left_state, left), (right_state, right) = (
+            tracker.find(camera_state, camera, tracker.predict(camera_state, camera, last, predicted))
+            for tracker, camera_state, camera in zip(self._cameras, state.cameras, cameras, strict=True)
         )
-        return state._replace(cameras=(a, b)), (left, right)
+        return state._replace(cameras=(left_state, right_state)), (left, right)
 
     def _acquire(
         self,
@@ -282,18 +283,19 @@ class Tracker:
         period_s = cameras[0].stamp_s - state.stamps_s[0]
         targets = []
         with self.stages("image"):
-            for tracker, camera, one in zip(self._cameras, cameras, pair, strict=True):
-                flow = one.flow
+            for tracker, camera, candidate in zip(self._cameras, cameras, pair, strict=True):
+                flow = candidate.flow
                 shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * period_s
-                _, _, w, h = one.outline.box_px
-                fill = None if by_color and not one.outline.is_partial else one.outline.area_px / (w * h)
+                outline = candidate.outline
+                _, _, w, h = outline.box_px
+                fill = None if by_color and not outline.is_partial else outline.area_px / (w * h)
                 if by_color:
-                    tracker.background.invalidate(camera.image, camera.view, one.mask, one.box)
-                box = _whole_box(one.outline) if one.outline.is_partial else one.outline.box_px
-                targets.append(tracker.image_tracker.start(camera.image, box, one.model, shift_px, fill))
+                    tracker.background.invalidate(camera.image, camera.view, candidate.mask, candidate.box)
+                box = _whole_box(outline) if outline.is_partial else outline.box_px
+                targets.append(tracker.image_tracker.start(camera.image, box, candidate.model, shift_px, fill))
         left, right = (
-            one._replace(target=target, by_background=not by_color, ghost_score=0.0)
-            for one, target in zip(state.cameras, targets, strict=True)
+            camera_state._replace(target=target, by_background=not by_color, ghost_score=0.0)
+            for camera_state, target in zip(state.cameras, targets, strict=True)
         )
         return state._replace(cameras=(left, right), search_result=pair), _detections(*outlines)
 
@@ -311,7 +313,8 @@ class Tracker:
         for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
             tracker.background.invalidate_box(camera.image, camera.view, blob.box_px)
             targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
-        left, right = (one._replace(target=target) for one, target in zip(state.cameras, targets, strict=True))
+        pairs = zip(state.cameras, targets, strict=True)
+        left, right = (camera_state._replace(target=target) for camera_state, target in pairs)
         return state._replace(cameras=(left, right)), _detections(*marker)
 
     def _passes_gate(
@@ -323,12 +326,12 @@ class Tracker:
         stamp_s: float,
         models: Sequence[ColorModel | None],
     ) -> bool:
-        """Re-identification gate: it looks the same, and may have come there; open while nothing is tracked."""
+        """Re-identification gate: same colours and size, and a plausible position; open while nothing is tracked."""
         if predicted is None:
             return True
-        known = [one.target.model if one.target else None for one in state.cameras]
+        tracked_models = [camera.target.model if camera.target else None for camera in state.cameras]
         observation = state.association.observe(view, *outlines, stamp_s)
-        if observation is None or not is_same_object(known, state.radius_m, models, observation.radius_m):
+        if observation is None or not is_same_object(tracked_models, state.radius_m, models, observation.radius_m):
             return False
         measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
         return kalman.gate(state.kalman, predicted, *measurement) is not None
@@ -424,19 +427,21 @@ class Tracker:
     def _learn(
         self, state: TrackerState, cameras: CameraFrames, detections: Detections, observation: Observation3D | None
     ) -> TrackerState:
-        """Remember how each camera sees the object, its colours once it is confirmed, and the scene without it."""
-        each = list(zip(self._cameras, cameras, detections, strict=True))
+        """Update each camera's state, the object's colours once it is confirmed, and the backgrounds."""
+        by_camera = list(zip(self._cameras, cameras, detections, strict=True))
         if self.params.mode == "generic" or state.belief is None:  # a marker needs it to be found
-            for tracker, camera, one in each:
-                tracker.background.update(camera.image, camera.view, camera.stamp_s, one.box_px if one else None)
+            for tracker, camera, detection in by_camera:
+                tracker.background.update(
+                    camera.image, camera.view, camera.stamp_s, detection.box_px if detection else None
+                )
         if state.belief is None:
             return state
         belief = state.belief
         left, right = (
-            tracker.remember(known, camera, one.outline, belief)
-            if one is not None and observation is not None
-            else known
-            for (tracker, camera, one), known in zip(each, state.cameras, strict=True)
+            tracker.remember(camera_state, camera, detection.outline, belief)
+            if detection is not None and observation is not None
+            else camera_state
+            for (tracker, camera, detection), camera_state in zip(by_camera, state.cameras, strict=True)
         )
         appearance = state.appearance
         if appearance is None and state.hits >= self.params.confirm_frames and left.target and right.target:
@@ -445,19 +450,18 @@ class Tracker:
 
 
 def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
-    """The step with what was seen in pixels of images reduced `k` times, in pixels of the images themselves."""
+    """The step of images reduced `k` times, in pixels of the original images."""
     detections = []
-    for one in step.detections:
-        x, y, w, h = one.box_px
-        center_px, box_px = k * (one.center_px + 0.5) - 0.5, (k * x, k * y, k * w, k * h)
-        detections.append(replace(one, center_px=center_px, cov_px=k**2 * one.cov_px, box_px=box_px))
+    for detection in step.detections:
+        x, y, w, h = detection.box_px
+        center_px, box_px = k * (detection.center_px + 0.5) - 0.5, (k * x, k * y, k * w, k * h)
+        detections.append(replace(detection, center_px=center_px, cov_px=k**2 * detection.cov_px, box_px=box_px))
     observation = step.observation and replace(step.observation, residual_px=k * step.observation.residual_px)
     return replace(step, detections=tuple(detections), observation=observation)
 
 
 def _whole_box(outline: Outline) -> tuple[float, float, float, float]:
-    """The box of an object that the image's border cuts, as far as it reaches beyond the border if it is as long as
-    wide."""
+    """Box of an object that the image's border cuts, extended beyond the border to a square."""
     x, y, w, h = outline.box_px
     side = max(w, h)
     left = x + w - side if x <= 0 else x
@@ -466,7 +470,7 @@ def _whole_box(outline: Outline) -> tuple[float, float, float, float]:
 
 
 def _detections(left: Outline, right: Outline) -> Detections:
-    """Outlines found without an image tracker, as detections."""
+    """Detections from outlines of the search."""
     return ImageDetection(left, left.box_px, 1.0), ImageDetection(right, right.box_px, 1.0)
 
 
