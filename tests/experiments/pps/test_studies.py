@@ -1,0 +1,78 @@
+"""Short runs of the studies of peripersonal space: parts without rendering are measured, drawn and tabulated."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import SEED
+
+from learning.pps.memory import MemoryParams
+from learning.pps.receptive_field import ReceptiveField
+from pps_vision.experiments.pps_taxel import (
+    APPROACHES,
+    FIELDS,
+    LEAD_S,
+    SIMULATIONS,
+    THRESHOLD,
+    repeat_approaches,
+    simulated_ridge,
+)
+from pps_vision.experiments.severity.pps import DISTURBANCES, sample, score_map
+from pps_vision.experiments.study import catalogue
+from pps_vision.experiments.tables import read_numbers
+from pps_vision.experiments.whole_skin import activations, make_body
+from pps_vision.recordings.outputs import plain
+
+RESULTS = Path(__file__).parents[3] / "docs" / "results"
+PARTS = {
+    "pps_taxel": ("monte_carlo", "single_touch"),
+    "pps_sessions": ("double_touches", "misaimed", "offsets"),
+    "pps_errors": ("compensation",),
+}
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_a_short_run_has_the_form_of_the_published_results(name: str) -> None:
+    study = catalogue()[name]
+    numbers = json.loads(json.dumps(plain(study(**{**study.short(), "seed": SEED, "parts": PARTS[name]}).run())))
+    published = read_numbers(RESULTS / f"{name}.json")
+    for part, values in numbers.items():
+        assert set(values) <= set(published[part])
+    for results in (numbers, published):
+        assert all(figure.axes for figure in study().chart(results).values())
+        for table in study().tables(results).values():
+            assert all(len(row) == len(table.header) for row in table.rows)
+
+
+def test_the_offset_shows_from_the_landing_point_only() -> None:
+    exact, noisy, shifted = (simulated_ridge(simulation, "landing", 5, SEED) for simulation in SIMULATIONS.values())
+    assert 0 <= exact["crosses_ttc_0_at_cm"][0] < 4
+    assert -11.5 < shifted["crosses_ttc_0_at_cm"][0] < -8.5
+    assert exact["ridge_width_cm"] < noisy["ridge_width_cm"] < shifted["ridge_width_cm"]
+    assert simulated_ridge(SIMULATIONS["noisy, offset −10 cm"], "taxel", 5, SEED)["crosses_ttc_0_at_cm"][0] > 0
+
+
+@pytest.mark.parametrize("approach", APPROACHES)
+def test_after_one_touch_the_activation_is_high_until_the_next(approach: str) -> None:
+    rng = np.random.default_rng(SEED)
+    field: ReceptiveField = FIELDS["surface"]
+    left_s, activation = repeat_approaches(APPROACHES[approach], MemoryParams(), field, 100, rng)
+    lasting = (left_s < LEAD_S + 1e-9) & (left_s > 1e-9)
+    assert np.mean(activation[lasting] > THRESHOLD) >= 0.99
+
+
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_the_map_predicts_undisturbed_and_the_worst_severity_costs(name: str) -> None:
+    axis, disturb = DISTURBANCES[name]
+    mild, worst = (
+        np.asarray(score_map(MemoryParams(), sample(disturb, SEED, severity), 0)["auroc"])[0]
+        for severity in (axis.severities[0], axis.severities[-1])
+    )
+    assert mild > 0.87
+    assert worst < mild - 0.05
+
+
+def test_only_taxels_near_the_ball_are_activated() -> None:
+    active = activations(make_body(500, np.random.default_rng(SEED))) > 0
+    assert 0 < active.sum() < 100
