@@ -211,7 +211,7 @@ class Pipeline:
         taxels = _taxels_at(self.skin, posture, stamp_s, state.last_taxels)
         tracking = self.tracker.step(frame)
         track = tracking.track
-        check_track(track)
+        check_track(track, stamp_s)
         events = self._perceive(track, taxels, touched)
         learned = learner.step(state.learning, events)
         probability = activation_by(params.receptive_field, learned.memory, track, taxels)
@@ -456,8 +456,11 @@ def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline")
         raise InputError(source, f"{sizes}; expected a memory of this skin")
 
 
-def check_track(track: Track3D) -> None:
-    """InputError for a known track whose position, velocity or velocity covariance is unusable."""
+def check_track(track: Track3D, stamp_s: float) -> None:
+    """InputError for a track of another frame, or a known one whose position, velocity or velocity covariance is
+    unusable."""
+    if abs(track.stamp_s - stamp_s) > 0:  # not for a stamp that is no number, which the arm refuses
+        raise InputError("pipeline", f"track of {track.stamp_s} s; expected one of the frame, {stamp_s} s")
     if not track.is_known:
         return
     position, velocity = track.mean[:2]

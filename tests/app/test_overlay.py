@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_jpeg, save_png
+from pps_vision.app.report.overlay import VideoFile, draw_pair, flash, save_jpeg, save_png
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 
@@ -48,24 +48,6 @@ def test_each_caption_has_a_line_of_its_own() -> None:
     assert np.flatnonzero(rows[2]).max() < 120
 
 
-def test_the_colours_of_the_legend_are_those_of_the_taxels() -> None:
-    """A taxel of each activation has the colour that the legend shows at that place of its bar."""
-    canvas = np.zeros((480, 640, 3), np.uint8)
-    draw_legend(canvas)
-    bar = canvas[455, 160:360].astype(int)
-    for words in (canvas[455:, :160], canvas[455:, 360:380]):
-        assert words.max() > 200  # on both sides it says what the ends mean
-    camera = Camera(320, 240, 200.0, 200.0, 160.0, 120.0)
-    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((240, 320, 3), np.uint8)
-    for activation in (0.1, 0.5, 1.0):
-        frame, ahead = StereoFrame(black, black, 0.0, 0.0), np.array([[0.0, 0.0, 1.0]])
-        image = draw_pair(frame, view, Track3D.unknown(0.0), (), ahead, np.array([activation]))
-        np.testing.assert_allclose(image[240, 320], bar[min(int(200 * activation), 199)], atol=4)
-        np.testing.assert_allclose(image[240, 320], (255, 255 * (1 - activation), 0), atol=1)  # yellow to red
-    at_rest = draw_pair(frame, view, Track3D.unknown(0.0), (), ahead, np.array([0.02]))[240, 320]
-    assert np.ptp(at_rest.astype(int)) < 30  # grey
-
-
 def test_a_touch_is_flashed_in_red() -> None:
     canvas = np.zeros((480, 640, 3), np.uint8)
     flash(canvas)
@@ -77,17 +59,6 @@ def test_a_touch_is_flashed_in_red() -> None:
     word = white[360:440, 20:300]
     assert (word == [250, 40, 40]).all(axis=2).sum() > 1000
     assert (word == 0).all(axis=2).sum() > 300  # its outline
-
-
-def test_words_have_an_outline_and_the_colour_of_the_status() -> None:
-    camera = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
-    view, white = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.full((240, 320, 3), 255, np.uint8)
-    drawn = draw_pair(StereoFrame(white, white, 0.0, 0.0), view, Track3D.unknown(0.0, Status.LOST))
-    for color in ((250, 70, 60), (0, 0, 0)):
-        rows, columns = np.nonzero((np.abs(drawn.astype(int) - color) < 60).all(axis=2))
-        assert len(rows) > 50
-        assert rows.max() < TEXT_ROWS
-        assert columns.min() < 12
 
 
 def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status() -> None:

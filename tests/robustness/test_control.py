@@ -16,7 +16,7 @@ def test_no_limit_is_left_and_only_bad_input_is_refused(steps: int, episode: int
     result = attack(steps, SEED, episode)
     assert result.faults == []
     assert set(result.modes) == {"idle", "avoid", "reach", "hold", "return"}
-    assert {"pipeline", "avoidance", "posture"} <= set(result.refused)
+    assert {"pipeline", "arm", "posture"} <= set(result.refused)
     assert result.refused.total() < 0.5 * result.steps
     assert set(result.starts) == set(STARTS)
     assert result.sudden_stops < 0.01 * result.steps
