@@ -14,11 +14,12 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
-from tracking.particle_filter import Particles, Prior, likelihoods, propagate, resample, sample
+from tracking.particle_filter import SHARPNESS, Particles, Prior, likelihoods, propagate, resample, sample
 
 Evidence = Callable[[Box], NDArray[np.float32] | Mask]
 """Box → probability (h, w) that a pixel is foreground, or a foreground mask."""
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
+_WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
 _GAP = 0.05  # of the object's size: half the width of gaps that are closed in a foreground mask
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
 MIN_SCORE = 0.4  # below which the object is not detected
@@ -141,6 +142,8 @@ class ImageTracker:
 
         if prior:
             s = replace(s, size=s.size * prior.growth)
+            if prior.std_px > _WIDE_PRIOR * s.size:
+                prior = self._narrowed(s, prior, likelihood_in)
         particles = propagate(s.particles, prior, self.rng)
         middle = particles.current[:, :2].mean(axis=0)
         reach = 2.0 * particles.current[:, :2].std(axis=0)
@@ -183,6 +186,23 @@ class ImageTracker:
         """The target moved to an outline that was detected otherwise; its colours stay."""
         size = float(np.sqrt(outline.area_px / target.fill))
         return replace(target, particles=_moved_to(target.particles, outline.center_px, size), size=size)
+
+    def _narrowed(
+        self, s: Target, prior: Prior, likelihood_in: Callable[[Box], tuple[NDArray[np.uint8], NDArray[np.float32]]]
+    ) -> Prior:
+        """Narrow a wide prior to its most object-like position (maximum of centre-surround likelihood)."""
+        w, h = (s.size * side for side in s.shape)
+        roi = self.region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
+        if roi[2] <= roi[0] or roi[3] <= roi[1]:
+            return prior
+        likelihood = likelihood_in(roi)[1]
+        inside, surround = (_box_mean(likelihood, k * w, k * h) for k in (1, 2))
+        x = np.arange(roi[0], roi[2]) - prior.center_px[0]
+        y = np.arange(roi[1], roi[3]) - prior.center_px[1]
+        distance2 = x[None, :] ** 2 + y[:, None] ** 2
+        log = SHARPNESS * 4 / 3 * (inside - surround) - distance2 / (2 * prior.std_px**2)
+        row, column = np.unravel_index(int(np.argmax(log)), log.shape)
+        return Prior(np.array([roi[0] + column, roi[1] + row]), 0.25 * s.size, prior.growth)
 
     def _learn(
         self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
@@ -268,6 +288,12 @@ def _moved_to(particles: Particles, center_px: Array, size: float) -> Particles:
     now[:, :2] += center_px - now[:, :2].mean(axis=0)
     now[:, 2] *= size / now[:, 2].mean()
     return Particles(now, particles.previous)
+
+
+def _box_mean(values: NDArray[np.float32], width: float, height: float) -> NDArray[np.float32]:
+    """Means over a box of odd sides around every pixel; 0 outside of the values."""
+    sides = (2 * int(width / 2) + 1, 2 * int(height / 2) + 1)
+    return np.asarray(cv2.boxFilter(values, cv2.CV_32F, sides, borderType=cv2.BORDER_CONSTANT), dtype=np.float32)
 
 
 def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
