@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from pps_vision.app.device import torch_device
 from pps_vision.app.track import chunks
 from pps_vision.experiments.charts import speed_errors
-from pps_vision.experiments.scenarios import Footage, moving, tracker_params
+from pps_vision.experiments.films.recordings import Footage, moving, tracker_params
 from pps_vision.experiments.study import TURNS, Method, Metric, SampledStudy, Values, compare, mean, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array

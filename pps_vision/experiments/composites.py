@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.experiments.baselines.image_trackers import BoxPx
-from pps_vision.experiments.independent_scenes import photograph
+from pps_vision.experiments.films.caster import photograph
 from pps_vision.types import Array, Image
 
 Difficulty = Literal["plain", "alike", "clutter", "occluded", "light", "bent", "fast", "vivid"]

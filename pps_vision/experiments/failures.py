@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.errors import InputError
-from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.charts import PAGE_IN, panels
-from pps_vision.experiments.scenarios import EYES_M, Footage, Posing, film, follow, stare_at, watching
-from pps_vision.experiments.score import METRICS, baseline, tracker
+from pps_vision.experiments.films import disturbances as d
+from pps_vision.experiments.films.recordings import EYES_M, Footage, PosePolicy, film, follow, stare_at, watching
+from pps_vision.experiments.films.score import METRICS, baseline, tracker
 from pps_vision.experiments.study import (
     NOISE_SIGMA,
     Axis,
@@ -157,7 +157,7 @@ def _shown(
     seed: int,
     motion: Motion,
     seconds: float,
-    pose: Posing | None = None,
+    pose: PosePolicy | None = None,
     radius_m: float = RADIUS_M,
     prop: tuple[Part, ...] | None = None,
     placed: Callable[[float], PropPose | None] = lambda _: None,
@@ -205,7 +205,7 @@ def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float 
     shown = _shown(
         source, seed, motion, 2 * middle_s, prop=_board(passing_s), placed=lambda _: place if is_there else None
     )
-    return _sensed(shown if share is None else replace(shown, seen=np.ones_like(shown.seen)), seed)
+    return _sensed(shown if share is None else replace(shown, visible=np.ones_like(shown.visible)), seed)
 
 
 def _twin(source: SceneSource, seed: int, gap_radii: float) -> Footage:
@@ -232,7 +232,7 @@ def _two(source: SceneSource, seed: int, gap_radii: float) -> Footage:
     ball = (sphere(RADIUS_M, BLUE),)
     shown = _shown(source, seed, motion, 2.5, pose, prop=ball, placed=lambda t: PropPose(other(t)))
     recording = _sensed(shown, seed)
-    return replace(recording, other_position=np.array([other(t) for t in recording.stamps_s]))
+    return replace(recording, second_position=np.array([other(t) for t in recording.stamps_s]))
 
 
 def _dash(source: SceneSource, seed: int, frames_in_view: float) -> Footage:
@@ -248,7 +248,7 @@ def _dash(source: SceneSource, seed: int, frames_in_view: float) -> Footage:
         return position + 2 * done * side, velocity + (2 * side / takes_s if 0 < done < 1 else 0.0)
 
     shown = _shown(source, seed, motion, 1.3 + takes_s, stare_at(load_icub(), _center(seed)))
-    return replace(_sensed(shown, seed), asked=shown.stamps_s > 1.0)
+    return replace(_sensed(shown, seed), in_question=shown.stamps_s > 1.0)
 
 
 def _leaves(source: SceneSource, seed: int, out_s: float) -> Footage:

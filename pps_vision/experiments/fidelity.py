@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from pps_vision.app.render import scene
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.charts import speed_errors
-from pps_vision.experiments.exact_images import ray_cast
+from pps_vision.experiments.films.exact import ray_cast
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Metric, SampledStudy, Values, compare, rms
 from pps_vision.experiments.tables import Table, estimate, median_first
 from pps_vision.geometry.camera import View

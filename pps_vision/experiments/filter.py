@@ -15,8 +15,8 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
 from pps_vision.experiments.charts import PAGE_IN, panels, speed_error
-from pps_vision.experiments.scenarios import KINDS, Footage, of_kind
-from pps_vision.experiments.score import steps_of
+from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
+from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import (
     DATA,
     TURNS,

@@ -20,7 +20,7 @@ from control.neck_and_eyes import NeckAndEyesParams, joints
 from control.search import SearchParams, SearchState
 from pps_vision.app.simulation import at_taxel
 from pps_vision.experiments import charts
-from pps_vision.experiments.scenarios import EYES_M
+from pps_vision.experiments.films.recordings import EYES_M
 from pps_vision.experiments.study import SampledStudy, interval, mean, median
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.geometry.camera import View

@@ -23,7 +23,7 @@ from pps_vision.app.render import record
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.track import track
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.films.scenes import Film, FilmScene
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, SampledStudy
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
@@ -112,7 +112,7 @@ class Growth(SampledStudy):
 
     def _object(self, across_px: int) -> dict[str, Callable[[], Times]]:
         width, height = _OBJECTS_IN
-        radius_m = 0.5 * across_px / (IndependentScene().focal * width) * _DISTANCE_M
+        radius_m = 0.5 * across_px / (FilmScene().focal * width) * _DISTANCE_M
         film = self._film(width, height, radius_m=radius_m, distance_m=_DISTANCE_M)
         return {
             "all pixels": partial(_per_pair, *film, TrackerParams()),
@@ -120,7 +120,7 @@ class Growth(SampledStudy):
         }
 
     def _film(self, width: int, height: int, **what: Any) -> tuple[StereoRig, tuple[StereoFrame, ...]]:
-        scene = IndependentScene(width, height, seconds=_SECONDS, start="moving", **what)
+        scene = FilmScene(width, height, seconds=_SECONDS, start="moving", **what)
         film = Film(scene, self.seed, self.data)
         return film.rig, tuple(film)
 

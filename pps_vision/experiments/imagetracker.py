@@ -19,8 +19,8 @@ from pps_vision.experiments.baselines.image_trackers import (
 )
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.composites import DIFFICULTIES, composite
-from pps_vision.experiments.independent_scenes import PHOTOS
-from pps_vision.experiments.scenarios import HUES_DEG, moving
+from pps_vision.experiments.films.caster import PHOTOS
+from pps_vision.experiments.films.recordings import HUES_DEG, moving
 from pps_vision.experiments.study import (
     DATA,
     TURNS,

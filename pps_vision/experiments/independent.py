@@ -1,94 +1,206 @@
-"""Tracking on independent scenes and on rendered ones, case by case, beside baselines and goals."""
+"""Tracking on ray-cast scenes and on rendered ones, case by case, beside baselines and goals.
 
-from collections.abc import Iterator, Mapping
+Right: status tracking and an error below 30 mm; share of the frames from 1 s on (of `start` rest: from 1 s after the
+object first moves) in which both eyes see at least half of the object. False claim: status tracking and an error above
+50 mm; share of all frames. Found after: time from when both eyes see the object move to the first right frame. Median
+error, error of the radius, stated standard deviation (geometric mean of the three axes) and coverage of the 95 %
+ellipsoid: over the judged frames with status tracking. Of two equal balls either may be tracked, but the same one
+throughout. Baselines get the true boxes in the first frame that shows the whole object.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.errors import InputError
-from pps_vision.experiments.independent_cases import CASES, Case
-from pps_vision.experiments.independent_films import Film
-from pps_vision.experiments.independent_report import (
-    Cells,
-    against_time,
-    baselines_table,
-    goals_table,
-    missed_table,
-    scores_table,
-)
-from pps_vision.experiments.independent_scenes import PHOTOS
-from pps_vision.experiments.independent_score import Scores, measure
-from pps_vision.experiments.rendered_films import RenderedFilm, can_render
-from pps_vision.experiments.study import DATA, SceneSource, TrackingStudy
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.charts import PAGE_IN, panels
+from pps_vision.experiments.films.cases import CASES, Case, Goal
+from pps_vision.experiments.films.caster import PHOTOS
+from pps_vision.experiments.films.rendered import RenderedFilm, can_render
+from pps_vision.experiments.films.scenes import Film
+from pps_vision.experiments.films.score import BASELINES, OURS, Scores, measure_film, summary
+from pps_vision.experiments.study import DATA, SceneSource, TrackingStudy, median
+from pps_vision.experiments.tables import Table, estimate, judged
+
+CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]
+"""Scores of each film by case and tracker."""
+COLUMNS = {
+    "right_percent": "right (%)",
+    "least_right_percent": "right, worst film (%)",
+    "most_found_s": "found after, worst film (s)",
+    "false_percent": "false claims (%)",
+    "median_mm": "median error (mm)",
+    "radius_percent": "radius error (%)",
+    "covered_percent": "95 % ellipsoid (%)",
+    "least_covered_percent": "95 % ellipsoid, least of a film (%)",
+    "most_covered_percent": "95 % ellipsoid, most of a film (%)",
+    "ms_per_pair": "ms per pair",
+}
+_HARDEST = 12
+_HARDEST_COLUMNS = ("right_percent", "least_right_percent", "false_percent", "median_mm", "covered_percent")
+_COMPARED_COLUMNS = ("right_percent", "false_percent", "median_mm", "ms_per_pair")
+_COLORS = dict(zip((OURS, *BASELINES), ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"), strict=True))
+_RIGHT_PERCENT = 90.0
+_CASES = {case.name: case for case in CASES}
 
 
 @dataclass(frozen=True)
 class Independent(TrackingStudy):
-    """Every case of the tracking table on scenes that share no code with our renderer, and on rendered ones.
-
-    Right: status tracking, less than 30 mm off, as a share of the frames from 1 s on (of `start` rest: from 1 s after
-    the object first moves) in which both eyes see at least half of the object.  False claim: status tracking, more
-    than 50 mm off, as a share of all frames.  Found: seconds from when both eyes see the object move until the first
-    right frame.  Medians of the error, of the radius's error and of the stated standard deviation (geometric mean
-    of the three axes), and coverage of the 95 % ellipsoid: over the frames of the first share with status tracking.
-    Of two balls that nothing tells apart either may be tracked, but the same one throughout: all numbers refer to the
-    ball for which most frames are right. Baselines are told the true boxes in the first frame that shows the object.
-    """
+    """Every case of `films.cases` by the tracker with its defaults, which gets the rig and nothing else."""
 
     SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 
     n: int = 6
-    """Independent films of each case, over different photographs."""
+    """Ray-cast films of each case, before different photographs."""
     n_rendered: int = 1
     """Rendered films of each case that our renderer can draw."""
     n_compared: int = 1
-    """Independent films of each case on which the baselines are tried too."""
+    """Ray-cast films of each case on which the baselines run too."""
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
     only: str = ""
     """Only the cases whose names contain this."""
 
     def run(self) -> dict[str, Any]:
-        """By source, case and tracker: each film's scores."""
+        """Return by source, case and tracker the scores of each film."""
         chosen = [case for case in CASES if self.only in case.name]
         if not chosen:
             raise InputError("bench independent", f"--only {self.only!r}; expected a part of a case's name")
-        found: dict[str, Any] = {source: {} for source in self.sources}
+        numbers: dict[str, Any] = {source: {} for source in self.sources}
         for source in self.sources:
             for case in tqdm(chosen, desc=source, unit="case", disable=None):
                 films = list(self._films(source, case))
                 if films:
-                    found[source][case.name] = _by_tracker(films)
+                    numbers[source][case.name] = {
+                        name: [film[name] for film in films if name in film] for name in films[0]
+                    }
         absent = [name for name in PHOTOS if not (self.data / name).exists()]
-        return {**found, "procedural_instead_of": absent}
+        return {**numbers, "procedural_instead_of": absent}
 
     def _films(self, source: SceneSource, case: Case) -> Iterator[dict[str, Scores]]:
-        """Each film's scores by tracker; none of what the source cannot draw."""
-        for k in range(self.n if source == "independent" else self.n_rendered * can_render(case.base)):
-            make, compared = (Film, k < self.n_compared) if source == "independent" else (RenderedFilm, False)
-            yield measure(case, make(case.scene(k), self.seed + k, self.data), compared)
+        """Scores of each film by tracker; nothing where the source cannot draw the case."""
+        if source == "independent":
+            for k in range(self.n):
+                yield measure_film(case, Film(case.scene(k), self.seed + k, self.data), k < self.n_compared)
+        elif can_render(case.base):
+            for k in range(self.n_rendered):
+                yield measure_film(case, RenderedFilm(case.scene(k), self.seed + k, self.data), False)
 
-    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Success and error against time, a panel a case, ours beside the baselines."""
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Draw right and median error of every case, ours beside the baselines; hollow: rendered scenes."""
         cells = _by_source(numbers)
-        labels = {"right": ("right_percent", "right (%)"), "error": ("median_mm", "median error (mm)")}
-        return {name: against_time(cells, *what) for name, what in labels.items()}
+        names = list(dict.fromkeys(name for by_case in cells.values() for name in by_case))
+        figure, axes = panels(2, width=PAGE_IN / 2, height=1.0 + 0.15 * len(names))
+        for axis, key in zip(axes, ("right_percent", "median_mm"), strict=True):
+            for source, by_case in cells.items():
+                for tracker, color in _COLORS.items():
+                    points = {
+                        names.index(name): summary(films[tracker])[key]
+                        for name, films in map(_compared_films, by_case.items())
+                        if tracker in films
+                    }
+                    face = color if source == "independent" else "none"
+                    style: dict[str, Any] = {
+                        "ls": "",
+                        "mec": color,
+                        "mfc": face,
+                        "ms": 4,
+                        "zorder": 3 if tracker == OURS else 2,
+                    }
+                    if points:
+                        axis.plot(list(points.values()), list(points), "o", label=f"{tracker}, {source}", **style)
+            axis.set_xlabel(COLUMNS[key], fontsize=8)
+            axis.set_yticks(range(len(names)), names if axis is axes[0] else [], fontsize=5)
+            axis.set_ylim(len(names) - 0.5, -0.5)
+            axis.grid(alpha=0.25)
+        axes[1].set_xscale("log")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=7)
+        return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the scores by case, of each source; which goals are met and missed; ours beside the baselines."""
+        """Return the hardest ray-cast cases, the number of cases that meet each goal, and ours beside the baselines."""
         cells = _by_source(numbers)
-        summaries = {"goals": goals_table(cells), "missed": missed_table(cells), "baselines": baselines_table(cells)}
-        return {"": scores_table(cells["independent"]), "rendered": scores_table(cells["rendered"]), **summaries}
+        return {
+            "": _hardest_table(cells["independent"]),
+            "goals": _goals_table(cells),
+            "baselines": _baselines_table(cells),
+        }
 
 
-def _by_source(numbers: dict[str, Any]) -> dict[str, Cells]:
-    """The scores by source, case and tracker; none of a source that was not asked for."""
+def _by_source(numbers: dict[str, Any]) -> dict[str, CaseScores]:
     return {source: numbers.get(source, {}) for source in ("independent", "rendered")}
 
 
-def _by_tracker(films: list[dict[str, Scores]]) -> dict[str, list[Scores]]:
-    return {name: [film[name] for film in films if name in film] for name in films[0]}
+def _compared_films(
+    case: tuple[str, Mapping[str, Sequence[Scores]]],
+) -> tuple[str, dict[str, Sequence[Scores]]]:
+    """A case with the films on which all trackers ran."""
+    name, by_tracker = case
+    n = min(len(films) for films in by_tracker.values())
+    return name, {tracker: films[:n] for tracker, films in by_tracker.items()}
+
+
+class JudgedGoal(NamedTuple):
+    """A case's score and one of its goals."""
+
+    case: str
+    key: str
+    goal: Goal
+    score: float
+
+
+def judged_goals(cells: CaseScores) -> Iterator[JudgedGoal]:
+    """Yield every goal of every measured case with our score."""
+    for name, by_tracker in cells.items():
+        scores = summary(by_tracker[OURS])
+        for key in COLUMNS:
+            yield from (JudgedGoal(name, key, goal, scores[key]) for goal in _CASES[name].goals.get(key, ()))
+
+
+def _hardest_table(cells: CaseScores) -> Table:
+    """The cases with the fewest right frames, then the largest errors; bold where a goal is missed."""
+    missed = {(goal.case, goal.key) for goal in judged_goals(cells) if goal.goal.missed(goal.score)}
+    scores = {name: summary(by_tracker[OURS]) for name, by_tracker in cells.items()}
+    names = sorted(scores, key=lambda name: (scores[name]["right_percent"], -scores[name]["median_mm"]))[:_HARDEST]
+    rows = [
+        [name, *(judged(estimate([scores[name][key]]), (name, key) in missed) for key in _HARDEST_COLUMNS)]
+        for name in names
+    ]
+    return Table(["case", *(COLUMNS[key] for key in _HARDEST_COLUMNS)], rows)
+
+
+def _goals_table(by_source: Mapping[str, CaseScores]) -> Table:
+    """Number of the cases with a goal that meet it, one row a score."""
+    rows = []
+    for key, text in COLUMNS.items():
+        counts = []
+        for cells in by_source.values():
+            goals = [goal for goal in judged_goals(cells) if goal.key == key]
+            cases = {goal.case for goal in goals}
+            missed = {goal.case for goal in goals if goal.goal.missed(goal.score)}
+            counts.append(f"{len(cases) - len(missed)} of {len(cases)}" if cases else "–")
+        if set(counts) != {"–"}:
+            rows.append([text, *counts])
+    return Table(["goal met, cases", *by_source], rows)
+
+
+def _baselines_table(by_source: Mapping[str, CaseScores]) -> Table:
+    """One row a source and tracker, over the films on which all trackers ran."""
+    rows = []
+    for source, cells in by_source.items():
+        films = [by_tracker for _, by_tracker in map(_compared_films, cells.items())]
+        for tracker in _COLORS:
+            scores = [summary(by_tracker[tracker]) for by_tracker in films if tracker in by_tracker]
+            if scores:
+                right, false, mm, ms = (np.array([score[key] for score in scores]) for key in _COMPARED_COLUMNS)
+                cases = f"{np.count_nonzero(right >= _RIGHT_PERCENT)} of {len(scores)}"
+                means = [estimate([float(x.mean())]) for x in (right, false)]
+                medians = [estimate([median(x[np.isfinite(x)])]) for x in (mm, ms)]
+                rows.append([f"{source}: {tracker}", cases, *means, *medians])
+    header = ["right (%), mean", "false claims (%), mean", "median error (mm), median", "ms per pair, median"]
+    return Table(["scenes: tracker", f"cases right in {_RIGHT_PERCENT:g} %", *header], rows)

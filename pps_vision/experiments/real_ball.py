@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from pps_vision.experiments.scenarios import Footage
+from pps_vision.experiments.films.recordings import Footage
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration

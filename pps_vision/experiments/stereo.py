@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines import disparity
 from pps_vision.experiments.charts import PAGE_IN, intervals, panels, speed_errors
-from pps_vision.experiments.scenarios import EYES_M, Footage, film, follow, watching
-from pps_vision.experiments.score import steps_of
+from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
+from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import (
     NOISE_SIGMA,
     TURNS,

@@ -15,7 +15,7 @@ from pps_vision.app.diagnosis import Diagnosis, diagnose, faults_of, length
 from pps_vision.app.track import track
 from pps_vision.app.track_statistics import PathStatistics
 from pps_vision.app.track_summary import diagnosis_of, summary
-from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.films.scenes import Film, FilmScene
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.recordings.image_file import ImageFile
@@ -395,7 +395,7 @@ def test_units_are_proposed_by_which_the_cameras_are_2_cm_to_1_m_apart(
 @pytest.fixture(scope="module")
 def crossing() -> Film:
     """A ball that crosses the view obliquely, 30 cm/s, 60 cm away."""
-    return Film(IndependentScene(320, 240, seconds=2.0, motion="straight"), seed=11)
+    return Film(FilmScene(320, 240, seconds=2.0, motion="straight"), seed=11)
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,6 @@ def test_what_a_short_run_could_not_measure_is_not_a_number(tmp_path: Path) -> N
     missing = {"mean_recording_mm": [None] * 3, "worst_recording_mm": [None] * 3, "near_percent": [0.0, 0.0, 0.0]}
     measured = {"mean_recording_mm": [0.4, 0.3, 0.5], "worst_recording_mm": [2, 1, 3], "near_percent": [100, 99, 100]}
     cells = {"rendered, ball": {"tracker": missing}, "rendered, marker": {"tracker": measured}}
-    (tmp_path / "tracking.json").write_text(json.dumps({"cells": cells}))
+    (tmp_path / "tracking.json").write_text(json.dumps({"accuracy": {"cells": cells}}))
     (row,) = claims_table(tmp_path).rows
     assert row[2] == "nan / 0.40 mm, worst recording nan / 2.00 mm; tracked **0** / 100 % of the time"

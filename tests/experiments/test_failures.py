@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.failures import BREAKS, DISTURBANCES, FINE, Failures, fine, methods, plain
-from pps_vision.experiments.scenarios import Footage
+from pps_vision.experiments.films import disturbances as d
+from pps_vision.experiments.films.recordings import Footage
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.image_trackers import image_tracker
+from pps_vision.experiments.films.recordings import moving
 from pps_vision.experiments.imagetracker import DEFAULT, HueBlob, ParticleTracker, View, methods
-from pps_vision.experiments.scenarios import moving
 
 
 def test_the_true_box_is_the_drawn_ball_s() -> None:

@@ -6,23 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pps_vision.errors import InputError
-from pps_vision.experiments import independent
-from pps_vision.experiments.independent import Independent
-from pps_vision.experiments.independent_cases import CASES, Goal
-from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.experiments.independent_report import baselines_table, goals_table, missed_table, scores_table
-from pps_vision.experiments.independent_score import BASELINES, OURS, measure, summary
-from pps_vision.experiments.rendered_films import RenderedFilm
+from pps_vision.experiments.films.cases import CASES, Goal
+from pps_vision.experiments.films.rendered import RenderedFilm
+from pps_vision.experiments.films.scenes import Film, FilmScene
+from pps_vision.experiments.films.score import BASELINES, OURS, measure_film
 from pps_vision.types import Array
 
 NOWHERE = Path("no such folder")
-SMALL = IndependentScene(width=320, height=240, seconds=2.0, fps=10.0, start="moving")
-
-
-def film_scores(right: float, mm: float = 1.0, covered: float = 95.0, **others: float) -> dict[str, float]:
-    numbers = {"right_percent": right, "false_percent": 0.0, "median_mm": mm, "covered_percent": covered}
-    return {**numbers, "found_s": 0.1, "radius_percent": 4.0, "ms_per_pair": 2.0, **others}
+SMALL = FilmScene(width=320, height=240, seconds=2.0, fps=10.0, start="moving")
 
 
 def test_goals_are_those_of_the_tracking_table() -> None:
@@ -37,51 +28,17 @@ def test_goals_are_those_of_the_tracking_table() -> None:
     assert all(of["false_percent"] == (Goal(1),) for of in goals.values())
 
 
-def test_the_worst_film_is_beside_the_mean() -> None:
-    found = summary([film_scores(100), film_scores(80, covered=70), film_scores(99)])
-    assert (found["right_percent"], found["least_right_percent"]) == (93, 80)
-    assert (found["least_covered_percent"], found["most_covered_percent"]) == (70, 95)
-    assert np.isnan(summary([film_scores(100), film_scores(0, found_s=np.nan)])["most_found_s"])
-
-
-def test_missed_goals_are_bold_and_counted() -> None:
-    cells = {
-        "vivid, red": {OURS: [film_scores(100), film_scores(97)]},
-        "grey, entering": {OURS: [film_scores(96, mm=3.2)]},
-        "2 cm/s": {OURS: [film_scores(100), film_scores(0, found_s=np.nan)]},
-    }
-    table = scores_table(cells)
-    vivid, grey, slow = (dict(zip(table.header, row, strict=True)) for row in table.rows)
-    assert vivid["right, worst film (%)"] == "**97** (≥ 98)"
-    assert grey["right (%)"] == "96 (≥ 95)"
-    assert grey["median error (mm)"] == "**3.2** (≤ 3)"
-    assert slow["found after, worst film (s)"] == "**–** (≤ 2)"
-    rows = {row[0]: row[1:] for row in goals_table({"independent": cells, "rendered": {}}).rows}
-    assert rows["right, worst film (%)"] == ["0 of 1", "–"]
-    assert rows["false claims (%)"] == ["3 of 3", "–"]
-    missed = {row[0]: row[1] for row in missed_table({"independent": cells}).rows}
-    assert missed["independent: median error (mm) ≤ 3"] == "grey, entering **3.2**"
-    assert len(missed) == 3
-
-
-def test_trackers_are_compared_on_the_films_that_all_were_tried_on() -> None:
-    cells = {"noise 10": {OURS: [film_scores(100), film_scores(0)], "two KCF": [film_scores(50)]}}
-    rows = {row[0]: row[1:] for row in baselines_table({"independent": cells}).rows}
-    assert rows["independent: ours"][:2] == ["1 of 1", "100"]
-    assert rows["independent: two KCF"][:2] == ["0 of 1", "50"]
-
-
 def test_baselines_are_told_the_object_where_all_of_it_is_seen_first() -> None:
     """On a vivid ball all are right; none can be before both eyes see the whole of it."""
     case = next(case for case in CASES if case.name == "vivid, red")
     film = Film(replace(SMALL, seconds=3.0, fps=20.0, start="entering"), 7301, NOWHERE)
-    found = measure(case, film, True)
+    found = measure_film(case, film, True)
     assert list(found) == [OURS, *BASELINES]
     seen_s = next(row.stamp_s for row in film.truth if row.visible_left and row.visible_right)
     for name in BASELINES:
         assert found[name]["found_s"] == pytest.approx(film.stamps_s[film.first_boxes[0]] - seen_s)
     assert found["two CSRT"]["right_percent"] > 90
-    assert list(measure(case, film, False)) == [OURS]
+    assert list(measure_film(case, film, False)) == [OURS]
 
 
 def centroid(image: Array, empty: Array) -> Array:
@@ -119,16 +76,3 @@ def test_rendered_films_have_the_patterns_and_the_finger_of_independent_ones() -
         assert max(below) < 12  # a grey finger in both
     with pytest.raises(ValueError, match="a textured square"):
         RenderedFilm(replace(SMALL, shape="square", pattern="textured"), 1)
-
-
-def test_a_short_study_gives_every_table_and_chart(monkeypatch: pytest.MonkeyPatch) -> None:
-    few = [replace(case, base=replace(case.base, width=160, height=120, seconds=1.4, fps=10.0)) for case in CASES]
-    monkeypatch.setattr(independent, "CASES", few)
-    study = Independent(n=1, seed=7300, data=NOWHERE, only="textured square")
-    numbers = study.run()
-    assert list(numbers["independent"]) == ["textured square"]
-    assert numbers["rendered"] == {}
-    assert list(study.chart(numbers)) == ["right", "error"]
-    assert set(study.tables(numbers)) == {"", "rendered", "goals", "missed", "baselines"}
-    with pytest.raises(InputError, match="part of a case's name"):
-        replace(study, only="no such case").run()

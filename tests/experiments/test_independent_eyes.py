@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from control.fixation import gaze_at
-from pps_vision.experiments.independent_eyes import IndependentEyes
-from pps_vision.experiments.scenarios import moving
+from pps_vision.experiments.films.recordings import moving
+from pps_vision.experiments.films.rendered import RayCastEyes
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
@@ -33,7 +33,7 @@ def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
     state, ball = SceneState(q, p, props=nearer), make_stimulus("ball")
     with Eyes(robot, rig, ball, props=props) as eyes:
         theirs, their_truth = eyes.render(state, 0.0), eyes.truth(state, 0.0)
-    ours = IndependentEyes(robot, rig, ball, props=props, data=Path("no such folder"))
+    ours = RayCastEyes(robot, rig, ball, props=props, data=Path("no such folder"))
     frame, truth = ours.render(state, 0.0), ours.truth(state, 0.0)
     np.testing.assert_allclose(truth.left_px, their_truth.left_px, atol=1e-3)
     np.testing.assert_allclose(truth.right_px, their_truth.right_px, atol=1e-3)
@@ -62,10 +62,10 @@ def test_what_it_cannot_show_is_refused() -> None:
     robot = load_icub()
     rig, ball = icub_rig(robot), make_stimulus("ball")
     with pytest.raises(ValueError, match="cube"):
-        IndependentEyes(robot, rig, make_stimulus("cube"))
+        RayCastEyes(robot, rig, make_stimulus("cube"))
     with pytest.raises(ValueError, match="carrier 'hand'"):
-        IndependentEyes(robot, rig, ball, "hand")
-    eyes = IndependentEyes(robot, rig, ball, sensor=Sensor(noise_sigma=1.0))
+        RayCastEyes(robot, rig, ball, "hand")
+    eyes = RayCastEyes(robot, rig, ball, sensor=Sensor(noise_sigma=1.0))
     with pytest.raises(ValueError, match="random generator"):
         eyes.render(SceneState(np.zeros(robot.n_joints)), 0.0)
     with pytest.raises(ValueError, match="1 props; there are 0"):

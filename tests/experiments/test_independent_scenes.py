@@ -9,50 +9,50 @@ import pytest
 from data import shared_data
 
 from pps_vision.experiments.baselines.image_trackers import sphere_box
-from pps_vision.experiments.independent_cases import CASES
-from pps_vision.experiments.independent_films import (
-    EYES_AT_REST,
-    Film,
-    IndependentScene,
-    head_pose,
-    lenses,
-)
-from pps_vision.experiments.independent_scenes import (
+from pps_vision.experiments.films.cases import CASES
+from pps_vision.experiments.films.caster import (
     AMBIENT,
     LIGHT,
     PHOTOS,
-    Arrangement,
     Ball,
-    Caster,
     Cylinder,
-    Lens,
+    FilmLens,
+    Paint,
     Panel,
+    RayCaster,
     Room,
-    Surface,
+    Solids,
     photograph,
     visible_share,
 )
-from pps_vision.experiments.independent_score import score, score_of_either
-from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
+from pps_vision.experiments.films.scenes import (
+    EYES_AT_REST,
+    Film,
+    FilmScene,
+    head_pose,
+    lenses,
+)
+from pps_vision.experiments.films.score import score, score_of_either
+from pps_vision.experiments.films.sensor import SensorChain, noise_tape
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Status, Track3D
 
 NOWHERE = Path("no such folder")  # every photograph a procedural texture
 BENT = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])
-LENS = Lens(160, 120, np.array([[140.0, 0, 78.2], [0, 141.0, 61.3], [0, 0, 1]]), BENT)
-WHITE = Surface((255.0, 255.0, 255.0))
+LENS = FilmLens(160, 120, np.array([[140.0, 0, 78.2], [0, 141.0, 61.3], [0, 0, 1]]), BENT)
+WHITE = Paint((255.0, 255.0, 255.0))
 HERE = np.eye(4)
 
 
-def coverage(lens: Lens, things: Arrangement) -> np.ndarray:
+def coverage(lens: FilmLens, things: Solids) -> np.ndarray:
     """(h, w) share of each pixel that lies on black things before a lit room."""
-    room = Caster(lens, Room(), NOWHERE)
-    black = Surface((0.0, 0.0, 0.0))
-    balls = tuple(replace(ball, surface=black) for ball in things.balls)
-    panels = tuple(replace(panel, surface=black) for panel in things.panels)
+    room = RayCaster(lens, Room(), NOWHERE)
+    black = Paint((0.0, 0.0, 0.0))
+    balls = tuple(replace(ball, paint=black) for ball in things.balls)
+    panels = tuple(replace(panel, paint=black) for panel in things.panels)
     room._walls = np.full_like(room._walls, 255.0)
-    cylinders = tuple(replace(cylinder, surface=black) for cylinder in things.cylinders)
-    return 1 - room.light([HERE], [Arrangement(balls, panels, cylinders)])[..., 0] / 255
+    cylinders = tuple(replace(cylinder, paint=black) for cylinder in things.cylinders)
+    return 1 - room.light([HERE], [Solids(balls, panels, cylinders)])[..., 0] / 255
 
 
 def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
@@ -63,7 +63,7 @@ def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
     A, b = Q[:2, :2], Q[:2, 2]
     middle = -np.linalg.solve(A, b)
     area = np.pi * (Q[2, 2] + b @ middle) / np.sqrt(np.linalg.det(A)) * -np.sign(np.trace(A))
-    share = coverage(lens, Arrangement((Ball(c, r, WHITE),)))
+    share = coverage(lens, Solids((Ball(c, r, WHITE),)))
     v, u = np.mgrid[: lens.height, : lens.width]
     assert share.sum() == pytest.approx(area, rel=2e-3)
     found = np.array([(u * share).sum(), (v * share).sum()]) / share.sum()
@@ -78,7 +78,7 @@ def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
     edge = [(s, -1 + 0 * s), (1 + 0 * s, s), (-s, 1 + 0 * s), (-1 + 0 * s, -s)]
     rim = np.concatenate([panel.center + a * panel.right + b * panel.down for a, b in edge])
     pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), LENS.K, BENT)[0].astype(np.float32)
-    share = coverage(LENS, Arrangement((), (panel,)))
+    share = coverage(LENS, Solids((), (panel,)))
     assert share.sum() == pytest.approx(cv2.contourArea(pixels), rel=2e-3)
     moments = cv2.moments(pixels)
     v, u = np.mgrid[: LENS.height, : LENS.width]
@@ -90,7 +90,7 @@ def test_a_cylinder_is_as_wide_as_its_tangents_and_hides_what_is_behind() -> Non
     """An upright one at distance d: tangent planes at ±r/√(d² − r²) of the axis; its lower edge's lowest point is the
     rim's nearest."""
     lens, d, r, half = replace(LENS, distortion=np.zeros(5)), 0.5, 0.04, np.array([0.0, 0.1, 0.0])
-    share = coverage(lens, Arrangement(cylinders=(Cylinder(np.array([0, 0, d]), half, r, WHITE),)))
+    share = coverage(lens, Solids(cylinders=(Cylinder(np.array([0, 0, d]), half, r, WHITE),)))
     middle = slice(lens.height // 2 - 10, lens.height // 2 + 10)
     np.testing.assert_allclose(share[middle].sum(axis=1), 2 * lens.K[0, 0] * r / np.sqrt(d * d - r * r), rtol=5e-3)
     column = round(float(lens.K[0, 2]))
@@ -98,14 +98,12 @@ def test_a_cylinder_is_as_wide_as_its_tangents_and_hides_what_is_behind() -> Non
     assert share[:, column].sum() == pytest.approx(min(high, lens.height - 0.5) - max(low, -0.5), abs=0.1)
     ball = Ball(np.array([0, 0, 0.8]), 0.08, WHITE)
     beside = Cylinder(np.array([-r, 0, d]), half * 5, r, WHITE)  # x = 0 is a tangent plane through the eye
-    assert visible_share(lens, HERE, Arrangement((ball,), cylinders=(beside,)), ball, ()) == pytest.approx(
-        0.5, abs=0.02
-    )
+    assert visible_share(lens, HERE, Solids((ball,), cylinders=(beside,)), ball, ()) == pytest.approx(0.5, abs=0.02)
 
 
 def test_truth_is_what_opencv_projects() -> None:
     """Of both eyes of a fixed rig, root frame the left eye."""
-    scene = IndependentScene(seconds=0.2, start="moving")
+    scene = FilmScene(seconds=0.2, start="moving")
     film = Film(scene, 3, NOWHERE)
     for row in film.truth:
         for lens, shift, pixel in zip(lenses(scene), (0.0, -0.12), (row.left_px, row.right_px), strict=True):
@@ -118,22 +116,22 @@ def test_truth_is_what_opencv_projects() -> None:
 
 
 def test_what_is_nearer_hides_what_is_behind() -> None:
-    far, near = Ball(np.array([0, 0, 0.8]), 0.08, WHITE), Ball(np.array([0.05, 0, 0.4]), 0.05, Surface((255.0, 0, 0)))
-    image = Caster(LENS, Room(), NOWHERE).light([HERE], [Arrangement((near, far))])
-    swapped = Caster(LENS, Room(), NOWHERE).light([HERE], [Arrangement((far, near))])
+    far, near = Ball(np.array([0, 0, 0.8]), 0.08, WHITE), Ball(np.array([0.05, 0, 0.4]), 0.05, Paint((255.0, 0, 0)))
+    image = RayCaster(LENS, Room(), NOWHERE).light([HERE], [Solids((near, far))])
+    swapped = RayCaster(LENS, Room(), NOWHERE).light([HERE], [Solids((far, near))])
     np.testing.assert_array_equal(image, swapped)
     u, v = np.rint(LENS.project(HERE, near.center)[0]).astype(int)
     assert image[v, u, 0] > 100
     assert image[v, u, 1] == 0
     board = Panel(np.array([-0.5, 0, 0.5]), np.array([0.5, 0, 0]), np.array([0, 1.0, 0]), WHITE)  # up to x = 0
-    assert visible_share(LENS, HERE, Arrangement((far,)), far, (board,)) == pytest.approx(0.5, abs=0.02)
-    assert visible_share(LENS, HERE, Arrangement((far,)), far, ()) == 1.0
-    assert visible_share(LENS, HERE, Arrangement((replace(far, center=np.array([3.0, 0, 0.8])),)), far, ()) == 1.0
+    assert visible_share(LENS, HERE, Solids((far,)), far, (board,)) == pytest.approx(0.5, abs=0.02)
+    assert visible_share(LENS, HERE, Solids((far,)), far, ()) == 1.0
+    assert visible_share(LENS, HERE, Solids((replace(far, center=np.array([3.0, 0, 0.8])),)), far, ()) == 1.0
 
 
 def test_shading_is_lambert_s() -> None:
-    ball = Ball(np.array([0, 0, 0.5]), 0.1, Surface((200.0, 100.0, 50.0)))
-    image = Caster(LENS, Room(), NOWHERE).light([HERE], [Arrangement((ball,))])
+    ball = Ball(np.array([0, 0, 0.5]), 0.1, Paint((200.0, 100.0, 50.0)))
+    image = RayCaster(LENS, Room(), NOWHERE).light([HERE], [Solids((ball,))])
     u, v = np.rint(LENS.project(HERE, ball.center)[0]).astype(int)
     expected = np.array([200, 100, 50]) * (AMBIENT + (1 - AMBIENT) * max(-LIGHT[2], 0))
     np.testing.assert_allclose(image[v, u], expected, rtol=0.02)
@@ -143,11 +141,11 @@ def test_motion_blur_is_as_long_as_the_way_in_the_exposure() -> None:
     """A disc's variance along its motion grows by way²/12, its centre stays; nothing happens across."""
     way_m = np.linspace(-0.5, 0.5, 16) * 0.1 * 15 / 16
     lens = replace(LENS, distortion=np.zeros(5))
-    caster = Caster(lens, Room(), NOWHERE)
+    caster = RayCaster(lens, Room(), NOWHERE)
     caster._walls = np.zeros_like(caster._walls)
-    worlds = [Arrangement((Ball(np.array([x, 0, 0.5]), 0.04, WHITE),)) for x in way_m]
+    worlds = [Solids((Ball(np.array([x, 0, 0.5]), 0.04, WHITE),)) for x in way_m]
     light = caster.light([HERE] * 16, worlds)[..., 0]
-    sharp = caster.light([HERE], [Arrangement((Ball(np.array([0, 0, 0.5]), 0.04, WHITE),))])[..., 0]
+    sharp = caster.light([HERE], [Solids((Ball(np.array([0, 0, 0.5]), 0.04, WHITE),))])[..., 0]
     v, u = np.mgrid[: lens.height, : lens.width]
 
     def moments(image: np.ndarray) -> tuple[float, float, float]:
@@ -209,7 +207,7 @@ def test_the_head_is_the_icub_s() -> None:
 
 
 def test_stale_poses_are_as_old_as_asked_and_the_images_are_not() -> None:
-    fresh = Film(IndependentScene(rig="head", seconds=0.2, width=64, height=48), 5, NOWHERE)
+    fresh = Film(FilmScene(rig="head", seconds=0.2, width=64, height=48), 5, NOWHERE)
     stale = Film(replace(fresh.scene, stale_s=0.02), 5, NOWHERE)
     for one, other in zip(fresh, stale, strict=True):
         np.testing.assert_array_equal(one.left, other.left)
@@ -222,14 +220,14 @@ def test_stale_poses_are_as_old_as_asked_and_the_images_are_not() -> None:
 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_rotating_rig_is_told_only_where_it_is_known(known: bool) -> None:
-    film = Film(IndependentScene(rig="rotating", rig_known=known, seconds=1.0, start="moving"), 6, NOWHERE)
+    film = Film(FilmScene(rig="rotating", rig_known=known, seconds=1.0, start="moving"), 6, NOWHERE)
     row = film.truth[15]  # a quarter of the period: turned by 1°
     off = np.linalg.norm(film.rig.view(film.joints(row.stamp_s)).left.project(row.position) - row.left_px)
     assert off < 1e-3 if known else off > 5
 
 
 def test_films_depend_on_the_seed_and_on_nothing_else() -> None:
-    scene = IndependentScene(seconds=0.1, width=64, height=48, sensor=SensorChain(shot=0.1, bayer=True))
+    scene = FilmScene(seconds=0.1, width=64, height=48, sensor=SensorChain(shot=0.1, bayer=True))
     film = Film(scene, 1, NOWHERE)
     for one, again, other in zip(film, film, Film(scene, 2, NOWHERE), strict=True):
         np.testing.assert_array_equal(one.right, again.right)
@@ -239,7 +237,7 @@ def test_films_depend_on_the_seed_and_on_nothing_else() -> None:
 @pytest.mark.parametrize("motion", ["straight", "stop_and_go", "reversal", "circle"])
 @pytest.mark.parametrize("start", ["moving", "rest", "entering"])
 def test_motions_keep_their_speed_and_begin_as_asked(motion: str, start: str) -> None:
-    scene = IndependentScene(motion=motion, start=start, seconds=7, fps=20)  # type: ignore[arg-type]
+    scene = FilmScene(motion=motion, start=start, seconds=7, fps=20)  # type: ignore[arg-type]
     film = Film(scene, 4, NOWHERE)
     speed = np.array([np.linalg.norm(row.velocity) for row in film.truth])
     assert np.all(np.isclose(speed, 0) | np.isclose(speed, 0.3))
@@ -262,7 +260,7 @@ def test_every_case_shows_its_object() -> None:
 
 
 def test_scores_count_what_they_say() -> None:
-    film = Film(IndependentScene(start="moving", seconds=2.0, fps=10.0), 1, NOWHERE)
+    film = Film(FilmScene(start="moving", seconds=2.0, fps=10.0), 1, NOWHERE)
 
     def track(k: int, off_m: float, status: Status = Status.TRACKING) -> Track3D:
         mean = np.zeros((4, 3))
@@ -296,7 +294,7 @@ def test_scores_count_what_they_say() -> None:
 
 
 def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
-    scene = IndependentScene(start="moving", seconds=2.0, fps=10.0, second="same")
+    scene = FilmScene(start="moving", seconds=2.0, fps=10.0, second_ball=True)
     film = Film(scene, 1, NOWHERE)
     first, second = (np.array([row.position for row in truth]) for truth in film.truths)
     middle = 0.5 * (first + second)
@@ -321,11 +319,11 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
 
 
 def test_a_finger_moves_with_the_ball_from_beyond_the_edge_and_is_no_object() -> None:
-    film = Film(IndependentScene(start="moving", finger=True, seconds=4.0, fps=5.0), 2, NOWHERE)
+    film = Film(FilmScene(start="moving", finger=True, seconds=4.0, fps=5.0), 2, NOWHERE)
     bare = Film(replace(film.scene, finger=False), 2, NOWHERE)
     assert len(film.truths) == 1
     for t, share in zip(film.stamps_s.tolist(), film.share, strict=True):
-        (ball,), (finger,) = film.arrangement(t).balls, film.arrangement(t).cylinders
+        (ball,), (finger,) = film.solids(t).balls, film.solids(t).cylinders
         tip, end = finger.center - finger.half, finger.center + finger.half
         assert np.linalg.norm(tip - ball.center) < ball.radius_m
         for lens, pose in zip(lenses(film.scene), film.eye_poses(t), strict=True):
@@ -339,7 +337,7 @@ def test_a_finger_moves_with_the_ball_from_beyond_the_edge_and_is_no_object() ->
 
 def test_first_boxes_are_those_of_the_silhouette() -> None:
     """Of a ball, the rim's; given in the first frame in which both eyes see all of it."""
-    film = Film(IndependentScene(fps=10.0), 3, NOWHERE)
+    film = Film(FilmScene(fps=10.0), 3, NOWHERE)
     k, boxes = film.first_boxes
     assert film.share[k].min() >= 0.99 > film.share[k - 1].min()
     views = film.rig.view(None)
@@ -351,11 +349,11 @@ def test_first_boxes_are_those_of_the_silhouette() -> None:
 
 def test_bad_use_is_named() -> None:
     with pytest.raises(ValueError, match="10×10"):
-        IndependentScene(width=10, height=10)
+        FilmScene(width=10, height=10)
     with pytest.raises(ValueError, match="rig_known with the head"):
-        IndependentScene(rig="head", rig_known=True)
-    with pytest.raises(ValueError, match="3 poses, 1 arrangements"):
-        Caster(LENS, Room(), NOWHERE).light([HERE] * 3, [Arrangement()])
+        FilmScene(rig="head", rig_known=True)
+    with pytest.raises(ValueError, match="3 poses, 1 sets of solids"):
+        RayCaster(LENS, Room(), NOWHERE).light([HERE] * 3, [Solids()])
 
 
 def test_photographs_are_read_where_they_are() -> None:

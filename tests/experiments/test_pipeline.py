@@ -14,8 +14,8 @@ from pps_vision.experiments.baselines.stereo_pipelines import (
     meet,
     stereo_pipeline,
 )
-from pps_vision.experiments.pipeline import ttc_error
-from pps_vision.experiments.scenarios import Footage, moving
+from pps_vision.experiments.films.recordings import Footage, moving
+from pps_vision.experiments.tracking.pipeline import ttc_error
 from pps_vision.types import Status, Track3D
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pps_vision.experiments.raycast import ball_row, cylinder_normals, cylinder_row, first_hits, panel_row
+from pps_vision.experiments.films.raycast import ball_row, cylinder_normals, cylinder_row, first_hits, panel_row
 from pps_vision.types import Array
 
 EYE = np.array([0.1, -0.2, 0.3])

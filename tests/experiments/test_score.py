@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.experiments.scenarios import EYES_M, FPS, Footage, stare_at, tracker_params, turning, watching
-from pps_vision.experiments.score import METRICS, judge
+from pps_vision.experiments.films.recordings import EYES_M, FPS, Footage, stare_at, tracker_params, watching
+from pps_vision.experiments.films.score import METRICS, judge
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import StereoFrame, Track3D
 
@@ -37,11 +37,11 @@ def track(recording: Footage, k: int, off_m: float, std_m: float = 0.001) -> Tra
 def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Footage) -> None:
     """From 0.5 s on, again after every time out of sight, and only those asked about."""
     assert np.flatnonzero(recording.judged(0.5)).tolist() == list(range(10, N))
-    seen = recording.seen.copy()
+    seen = recording.visible.copy()
     seen[15] = False
-    assert np.flatnonzero(replace(recording, seen=seen).judged(0.5)).tolist() == [*range(10, 15), *range(26, N)]
+    assert np.flatnonzero(replace(recording, visible=seen).judged(0.5)).tolist() == [*range(10, 15), *range(26, N)]
     asked = np.arange(N) < 12
-    assert np.flatnonzero(replace(recording, asked=asked).judged(0.5)).tolist() == [10, 11]
+    assert np.flatnonzero(replace(recording, in_question=asked).judged(0.5)).tolist() == [10, 11]
 
 
 def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(recording: Footage) -> None:
@@ -68,7 +68,7 @@ def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(re
 
 
 def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: Footage) -> None:
-    hidden = replace(recording, seen=np.arange(N) < 20)
+    hidden = replace(recording, visible=np.arange(N) < 20)
     values = judge(hidden, [track(recording, k, 0.2 if k >= 20 else 0.0) for k in range(N)])
     assert values["near"].tolist() == [True] * 10
     assert values["false"].tolist() == [False] * 10 + [True] * 20
@@ -83,7 +83,7 @@ def test_a_tracker_without_a_track_has_no_error_and_is_never_near(recording: Foo
 
 def test_of_two_equal_objects_the_one_followed_first_counts(recording: Footage) -> None:
     """Also where nothing is known at first."""
-    two = replace(recording, other_position=recording.position + np.array([0, 0.2, 0]))
+    two = replace(recording, second_position=recording.position + np.array([0, 0.2, 0]))
     unknown = [Track3D.unknown(frame.stamp_s) for frame in recording.frames[:11]]
     other = [*unknown, *(track(recording, k, 0.199) for k in range(11, N))]
     assert judge(two, other)["near"].sum() == 29
@@ -127,18 +127,6 @@ def test_markers_are_tracked_as_markers_of_their_hue_unless_told_otherwise(recor
     assert (tracker_params(marker).mode, tracker_params(marker).marker.hue_deg) == ("marker", 120.0)
     assert tracker_params(marker, "generic").mode == "generic"
     assert tracker_params(recording, "marker").marker.hue_deg == 0.0
-
-
-def test_a_turning_head_keeps_to_its_speed_and_comes_near_it() -> None:
-    """Yaw and pitch together, over a whole beat, 1 kHz; the other joints rest."""
-    robot, speed = load_icub(), 0.3
-    point = EYES_M + np.array([-0.4, 0.0, -0.1])
-    pose = turning(robot, np.random.default_rng(1), point, speed)
-    q = np.array([pose(t, np.empty(0), point) for t in np.arange(0, 20, 1e-3)])
-    yaw_pitch = robot.indices(robot.names.gaze_joints)[:2]
-    rate = np.linalg.norm(np.diff(q[:, yaw_pitch], axis=0), axis=1) / 1e-3
-    assert 0.8 * speed < rate.max() < 1.001 * speed
-    assert np.ptp(np.delete(q, yaw_pitch, axis=1), axis=0).max() == 0
 
 
 def test_states_have_the_stamps_poses_and_motion_that_are_asked_for() -> None:

@@ -1,22 +1,17 @@
 """The trigger's study on recordings drawn by hand, where what moves, and when, is known to the pixel."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.motion import TRIGGERS, regions
-from pps_vision.experiments.scenarios import FPS, Footage
+from pps_vision.experiments.films.recordings import FPS, Footage
 from pps_vision.experiments.study import Method
 from pps_vision.experiments.trigger import (
     AFTER,
     DEFAULT,
-    HEADS_DEG_S,
     MISSED,
-    OBJECTS,
     STARTS,
-    Trigger,
     delay,
     methods,
 )
@@ -78,21 +73,6 @@ def test_what_is_elsewhere_or_never_is_missed() -> None:
     assert delay([*nothing[:-1], [(150, 100, 20, 20)]], still, "left") == AFTER
 
 
-@pytest.mark.long
-def test_our_false_alarms_are_those_of_the_longer_watch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One film in which all methods are quiet, then four in which a square moves that is taken for nothing."""
-    rng = np.random.default_rng(4)
-    films = {False: recording(0, rng), True: replace(recording(5, rng), velocity=np.zeros((STARTS + AFTER, 3)))}
-    monkeypatch.setattr(Trigger, "_recording", lambda _, _setting, _name, seed: films[seed >= 20_000])
-    monkeypatch.setattr(
-        "pps_vision.experiments.trigger.TRIGGERS", {"DIS ultrafast − ego": TRIGGERS["DIS ultrafast − ego"]}
-    )
-    cells = Trigger(n=1, watched=4).run()["cells"]
-    alarms = {s: cells[s]["nothing"][DEFAULT]["alarms_per_minute"][0] for s in ("turning", "independent")}
-    assert alarms["turning"] == 0
-    assert alarms["independent"] > 600
-
-
 def test_every_baseline_has_rising_levels(candidates: dict[str, Method]) -> None:
     assert set(candidates) >= set(TRIGGERS)
     for candidate in TRIGGERS.values():
@@ -103,16 +83,3 @@ def test_regions_are_joined_and_small_ones_dropped() -> None:
     on = np.zeros((240, 320), bool)
     on[100:110, 100:110] = on[100:110, 114:120] = on[200, 200:210] = on[0:5, 0:50] = True
     assert regions(on) == [(100, 100, 20, 10)]  # 10 px are too few, and the border is not looked at
-
-
-def test_the_chart_shows_alarms_and_what_is_found_in_time() -> None:
-    cell = {"ms": [0.9, 1.0, 1.1], "ratio": [1.0] * 3, "alarms_per_minute": [0.0] * 3, "found_in_3_percent": [50.0] * 3}
-    loud = cell | {"alarms_per_minute": [12.0] * 3}
-    cells = {setting: {name: {DEFAULT: cell, "MOG2": loud} for name in OBJECTS} for setting in HEADS_DEG_S}
-    for of in cells.values():
-        of["ball, 5 px"] = {name: one | {"found_in_3_percent": [100.0] * 3} for name, one in of["ball, 5 px"].items()}
-    figure = Trigger().chart({"cells": cells})
-    assert {DEFAULT, "MOG2 (12 alarms/min)"} == {text.get_text() for text in figure.axes[0].texts}
-    heights = {line.get_ydata()[0] for line in figure.axes[0].lines if line.get_markersize() == 5}
-    assert heights == {25.0}, "100 and 50 % are found"
-    assert len(Trigger().tables({"cells": cells})["still"].rows) == 2

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pps_vision.experiments.raycast import ball_row, first_hits, panel_row
+from pps_vision.experiments.films.raycast import ball_row, first_hits, panel_row
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.types import Array, Image, StereoFrame
 

@@ -5,8 +5,9 @@ import pytest
 import torch
 from scipy.interpolate import RegularGridInterpolator
 
-from learning import batch
+from learning.pps import memory as pps_memory
 from learning.pps.memory import MemoryParams, PPSMemory, activation
+from learning.reach import map as reach_map
 from learning.reach.labels import Labels
 from learning.reach.map import ReachableMap
 from pps_vision.robot.gaze import GazeLimits
@@ -22,7 +23,8 @@ def rng() -> np.random.Generator:
 @pytest.fixture(params=[1 << 18, 7])
 def rows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Cases at a time: all, and few."""
-    monkeypatch.setattr(batch, "_ROWS", request.param)
+    for module in (pps_memory, reach_map):
+        monkeypatch.setattr(module, "_TORCH_ROWS", request.param)
     return int(request.param)
 
 

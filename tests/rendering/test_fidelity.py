@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pps_vision.experiments.exact_images import ray_cast
+from pps_vision.experiments.films.exact import ray_cast
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array

@@ -7,7 +7,7 @@ import numpy as np
 from ball_scenes import Sphere, frame
 from data import SEED
 
-from pps_vision.experiments.scenarios import Footage
+from pps_vision.experiments.films.recordings import Footage
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame
@@ -61,7 +61,7 @@ def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Fo
     ]
     picked.sort(key=lambda one: one[0].stamp_s)
     frames, position = tuple(one for one, _ in picked), np.array([p for _, p in picked])
-    return replace(usual, frames=frames, position=position, seen=np.ones(len(frames), bool))
+    return replace(usual, frames=frames, position=position, visible=np.ones(len(frames), bool))
 
 
 def each(footage: Footage, change: Callable[[StereoFrame], StereoFrame]) -> Footage:
@@ -86,4 +86,4 @@ def right_black(footage: Footage, out: Mask) -> Footage:
 def without(footage: Footage, gone: Mask) -> Footage:
     """Only the frames that are not `gone` (n,)."""
     frames = tuple(f for f, missing in zip(footage.frames, gone, strict=True) if not missing)
-    return replace(footage, frames=frames, position=footage.position[~gone], seen=footage.seen[~gone])
+    return replace(footage, frames=frames, position=footage.position[~gone], visible=footage.visible[~gone])

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from data import SEED
 
-from pps_vision.experiments.independent_cases import CASES, Case
-from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.experiments.independent_score import scored
+from pps_vision.experiments.films.cases import CASES, Case
+from pps_vision.experiments.films.scenes import Film, FilmScene
+from pps_vision.experiments.films.score import scored
 
 BY_NAME = {case.name: case for case in CASES}
-LARGE = Case("object of 200 px", IndependentScene(radius_m=0.109, extent_m=0.08, seconds=2.5))
+LARGE = Case("object of 200 px", FilmScene(radius_m=0.109, extent_m=0.08, seconds=2.5))
 USUAL = (
     "striped, spinning",
     "textured square",
@@ -51,7 +51,7 @@ LIMITS = {  # of cases that miss the usual ones at this size; `bench independent
 }
 
 
-def small(case: Case) -> IndependentScene:
+def small(case: Case) -> FilmScene:
     """The case's first film, at 320×240 if it is of the usual size."""
     scene = case.scene(0)
     return replace(scene, width=320, height=240) if scene.width == 640 and case is not LARGE else scene

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.experiments.independent_score import score
+from pps_vision.experiments.films.scenes import Film, FilmScene
+from pps_vision.experiments.films.score import score
 from pps_vision.types import StereoFrame
 from tracking import Mode
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
 
-_FIXED = IndependentScene(
-    width=320, height=240, fps=30, seconds=3.0, start="moving", radius_m=0.02, color=(25.0, 200.0, 40.0)
-)
+_FIXED = FilmScene(width=320, height=240, fps=30, seconds=3.0, start="moving", radius_m=0.02, color=(25.0, 200.0, 40.0))
 _HEAD = replace(_FIXED, rig="head", distance_m=0.45, extent_m=0.08, speed_m_s=0.15)
 SCENES = {
     "rests": _FIXED,

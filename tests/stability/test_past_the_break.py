@@ -11,8 +11,8 @@ from data import SEED
 from films import EVERY, FPS, ROBOT, circle, during, each, film, held, right_black, swaying, without
 from judge import HONEST, Demand, check, whole
 
-from pps_vision.experiments import disturbances as d
-from pps_vision.experiments.scenarios import Footage
+from pps_vision.experiments.films import disturbances as d
+from pps_vision.experiments.films.recordings import Footage
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Image, Mask, Status, Track3D
 from tracking.marker import MarkerParams

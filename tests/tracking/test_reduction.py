@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.films.scenes import Film, FilmScene
 from pps_vision.types import Status
 from tracking.batch import BatchTracker
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
@@ -16,7 +16,7 @@ from tracking.tracker import Tracker, TrackerParams, TrackerStep
 @pytest.fixture(scope="module")
 def film() -> Film:
     """A red ball on a circle, in images whose sides are no multiples of 4, before procedural textures."""
-    scene = IndependentScene(width=642, height=483, seconds=1.5, start="moving", background=2)
+    scene = FilmScene(width=642, height=483, seconds=1.5, start="moving", background=2)
     return Film(scene, SEED, Path("no photographs"))
 
 

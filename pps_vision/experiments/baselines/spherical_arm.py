@@ -77,7 +77,7 @@ class SphericalArm:
         return self._postures(target, np.broadcast_to(third, (len(target), 2, samples)))
 
     def _effort(self, q: Array) -> Array:
-        half = (self.upper_rad - self.lower_rad) / 2
+        half = np.maximum(self.upper_rad - self.lower_rad, 1e-12) / 2  # a joint that is stuck has no range
         effort: Array = np.mean(((q - self.lower_rad) / half - 1) ** 2, axis=-1)
         return effort
 

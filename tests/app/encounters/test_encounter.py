@@ -26,7 +26,7 @@ from pps_vision.app.encounters.encounter import (
 from pps_vision.app.encounters.kinematic import can_touch
 from pps_vision.app.encounters.postures import start_posture
 from pps_vision.app.simulation import Side, own_rate
-from pps_vision.experiments.raycast import CYLINDER_COLUMNS, PANEL_COLUMNS, ball_row, first_hit
+from pps_vision.experiments.films.raycast import CYLINDER_COLUMNS, PANEL_COLUMNS, ball_row, first_hit
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array

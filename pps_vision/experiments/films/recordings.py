@@ -1,4 +1,4 @@
-"""Recordings with their truth for the tracking studies, drawn by our renderer or by the independent ray caster."""
+"""Recordings of moving objects with their truth, drawn by our renderer or by the ray caster."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,8 @@ from control.fixation import gaze_at
 from pps_vision.app.render import scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
-from pps_vision.experiments.independent_eyes import eyes_of, own_body_of
+from pps_vision.experiments.films.rendered import eyes_of, own_body_of
+from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import NOISE_SIGMA, SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, icub_setup, load_icub
@@ -30,23 +31,24 @@ FPS = 20.0
 EYES_M = np.array([-0.063, 0.0, 0.341])
 """Midway between the eyes of the robot at home, root frame."""
 MOTIONS: tuple[MotionName, ...] = ("approach", "linear", "circle", "figure8", "jerk")
-SPEEDS = {
+APPROACHES = {
     f"{100 * v:g} cm/s": {"motion": "approach", "speed": v, "seconds": 0.31 / v + 0.2} for v in (0.05, 0.1, 0.2, 0.3)
 }
-"""Approaches that end on the skin."""
+"""Approaches that end on the skin, by speed."""
 KINDS: dict[str, dict[str, Any]] = {
-    f"{stimulus}, {name}": {"stimulus": stimulus, **how}
-    for those in ({motion: {"motion": motion} for motion in MOTIONS}, SPEEDS)
+    f"{stimulus}, {name}": {"stimulus": stimulus, **options}
+    for group in ({motion: {"motion": motion} for motion in MOTIONS}, APPROACHES)
     for stimulus in ("ball", "marker")
-    for name, how in those.items()
+    for name, options in group.items()
 }
-"""What covariances and filters are judged on: every motion, and approaches at every speed."""
+"""Recordings that judge covariances and filters: every motion, and approaches at every speed."""
 HUES_DEG = {"ball": 0.0, "marker": 120.0}
 Boxes = tuple[BoxPx | None, BoxPx | None]
-Posing = Callable[[float, Array, Array], Array]
-"""Time, configuration of the last frame, object's position → configuration."""
-_JUMP_M_S = 0.04  # between two frames
-_SWAY_RAD, _SWAY_HZ = np.deg2rad([4.0, 2.5]), np.array([0.31, 0.23])
+PosePolicy = Callable[[float, Array, Array], Array]
+"""(time, configuration of the last frame, object's position) → configuration."""
+_JUMP_M_S = 0.04  # change of the velocity between two frames
+_SWAY_RAD = np.deg2rad([4.0, 2.5])
+_SWAY_HZ = np.array([0.31, 0.23])
 
 
 @dataclass(frozen=True)
@@ -59,22 +61,22 @@ class Footage:
     """(n, 3) m, the object's centre."""
     velocity: Array
     """(n, 3) m/s."""
-    seen: Mask
+    visible: Mask
     """(n,) whether both eyes see the object."""
     boxes: tuple[Boxes, ...]
     """(n) true boxes in the left and the right image; None where an eye does not see the object."""
     radius_m: float
     """The object's radius."""
     rig: StereoRig
-    """The eyes as the tracker is told of them."""
+    """Cameras and poses for the tracker."""
     own_body: Any
-    """Where the robot sees itself, as the tracker wants it."""
+    """The robot's silhouette for the tracker."""
     stimulus: str = "ball"
-    """What the object is."""
-    asked: Mask | None = None
+    """Name of the object."""
+    in_question: Mask | None = None
     """(n,) frames that count, if not all."""
-    other_position: Array | None = None
-    """(n, 3) m of a second object that is as good as the first, if there is one."""
+    second_position: Array | None = None
+    """(n, 3) m of a second object that may be tracked instead."""
 
     @property
     def stamps_s(self) -> Array:
@@ -83,7 +85,7 @@ class Footage:
 
     @property
     def first_boxes(self) -> tuple[int, tuple[BoxPx, BoxPx]]:
-        """The first frame in which both eyes see the object, and its boxes there: what baselines are told."""
+        """Index and true boxes of the first frame in which both eyes see the object: input of the baselines."""
         for k, (left, right) in enumerate(self.boxes):
             if left is not None and right is not None:
                 return k, (left, right)
@@ -96,31 +98,33 @@ class Footage:
 
     @property
     def jumped(self) -> Mask:
-        """(n,) frames within two frames after a jump of the velocity, as nothing that a hand moves makes."""
+        """(n,) frames within two frames after a jump of the velocity, which no hand makes."""
         jump = np.concatenate([[False], np.linalg.norm(np.diff(self.velocity, axis=0), axis=1) > _JUMP_M_S])
         return jump | np.concatenate([[False], jump[:-1]])
 
     def touch(self) -> tuple[Array, Array]:
-        """Return the point (3,) that an object on a straight path touches when it stops, and the time (n,) until then.
+        """Return the point (3,) at which an object on a straight path stops and touches, and the time (n,) until then.
 
         NaN where the object does not come to rest, or did not move uniformly before.
         """
         speed = np.linalg.norm(self.velocity, axis=1)
-        ttc, rests = np.full(len(speed), np.nan), np.flatnonzero(speed < 1e-9)
+        ttc = np.full(len(speed), np.nan)
+        rests = np.flatnonzero(speed < 1e-9)
         if not len(rests) or rests[0] == 0 or np.ptp(speed[: rests[0]]) > 1e-6:
             return np.full(3, np.nan), ttc
         first = int(rests[0])
-        way = self.position[first] - self.position[0]
+        path = self.position[first] - self.position[0]
         ttc[:first] = np.linalg.norm(self.position[first] - self.position[:first], axis=1) / speed[:first]
-        return self.position[first] + self.radius_m * way / np.linalg.norm(way), ttc
+        return self.position[first] + self.radius_m * path / np.linalg.norm(path), ttc
 
     def judged(self, settle_s: float) -> Mask:
-        """(n,) frames that count: asked for, and the object in sight for `settle_s`."""
-        since, judged = np.nan, np.zeros(len(self.frames), bool)
-        for k, (stamp, seen) in enumerate(zip(self.stamps_s, self.seen, strict=True)):
-            since = (since if np.isfinite(since) else stamp) if seen else np.nan
-            judged[k] = seen and stamp - since >= settle_s - 1e-6
-        return judged if self.asked is None else judged & self.asked
+        """Return the frames (n,) that count: in question, and the object visible for `settle_s`."""
+        since_s = np.nan
+        judged = np.zeros(len(self.frames), bool)
+        for k, (stamp_s, visible) in enumerate(zip(self.stamps_s, self.visible, strict=True)):
+            since_s = (since_s if np.isfinite(since_s) else stamp_s) if visible else np.nan
+            judged[k] = visible and stamp_s - since_s >= settle_s - 1e-6
+        return judged if self.in_question is None else judged & self.in_question
 
 
 def tracker_params(recording: Footage, mode: str | None = None) -> TrackerParams:
@@ -139,41 +143,54 @@ def film(
     rng: np.random.Generator | None = None,
     props: tuple[tuple[Part, ...], ...] = (),
 ) -> Footage:
-    """Draw a robot's views of stamps and states.
+    """Draw a robot's views at stamps and states.
 
-    The seed chooses the photograph behind independent scenes, and drives the sensor unless `rng` does.
+    The seed chooses the photograph behind ray-cast scenes, and drives the sensor unless `rng` does.
     """
-    robot, sensor = load_icub(), sensor or Sensor()
+    robot = load_icub()
     rig = icub_rig(robot)
     rng = np.random.default_rng(seed) if rng is None else rng
-    frames, truth = [], []
-    with eyes_of(source, seed)(robot, rig, stimulus, "none", sensor, props=props) as eyes:
+    frames = []
+    truth = []
+    with eyes_of(source, seed)(robot, rig, stimulus, "none", sensor or Sensor(), props=props) as eyes:
         for t, state in states:
             truth.append(eyes.truth(state, t))
             frames.append(eyes.render(state, t, rng))
     boxes = []
     for frame, row in zip(frames, truth, strict=True):
-        views = rig.view_of(frame)
-        left = sphere_box(views.left, row.position, row.radius_m) if row.visible_left else None
-        boxes.append((left, sphere_box(views.right, row.position, row.radius_m) if row.visible_right else None))
+        view = rig.view_of(frame)
+        left = sphere_box(view.left, row.position, row.radius_m) if row.visible_left else None
+        boxes.append((left, sphere_box(view.right, row.position, row.radius_m) if row.visible_right else None))
     return _footage(tuple(frames), truth, tuple(boxes), rig, own_body_of(source, robot), stimulus.name)
 
 
 def _footage(
-    frames: tuple[StereoFrame, ...], truth: Sequence[Truth], boxes: tuple[Boxes, ...], rig: StereoRig, *told: Any
+    frames: tuple[StereoFrame, ...],
+    truth: Sequence[Truth],
+    boxes: tuple[Boxes, ...],
+    rig: StereoRig,
+    own_body: Any,
+    stimulus: str,
 ) -> Footage:
-    """`told`: own body and name of the object."""
-    seen = np.array([row.visible_left and row.visible_right for row in truth])
-    path, velocity = (np.array([getattr(row, name) for row in truth]) for name in ("position", "velocity"))
-    return Footage(frames, path, velocity, seen, boxes, float(truth[0].radius_m), rig, *told)
+    visible = np.array([row.visible_left and row.visible_right for row in truth])
+    position = np.array([row.position for row in truth])
+    velocity = np.array([row.velocity for row in truth])
+    return Footage(frames, position, velocity, visible, boxes, float(truth[0].radius_m), rig, own_body, stimulus)
 
 
-def rendered(what: RenderParams, source: SceneSource = "rendered") -> Footage:
-    """Return what `pps-vision render` would write (its folder is not used), or the same states by ray casting."""
-    rng = np.random.default_rng(what.seed)
-    states = list(scene(what, icub_setup(), rng))
-    sensor = Sensor(what.noise, what.shot, what.exposure, what.blur_s)
-    return film(states, stimulus_of(what, 3), source, sensor, what.seed, rng)
+def from_film(independent: Film) -> Footage:
+    """Return the recording of a ray-cast film, which shows no robot."""
+    frames = tuple(independent)
+    own_body = own_body_of("independent", load_icub())
+    return _footage(frames, independent.truth, ((None, None),) * len(frames), independent.rig, own_body, "ball")
+
+
+def rendered(params: RenderParams, source: SceneSource = "rendered") -> Footage:
+    """Return the recording that `pps-vision render` writes (its folder is not used), or its states by ray casting."""
+    rng = np.random.default_rng(params.seed)
+    states = list(scene(params, icub_setup(), rng))
+    sensor = Sensor(params.noise, params.shot, params.exposure, params.blur_s)
+    return film(states, stimulus_of(params, 3), source, sensor, params.seed, rng)
 
 
 def moving(
@@ -183,21 +200,21 @@ def moving(
     seconds: float,
     source: SceneSource = "rendered",
     noise: float = NOISE_SIGMA,
-    **also: Any,
+    **options: Any,
 ) -> Footage:
     """Return a recording of one of `pps-vision render`'s motions."""
-    return rendered(RenderParams(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **also), source)
+    return rendered(RenderParams(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **options), source)
 
 
 def of_kind(kind: str, source: SceneSource, seconds: float, seed: int) -> Footage:
-    """Return a recording of one of `KINDS`; `seconds` are the length of what does not end on the skin."""
+    """Return a recording of one of `KINDS`; `seconds` is the length of all but approaches at a given speed."""
     return moving(**{"seconds": seconds, **KINDS[kind]}, seed=seed, source=source)
 
 
 def watching(
     motion: Motion,
     seconds: float,
-    pose: Posing,
+    pose: PosePolicy,
     fps: float = FPS,
     props: Callable[[float], tuple[PropPose | None, ...]] = lambda _: (),
     empty: bool = False,
@@ -210,8 +227,8 @@ def watching(
         yield float(t), SceneState(q, None if empty else p, v, props=props(t))
 
 
-def follow(robot: Robot) -> Posing:
-    """Keep the eyes on the object while the neck sways by itself."""
+def follow(robot: Robot) -> PosePolicy:
+    """Keep the eyes on the object while the neck sways."""
     yaw_pitch = robot.indices(robot.names.gaze_joints)[:2]
 
     def pose(t: float, q: Array, p: Array) -> Array:
@@ -222,29 +239,7 @@ def follow(robot: Robot) -> Posing:
     return pose
 
 
-def stare_at(robot: Robot, point: Array) -> Posing:
+def stare_at(robot: Robot, point: Array) -> PosePolicy:
     """Keep the head still and the eyes on a point (3,)."""
     q = gaze_at(robot, home(robot), point)
     return lambda *_: q
-
-
-def turning(robot: Robot, rng: np.random.Generator, point: Array, speed_rad_s: float) -> Posing:
-    """Look at a point (3,) while neck yaw and pitch swing about it, together at most `speed_rad_s`."""
-    q0 = gaze_at(robot, home(robot), point)
-    joints = robot.indices(robot.names.gaze_joints)[:2]
-    omega, phase = 2 * np.pi * rng.uniform(0.3, 0.6, 2), rng.uniform(0, 2 * np.pi, 2)
-    share = rng.uniform(0, np.pi / 2)
-    amplitude = speed_rad_s * np.array([np.cos(share), np.sin(share)]) / omega
-
-    def pose(t: float, _q: Array, _p: Array) -> Array:
-        q = q0.copy()
-        q[joints] += amplitude * np.sin(omega * t + phase)
-        return robot.clamp(q)
-
-    return pose
-
-
-def from_film(independent: Any) -> Footage:
-    """Return a film of the independent scene source, which shows no robot."""
-    frames, own_body = tuple(independent), own_body_of("independent", load_icub())
-    return _footage(frames, independent.truth, ((None, None),) * len(frames), independent.rig, own_body)

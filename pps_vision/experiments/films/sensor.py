@@ -1,4 +1,4 @@
-"""Independent scene source: from light to the recorded image. Shares no code with `rendering.sensor`."""
+"""Sensor of the ray-cast films: from light to the recorded image. Shares no code with `rendering.sensor`."""
 
 from dataclasses import dataclass
 
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image
 
-_TAPE = 1 << 21  # normal deviates from which the noise of a film is cut
+_TAPE_LENGTH = 1 << 21
 
 
 @dataclass(frozen=True)
 class SensorChain:
-    """From light to the recorded image, in this order: defocus, gain, mosaic, noise, eight bits, grey, JPEG."""
+    """Stages in this order: defocus, gain, mosaic, noise, eight bits, grey, JPEG."""
 
     defocus_px: float = 0.0
-    """Standard deviation of the defocus blur, px."""
+    """Standard deviation of the defocus blur."""
     read_noise: float = 2.0
     """Standard deviation of the noise that does not depend on the light, levels."""
     shot: float = 0.0
@@ -30,16 +30,16 @@ class SensorChain:
     """JPEG quality, 1–100; 0: not compressed."""
 
     def expose(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator, tape: Array) -> Image:
-        """(h, w, 3) uint8; noise is cut from a `tape` of normal deviates, each row at a place that `rng` draws."""
+        """Return the image (h, w, 3) of light; the noise of each row is cut from the tape where `rng` says."""
         if self.defocus_px > 0:
             light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.defocus_px), dtype=np.float32)
         if self.bayer:
             light = _mosaic(light)
         h, w = light.shape[:2]
-        row = light.reshape(h, -1)
-        image: Image = np.empty(row.shape, np.uint8)
-        starts = rng.integers(0, len(tape) - row.shape[1], h)
-        _noisy(row, gain, self.read_noise**2, self.shot, tape, starts, image)
+        rows = light.reshape(h, -1)
+        image: Image = np.empty(rows.shape, np.uint8)
+        starts = rng.integers(0, len(tape) - rows.shape[1], h)
+        _add_noise(rows, gain, self.read_noise**2, self.shot, tape, starts, image)
         if self.bayer:
             image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2RGB), dtype=np.uint8)
         image = image.reshape(h, w, 3)
@@ -52,19 +52,20 @@ class SensorChain:
 
 
 def noise_tape(rng: np.random.Generator) -> Array:
-    """Normal deviates (n,) for `SensorChain.expose`."""
-    return rng.standard_normal(_TAPE, dtype=np.float32)
+    """Return normal deviates (n,) for `SensorChain.expose`."""
+    return rng.standard_normal(_TAPE_LENGTH, dtype=np.float32)
 
 
 def _mosaic(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """(h, w) of an RGGB sensor."""
     mosaic = light[..., 1].copy()
-    mosaic[::2, ::2], mosaic[1::2, 1::2] = light[::2, ::2, 0], light[1::2, 1::2, 2]
+    mosaic[::2, ::2] = light[::2, ::2, 0]
+    mosaic[1::2, 1::2] = light[1::2, 1::2, 2]
     return mosaic
 
 
 @njit(cache=True, error_model="numpy")
-def _noisy(light, gain, read_var, shot, tape, starts, image):  # type: ignore[no-untyped-def]
+def _add_noise(light, gain, read_var, shot, tape, starts, image):  # type: ignore[no-untyped-def]
     for y in range(light.shape[0]):
         start = starts[y]
         for x in range(light.shape[1]):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pps_vision.experiments.raycast import (
+from pps_vision.experiments.films.raycast import (
     BALL_COLUMNS,
     CYLINDER_COLUMNS,
     PANEL_COLUMNS,

@@ -1,0 +1,315 @@
+"""Adapters between the two scene sources: films by our renderer, and the ray caster in place of the renderer's eyes."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from pps_vision.experiments.films.caster import (
+    INSTANTS,
+    Ball,
+    FilmLens,
+    Levels,
+    Paint,
+    Panel,
+    RayCaster,
+    Room,
+    Solid,
+    Solids,
+    visible_share,
+)
+from pps_vision.experiments.films.scenes import (
+    HALF_BASELINE_M,
+    T_ROOT_STAGE_HEAD,
+    Film,
+    FilmScene,
+    camera_of,
+    configuration,
+    head_pose,
+)
+from pps_vision.experiments.films.sensor import SensorChain, noise_tape
+from pps_vision.experiments.study import DATA, SceneSource
+from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.se3 import rotation_to
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.robot.silhouette import Silhouette
+from pps_vision.types import Array, Image, Mask, StereoFrame, Truth
+from rendering.eyes import Eyes
+from rendering.scene import PropPose, SceneState
+from rendering.sensor import Sensor
+from rendering.shapes import Part, board, sphere
+from rendering.stimuli import Stimulus
+
+_FINENESS = {"plain": 4, "striped": 5, "chequered": 5}  # of balls; a pattern's edges are right to 1/40 of the radius
+_NECK_AT_REST = {"neck_pitch": 0.0, "neck_yaw": 0.0, "neck_roll": 0.0}
+_INSTANT_S = 1e-4  # over which velocities are differences
+_T_STAGE_ROOT = np.linalg.inv(T_ROOT_STAGE_HEAD)
+_EYES_ROOM = Room(0, 1.3)
+_ROUND = 1.05  # largest ratio of the extents of a prop that is a ball
+_POINT_M = 1e-4
+
+
+class RenderedFilm(Film):
+    """A scene's film by our renderer. Motion, sensor and truth are those of `Film`, the images are not.
+
+    The eyes are an iCub's, 68 mm apart; its neck turns or shakes a rig. The rendered room replaces the photographs.
+    ValueError for a square or a texture, which the renderer does not have.
+    """
+
+    def __init__(self, scene: FilmScene, seed: int, data: Path = DATA) -> None:
+        if not can_render(scene):
+            raise ValueError(f"a {scene.pattern} {scene.shape}; expected a ball without texture")
+        super().__init__(replace(scene, rig="head", rig_known=False), seed, data)
+        self._motion_of_rig = scene.rig
+        self._joints_known = scene.rig == "head" or scene.rig_known
+
+    def head_joints(self, t_s: float) -> dict[str, float]:
+        """Return the head's joints (rad)."""
+        if self._motion_of_rig == "head":
+            return super().head_joints(t_s)
+        half_vergence = float(np.arctan2(HALF_BASELINE_M, self.scene.distance_m))
+        pitch, yaw, roll = self.rig_rotation(self._motion_of_rig, t_s).tolist()
+        neck = {"neck_pitch": pitch, "neck_yaw": yaw, "neck_roll": roll}
+        return {**neck, "left_eye_pan": half_vergence, "right_eye_pan": -half_vergence}
+
+    def joints(self, t_s: float) -> Array | None:
+        """Return the head's configuration, unless the rig is declared fixed."""
+        return super().joints(t_s) if self._joints_known else None
+
+    @cached_property
+    def _true_rig(self) -> StereoRig:
+        return icub_rig(load_icub(), *(camera_of(lens) for lens in self._lenses))
+
+    @cached_property
+    def rig(self) -> StereoRig:
+        """Cameras and their poses: by the frame's joints, or at rest if they are declared fixed."""
+        if self._joints_known:
+            return self._true_rig
+        at_rest = self._true_rig.eye_poses(configuration({**self.head_joints(0.0), **_NECK_AT_REST}))
+        return StereoRig(self._true_rig.left, self._true_rig.right, lambda _: at_rest)
+
+    @cached_property
+    def _background_mean(self) -> Array:
+        plain = Stimulus("ball", 0.01, (sphere(0.01, (1.0, 1.0, 1.0)),))
+        with Eyes(load_icub(), self._true_rig, plain) as eyes:
+            empty = eyes.render(SceneState(configuration(self.head_joints(0.0))), 0.0)
+        return np.asarray(empty.left.mean(axis=(0, 1)))
+
+    def _all_solids(self, t_s: float) -> tuple[Solid, ...]:
+        return (*self.solids(t_s).all, *self.static_panels)
+
+    def _state(self, t_s: float) -> SceneState:
+        """The scene for the renderer, with the velocities that blur it."""
+        R = self.T_root_stage[:3, :3]
+        before_s = t_s - _INSTANT_S / 2
+        after_s = t_s + _INSTANT_S / 2
+        q_rad = configuration(self.head_joints(t_s))
+        dq_rad_s = 2 * (configuration(self.head_joints(after_s)) - q_rad) / _INSTANT_S
+        ends = zip(self._all_solids(before_s), self._all_solids(after_s), strict=True)
+        rates = [R @ (end.center - begin.center) / _INSTANT_S for begin, end in ends]
+        ball, *props = (
+            PropPose(R @ solid.center + self.T_root_stage[:3, 3], rate, R @ _rotation_of(solid))
+            for solid, rate in zip(self._all_solids(t_s), rates, strict=True)
+        )
+        return SceneState(q_rad, ball.position, ball.velocity, dq_rad_s, ball.rotation, props=tuple(props))
+
+    def __iter__(self) -> Iterator[StereoFrame]:
+        """Yield the frames in the order of their stamps."""
+        ball, *props = (_meshes(solid) for solid in self._all_solids(0.0))
+        rng = np.random.default_rng((self.seed, 1))
+        tape = noise_tape(rng)
+        stimulus = Stimulus("ball", self.scene.radius_m, ball)
+        sensor = Sensor(blur_s=self.scene.shutter_s)
+        with Eyes(load_icub(), self._true_rig, stimulus, "none", sensor, tuple(props)) as eyes:
+            for t in self.stamps_s.tolist():
+                drawn = eyes.render(self._state(t), t)
+                left, right = (
+                    self.scene.sensor.expose(image.astype(np.float32), self.gain(eye, t), rng, tape)
+                    for eye, image in enumerate((drawn.left, drawn.right))
+                )
+                joints = self.joints(t)
+                yield StereoFrame(left, right, t, t, joints, joints)
+
+
+def can_render(scene: FilmScene) -> bool:
+    """Whether our renderer can draw the objects of a scene."""
+    return scene.shape == "ball" and scene.pattern in _FINENESS
+
+
+def _meshes(solid: Solid) -> tuple[Part, ...]:
+    """Meshes of a solid, about its centre."""
+    color = _unit_color(solid.paint.color)
+    if isinstance(solid, Panel):
+        return (board(2 * float(np.linalg.norm(solid.right)), 2 * float(np.linalg.norm(solid.down)), color),)
+    if not isinstance(solid, Ball):
+        length_m = 2 * float(np.linalg.norm(solid.half))
+        return (Part(trimesh.creation.cylinder(solid.radius_m, length_m, sections=48), color),)
+    ball = sphere(solid.radius_m, color, fineness=_FINENESS[solid.paint.pattern])
+    if solid.paint.pattern == "plain":
+        return (ball,)
+    second = _has_second_color(solid.paint, ball.mesh.triangles_center)
+    parts = ball.mesh.submesh([np.flatnonzero(~second), np.flatnonzero(second)], repair=False)
+    return Part(parts[0], color), Part(parts[1], _unit_color(solid.paint.color2))
+
+
+def _unit_color(levels: Levels) -> Levels:
+    return levels[0] / 255, levels[1] / 255, levels[2] / 255
+
+
+def _has_second_color(paint: Paint, points: Array) -> Mask:
+    """Whether points (n, 3) of a ball have its second colour: stripes across x, or squares by longitude, latitude."""
+    x, y, z = (points / np.linalg.norm(points, axis=1, keepdims=True)).T
+    if paint.pattern == "striped":
+        return np.asarray(np.floor((x + 1) * paint.count) % 2 == 1)
+    u = (np.arctan2(y, x) / np.pi + 1) / 2
+    v = np.arcsin(z.clip(-1, 1)) / np.pi + 0.5
+    return np.asarray((np.floor(2 * u * paint.count) + np.floor(v * paint.count)) % 2 == 1)
+
+
+def _rotation_of(solid: Solid) -> Array:
+    """(3, 3) from a solid's mesh to the stage: a board's x and y are its edges, a cylinder's z its axis."""
+    if isinstance(solid, Ball):
+        return solid.R_stage_body
+    if isinstance(solid, Panel):
+        x, y = (edge / np.linalg.norm(edge) for edge in (solid.right, solid.down))
+        return np.column_stack([x, y, np.cross(x, y)])
+    return rotation_to(solid.half)
+
+
+def eyes_of(source: SceneSource, photo: int) -> Callable[..., Any]:
+    """Return the class that draws the eyes' views, called like `Eyes`; `photo` is the background of the ray caster."""
+    return Eyes if source == "rendered" else partial(RayCastEyes, room=replace(_EYES_ROOM, photo=photo))
+
+
+def own_body_of(source: SceneSource, robot: Robot) -> Silhouette:
+    """Return the robot's silhouette in its own images; ray-cast images do not show the robot."""
+    return Silhouette(robot) if source == "rendered" else _NoBody(robot)
+
+
+class _NoBody(Silhouette):
+    """Silhouette of a robot that is not in the image."""
+
+    def __call__(self, joints_rad: Array, view: Any) -> Mask:
+        """(H, W) False."""
+        return np.zeros((view.camera.height, view.camera.width), bool)
+
+
+class RayCastEyes(AbstractContextManager["RayCastEyes"]):
+    """Ray-cast views of an iCub's eyes, with the interface of `rendering.eyes.Eyes`.
+
+    States, stimuli (balls of one colour, or of two in squares) and props (boards, balls) are those of `rendering`;
+    lens, eye poses, images and pixel truth are not. The robot is not shown.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        rig: StereoRig,
+        stimulus: Stimulus,
+        carrier: str = "none",
+        sensor: Sensor | None = None,
+        props: tuple[tuple[Part, ...], ...] = (),
+        room: Room = _EYES_ROOM,
+        data: Path = DATA,
+    ) -> None:
+        if carrier != "none":
+            raise ValueError(f"carrier {carrier!r} in a ray-cast scene; expected none")
+        if stimulus.name not in ("ball", "marker"):
+            raise ValueError(f"stimulus {stimulus.name!r} in a ray-cast scene; expected ball or marker")
+        self._joint_names = robot.joint_names
+        self._sensor = sensor or Sensor()
+        self._lenses = (_film_lens(rig.left), _film_lens(rig.right))
+        self._casters = [RayCaster(lens, room, data) for lens in self._lenses]
+        self._props = [_prop(parts) for parts in props]
+        self._tape: Array | None = None
+        self._radius_m = stimulus.radius_m
+        self._paint = _paint_of(stimulus.parts)
+
+    def __exit__(self, *_: object) -> None:
+        """Free nothing."""
+
+    def render(self, state: SceneState, stamp_s: float, rng: np.random.Generator | None = None) -> StereoFrame:
+        """Return both eyes' images at one stamp; `rng` drives the sensor's noise."""
+        n = INSTANTS if self._sensor.blur_s > 0 else 1
+        states = [state.moved(self._sensor.blur_s * ((k + 0.5) / n - 0.5)) for k in range(n)]
+        solids = [self._solids(moved) for moved in states]
+        poses = [self._poses(moved) for moved in states]
+        left, right = (self._image(eye, [pose[eye] for pose in poses], solids, rng) for eye in (0, 1))
+        q_rad = state.q_rad.copy()
+        return StereoFrame(left, right, stamp_s, stamp_s, q_rad, q_rad)
+
+    def _image(self, eye: int, poses: list[Array], solids: list[Solids], rng: np.random.Generator | None) -> Image:
+        light = self._casters[eye].light(poses, solids)
+        if rng is None:
+            if self._sensor.is_noisy:
+                raise ValueError("a noisy sensor needs a random generator, got None")
+            return np.clip(light * self._sensor.exposure + 0.5, 0, 255).astype(np.uint8)
+        self._tape = noise_tape(rng) if self._tape is None else self._tape
+        chain = SensorChain(read_noise=self._sensor.noise_sigma, shot=self._sensor.shot)
+        return chain.expose(light, self._sensor.exposure, rng, self._tape)
+
+    def truth(self, state: SceneState, stamp_s: float) -> Truth:
+        """Return the stimulus's true position and pixels; NaN and not visible without a stimulus."""
+        if state.position is None:
+            nowhere = np.full(2, np.nan)
+            return Truth(stamp_s, np.full(3, np.nan), state.velocity, self._radius_m, nowhere, nowhere, False, False)
+        solids = self._solids(state)
+        ball, *others = solids.balls
+        middle = Ball(ball.center, _POINT_M, ball.paint)
+        scene = Solids((middle, *others), solids.panels)
+        views = list(zip(self._lenses, self._poses(state), strict=True))
+        left_px, right_px = (lens.project(pose, ball.center)[0] for lens, pose in views)
+        visible = [visible_share(lens, pose, scene, middle, ()) > 0.5 for lens, pose in views]
+        return Truth(stamp_s, state.position, state.velocity, self._radius_m, left_px, right_px, *visible)
+
+    def _poses(self, state: SceneState) -> tuple[Array, Array]:
+        joints = dict(zip(self._joint_names, state.q_rad.tolist(), strict=True))
+        return _T_STAGE_ROOT @ head_pose(joints, "left"), _T_STAGE_ROOT @ head_pose(joints, "right")
+
+    def _solids(self, state: SceneState) -> Solids:
+        """The stimulus first, then the placed props."""
+        if len(state.props) > len(self._props):
+            raise ValueError(f"the scene's state places {len(state.props)} props; there are {len(self._props)}")
+        solids: list[Ball | Panel] = []
+        if state.position is not None:
+            rotation = np.eye(3) if state.rotation is None else state.rotation
+            R_stage_body = _T_STAGE_ROOT[:3, :3] @ rotation
+            solids.append(Ball(_to_stage(state.position), self._radius_m, self._paint, R_stage_body))
+        placed = zip(state.props, self._props, strict=False)
+        solids += [prop(place) for place, prop in placed if place is not None]
+        balls = tuple(solid for solid in solids if isinstance(solid, Ball))
+        return Solids(balls, tuple(solid for solid in solids if isinstance(solid, Panel)))
+
+
+def _to_stage(p_root: Array) -> Array:
+    return np.asarray(_T_STAGE_ROOT[:3, :3] @ p_root + _T_STAGE_ROOT[:3, 3])
+
+
+def _film_lens(camera: Camera) -> FilmLens:
+    return FilmLens(camera.width, camera.height, camera.K, camera.lens)
+
+
+def _paint_of(parts: tuple[Part, ...]) -> Paint:
+    colors = [(255.0 * part.color[0], 255.0 * part.color[1], 255.0 * part.color[2]) for part in parts]
+    return Paint(colors[0]) if len(colors) == 1 else Paint(colors[0], "chequered", colors[1], 5)
+
+
+def _prop(parts: tuple[Part, ...]) -> Callable[[PropPose], Ball | Panel]:
+    """A ball if the extents are equal, else a board: x and y its edges, z its normal."""
+    x, y, z = (float(side) for side in parts[0].mesh.extents)
+    paint = _paint_of(parts)
+
+    def solid(place: PropPose) -> Ball | Panel:
+        center = _to_stage(place.position)
+        if max(x, y, z) < _ROUND * min(x, y, z):
+            return Ball(center, max(x, y, z) / 2, paint)
+        R = _T_STAGE_ROOT[:3, :3] @ (np.eye(3) if place.rotation is None else place.rotation)
+        return Panel(center, x / 2 * R[:, 0], y / 2 * R[:, 1], paint)
+
+    return solid

@@ -1,0 +1,463 @@
+"""Films of the independent scene source: parameters, rig, motion, frames and truth.
+
+Motions, rig and head kinematics are this module's own (from the iCub's Denavit–Hartenberg tables in iKin); only the
+tracker's inputs use the project's types.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from pps_vision.experiments.baselines.image_trackers import BoxPx
+from pps_vision.experiments.films.caster import (
+    INSTANTS,
+    Ball,
+    Cylinder,
+    FilmLens,
+    Levels,
+    Paint,
+    Panel,
+    Pattern,
+    RayCaster,
+    Room,
+    Solids,
+    outline,
+    photograph,
+    visible_share,
+)
+from pps_vision.experiments.films.sensor import SensorChain, noise_tape
+from pps_vision.experiments.study import DATA
+from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.types import Array, Image, StereoFrame, Truth
+
+TimedPath = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
+VISIBLE_SHARE = 0.5  # an eye sees the object if this share of its image is visible
+HALF_BASELINE_M = 0.034  # of the iCub's eyes
+CARDBOARD: Levels = (140.0, 107.0, 71.0)
+FINGER: Levels = (150.0, 150.0, 150.0)
+FINGER_RADIUS_M = 0.008
+FINGER_LENGTH_M = 0.4
+_FINGER_AXIS = np.array([0.1, 1.0, -0.35]) / np.linalg.norm([0.1, 1.0, -0.35])  # from the object, down and nearer
+
+# The iCub's head, standard Denavit–Hartenberg (iKin): joint, A (m), D (m), α (deg), offset (deg). The sign of the eye's
+# D is minus for the left eye, plus for the right.
+_H0 = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+_HEAD = (
+    ("torso_pitch", 0.032, 0.0, 90.0, 0.0),
+    ("torso_roll", 0.0, -0.0055, 90.0, -90.0),
+    ("torso_yaw", 0.00231, -0.1933, -90.0, -90.0),
+    ("neck_pitch", 0.033, 0.0, 90.0, 90.0),
+    ("neck_roll", 0.0, 0.001, -90.0, -90.0),
+    ("neck_yaw", -0.054, 0.0825, -90.0, 90.0),
+    ("eyes_tilt", 0.0, 0.034, -90.0, 0.0),
+    ("eye_pan", 0.0, 0.0, 90.0, -90.0),
+)
+EYES_AT_REST = np.array([-0.06281, 0.0, 0.3408])  # midway between the iCub's eyes with all joints at 0, root frame
+T_ROOT_STAGE_HEAD = np.array([[0.0, 0, -1, EYES_AT_REST[0]], [1, 0, 0, 0], [0, -1, 0, EYES_AT_REST[2]], [0, 0, 0, 1]])
+_SWAYING_JOINTS = ("neck_yaw", "neck_pitch", "neck_roll", "eyes_tilt", "version")
+_SWAY_SHARE = np.array([1.0, 0.6, 0.25, 0.4, 0.8])
+_SWAY_HZ = np.array([0.31, 0.23, 0.17, 0.41, 0.29])
+_LENSES = ((1.0, 3.2, -2.6), (1.004, -2.4, 1.7))  # of each eye: relative focal length, offset of the principal point
+
+
+@dataclass(frozen=True)
+class FilmScene:
+    """Parameters of a film. The defaults are those of the tracking table: 640×480, 12 cm baseline, 0.6 m, 30 cm/s."""
+
+    width: int = 640  # of the images, px
+    height: int = 480  # px
+    focal: float = 0.86  # focal length as a share of the width
+    distortion: tuple[float, float, float, float, float] = (-0.12, 0.05, 0.0006, -0.0004, 0.0)  # of the left eye
+    baseline_m: float = 0.12  # distance between the eyes; the head's is 68 mm
+    fps: float = 30.0  # pairs a second
+    seconds: float = 4.0  # length of the film
+
+    rig: Literal["fixed", "rotating", "shaking", "head"] = "fixed"  # head: an iCub's neck and eyes
+    rig_known: bool = False  # whether the tracker gets the pose of a rotating or shaking rig; else it is declared fixed
+    rotation_deg: float = 1.0  # amplitude of the rotating rig about the vertical axis
+    rotation_hz: float = 0.5  # its frequency
+    shake_deg: float = 0.1  # standard deviation of the shaking rig about each axis
+    head_deg: float = 8.0  # amplitude of the neck's yaw; the other joints of neck and eyes move less
+    stale_s: float = 0.0  # age of the joints that come with an image
+
+    shape: Literal["ball", "square"] = "ball"  # the square faces the eyes, slightly turned
+    radius_m: float = 0.03  # of the ball; half the side of the square
+    color: Levels | Literal["background"] = (205.0, 30.0, 25.0)  # background: the mean of the photograph
+    color2: Levels = (235.0, 235.0, 235.0)  # second colour of a pattern
+    pattern: Pattern = "plain"  # of the object
+    texture: int = 1  # photograph (index) of a textured object
+    spin_rad_s: float = 0.0  # rotation about an oblique axis (ball) or in its plane (square)
+    second_ball: bool = False  # an equal ball, 15 cm farther away, that moves against the first
+    hidden_s: float = 0.0  # time for which a board amid the view hides the passing object; 0: no board
+    finger: bool = False  # a grey finger from beyond the lower edge holds the object and moves with it
+
+    motion: Literal["straight", "stop_and_go", "reversal", "circle", "still"] = "circle"
+    start: Literal["moving", "rest", "entering"] = "entering"  # rest: in view, for `rest_s`
+    rest_s: float = 1.0  # rest before the motion with `start` rest
+    speed_m_s: float = 0.3  # 0.02–1
+    extent_m: float = 0.12  # radius of the circle; half the length of the reversal
+    distance_m: float = 0.6  # from the eyes to the middle of the motion
+
+    background: int = 0  # photograph (index) on the walls
+    ahead_m: float = 1.6  # distance of the front wall
+    shutter_s: float = 0.0  # exposure centred on the stamp: motion blur
+    gain_drift: float = 0.0  # amplitude of a 0.2 Hz change of the gain, a quarter period later in the right eye
+    flicker: float = 0.0  # amplitude of the light's 100 Hz flicker
+    sensor: SensorChain = SensorChain()
+
+    def __post_init__(self) -> None:
+        if not (32 <= self.width <= 4096 and 24 <= self.height <= 4096 and self.fps > 0 and self.seconds > 0):
+            raise ValueError(f"scene of {self.width}×{self.height} px, {self.fps} fps, {self.seconds} s")
+        if self.rig == "head" and self.rig_known:
+            raise ValueError("rig_known with the head; the tracker always gets its joints, `stale_s` old")
+
+    @property
+    def hue_deg(self) -> float:
+        """Hue of the object's colour, for a marker tracker."""
+        color = np.array([[self.color if not isinstance(self.color, str) else (128.0, 128.0, 128.0)]], np.float32)
+        return float(cv2.cvtColor(color / 255, cv2.COLOR_RGB2HSV)[0, 0, 0])
+
+
+def head_pose(joints_rad: Mapping[str, float], side: Literal["left", "right"]) -> Array:
+    """Return T_root_eye (4, 4) of the iCub by the table above; joints without a value are 0."""
+    T = _H0.copy()
+    for name, a, d, alpha_deg, offset_deg in _HEAD:
+        joint = f"{side}_eye_pan" if name == "eye_pan" else name
+        if name == "eyes_tilt" and side == "left":
+            d = -d
+        T = T @ _denavit_hartenberg(a, d, np.deg2rad(alpha_deg), joints_rad.get(joint, 0.0) + np.deg2rad(offset_deg))
+    return T
+
+
+def _denavit_hartenberg(a: float, d: float, alpha: float, theta: float) -> Array:
+    ct = np.cos(theta)
+    st = np.sin(theta)
+    ca = np.cos(alpha)
+    sa = np.sin(alpha)
+    return np.array([[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]])
+
+
+def lenses(scene: FilmScene) -> tuple[FilmLens, FilmLens]:
+    """Return left and right lens; slightly different, as real lenses are."""
+    w = scene.width
+    h = scene.height
+    f = scene.focal * w
+    left, right = (
+        np.array([[f * scale, 0, (w - 1) / 2 + du], [0, f * scale, (h - 1) / 2 + dv], [0, 0, 1.0]])
+        for scale, du, dv in _LENSES
+    )
+    distortion = np.array(scene.distortion)
+    return FilmLens(w, h, left, distortion), FilmLens(w, h, right, 0.9 * distortion)
+
+
+class Film:
+    """Stereo frames of a scene with their truth; iterating draws them, bit for bit the same for the same seed."""
+
+    def __init__(self, scene: FilmScene, seed: int, data: Path = DATA) -> None:
+        self.scene = scene
+        self.seed = seed
+        self.data = data
+        rng = np.random.default_rng((seed, 0))
+        self.hue_deg = scene.hue_deg
+        self._joint_phases = rng.uniform(0, 2 * np.pi, 8)
+        self._shake = _shaking(rng, np.deg2rad(scene.shake_deg))
+        self._lenses = lenses(scene)
+        self._path = make_path(scene, rng)
+        self._turn_axis = _unit(rng.standard_normal(3) + np.array([0.0, 1.0, 0.5]))
+        self._tilt = rng.uniform(-0.2, 0.2, 2)
+        self.stamps_s = np.arange(max(1, round(scene.seconds * scene.fps))) / scene.fps
+
+    # inputs of the tracker
+
+    @cached_property
+    def rig(self) -> StereoRig:
+        """Cameras and, as far as the tracker may know them, their poses by the frame's joints."""
+        left, right = (camera_of(lens) for lens in self._lenses)
+        if self.scene.rig == "head":
+            return icub_rig(load_icub(), left, right)
+        T_left_right = np.eye(4)
+        T_left_right[0, 3] = self.scene.baseline_m
+        if not self.scene.rig_known:
+            return StereoRig.fixed(left, right, T_left_right)
+        return StereoRig(left, right, lambda pose: _eye_poses_of(pose, T_left_right))
+
+    def joints(self, t_s: float) -> Array | None:
+        """Return the joints of an image of that stamp, `stale_s` old.
+
+        They are the head's configuration in the robot's order, the pose of a rig whose motion is known (rotation vector
+        of T_root_left and translation), or None.
+        """
+        t = t_s - self.scene.stale_s
+        if self.scene.rig == "head":
+            return configuration(self.head_joints(t))
+        if not self.scene.rig_known:
+            return None
+        T = self.T_root_stage @ self.eye_poses(t)[0]
+        return np.concatenate([cv2.Rodrigues(T[:3, :3])[0].ravel(), T[:3, 3]])
+
+    # truth
+
+    @cached_property
+    def T_root_stage(self) -> Array:
+        """The tracker's root frame: the left camera at rest, or the iCub's root."""
+        if self.scene.rig == "head":
+            return T_ROOT_STAGE_HEAD
+        T = np.eye(4)
+        T[0, 3] = self.scene.baseline_m / 2
+        return T
+
+    def head_joints(self, t_s: float) -> dict[str, float]:
+        """Return the head's joints (rad): it looks ahead, and every joint of neck and eyes sways."""
+        amplitude = np.deg2rad(self.scene.head_deg) * _SWAY_SHARE
+        angles = amplitude * np.sin(2 * np.pi * _SWAY_HZ * t_s + self._joint_phases[:5])
+        sway = dict(zip(_SWAYING_JOINTS, angles, strict=True))
+        version = sway.pop("version")
+        half_vergence = np.arctan2(HALF_BASELINE_M, self.scene.distance_m)
+        return {**sway, "left_eye_pan": version + half_vergence, "right_eye_pan": version - half_vergence}
+
+    def eye_poses(self, t_s: float) -> tuple[Array, Array]:
+        """Return T_stage_left and T_stage_right (4, 4)."""
+        if self.scene.rig == "head":
+            T_stage_root = np.linalg.inv(T_ROOT_STAGE_HEAD)
+            joints = self.head_joints(t_s)
+            return T_stage_root @ head_pose(joints, "left"), T_stage_root @ head_pose(joints, "right")
+        T_left = np.eye(4)
+        T_left[:3, :3] = _rotation(self.rig_rotation(self.scene.rig, t_s))
+        T_right = T_left.copy()
+        T_left[:3, 3] = T_left[:3, :3] @ np.array([-0.5 * self.scene.baseline_m, 0, 0])
+        T_right[:3, 3] = T_left[:3, :3] @ np.array([0.5 * self.scene.baseline_m, 0, 0])
+        return T_left, T_right
+
+    def rig_rotation(self, rig: str, t_s: float) -> Array:
+        """Return the rotation vector (3,) of a rotating or shaking rig (rad)."""
+        if rig == "rotating":
+            phase = 2 * np.pi * self.scene.rotation_hz * t_s
+            return np.array([0, np.deg2rad(self.scene.rotation_deg) * np.sin(phase), 0])
+        return self._shake(t_s) if rig == "shaking" else np.zeros(3)
+
+    @cached_property
+    def _background_mean(self) -> Array:
+        return np.asarray(photograph(self.data, self.scene.background, self.scene.width).mean(axis=(0, 1)))
+
+    @cached_property
+    def _paint(self) -> Paint:
+        color = self.scene.color
+        if isinstance(color, str):
+            r, g, b = self._background_mean.tolist()
+            color = (r / 0.75, g / 0.75, b / 0.75)  # shading leaves three quarters of a ball's paint
+        return Paint(color, self.scene.pattern, self.scene.color2, 3, self.scene.texture)
+
+    @cached_property
+    def static_panels(self) -> tuple[Panel, ...]:
+        """The board, at two thirds of the object's distance, as wide as to hide it from both eyes at once."""
+        scene = self.scene
+        if scene.hidden_s == 0:
+            return ()
+        nearer = 0.67
+        half = 0.5 * nearer * (scene.speed_m_s * scene.hidden_s + 2 * scene.radius_m)
+        half += 0.5 * (1 - nearer) * scene.baseline_m
+        middle = np.array([0.0, 0.0, nearer * scene.distance_m])
+        return (Panel(middle, np.array([half, 0, 0]), np.array([0, 0.5, 0]), Paint(CARDBOARD)),)
+
+    def solids(self, t_s: float) -> Solids:
+        """Return the moving solids; the object comes first."""
+        scene = self.scene
+        p = self._path(t_s)[0]
+        if scene.shape == "square":
+            axes = _rotation(np.array([*self._tilt, scene.spin_rad_s * t_s])) * scene.radius_m
+            return Solids((), (Panel(p, axes[:, 0], axes[:, 1], self._paint),))
+        R = _rotation(self._turn_axis * scene.spin_rad_s * t_s)
+        balls = [Ball(p, scene.radius_m, self._paint, R)]
+        if scene.second_ball:
+            mirrored = 2 * np.array([0, 0, scene.distance_m]) - p
+            balls.append(Ball(mirrored + np.array([0, 0, 0.15]), scene.radius_m, self._paint, R))
+        return Solids(tuple(balls), cylinders=(self._finger(p),) if scene.finger else ())
+
+    def _finger(self, p: Array) -> Cylinder:
+        """The cylinder that begins within an object at `p` (3,)."""
+        half = 0.5 * FINGER_LENGTH_M * _FINGER_AXIS
+        return Cylinder(p + 0.8 * self.scene.radius_m * _FINGER_AXIS + half, half, FINGER_RADIUS_M, Paint(FINGER))
+
+    @cached_property
+    def _truths_and_shares(self) -> tuple[tuple[tuple[Truth, ...], Array], ...]:
+        """Of the object, and of the second ball if there is one."""
+        signs = (1, -1) if self.scene.second_ball else (1,)  # of the velocities
+        return tuple(self._truth_and_share(k, sign) for k, sign in enumerate(signs))
+
+    def _truth_and_share(self, k: int, sign: int) -> tuple[tuple[Truth, ...], Array]:
+        R = self.T_root_stage[:3, :3]
+        rows = []
+        shares = []
+        for t in self.stamps_s.tolist():
+            solids = self.solids(t)
+            objects: tuple[Ball | Panel, ...] = (*solids.balls, *solids.panels)
+            solid = objects[k]
+            views = list(zip(self._lenses, self.eye_poses(t), strict=True))
+            share = [visible_share(lens, pose, solids, solid, self.static_panels) for lens, pose in views]
+            left_px, right_px = (lens.project(pose, solid.center)[0] for lens, pose in views)
+            visible = [value >= VISIBLE_SHARE for value in share]
+            p_root = R @ solid.center + self.T_root_stage[:3, 3]
+            velocity = sign * (R @ self._path(t)[1])
+            rows.append(Truth(t, p_root, velocity, self.scene.radius_m, left_px, right_px, *visible))
+            shares.append(share)
+        return tuple(rows), np.array(shares)
+
+    @property
+    def truths(self) -> tuple[tuple[Truth, ...], ...]:
+        """Truth (n) of each moving ball or square, the object first, in the tracker's root frame.
+
+        An eye that sees at least half of an object sees it.
+        """
+        return tuple(truth for truth, _ in self._truths_and_shares)
+
+    @property
+    def truth(self) -> tuple[Truth, ...]:
+        """Truth (n) of the object."""
+        return self.truths[0]
+
+    @property
+    def share(self) -> Array:
+        """(n, 2) visible share of the object's image in the left and the right eye."""
+        return self._truths_and_shares[0][1]
+
+    @cached_property
+    def first_boxes(self) -> tuple[int, tuple[BoxPx, BoxPx]]:
+        """Index of the first frame that shows the whole object to both eyes (else most), and the true boxes there."""
+        share = self.share.min(axis=1)
+        k = int(np.argmax(share >= min(0.99, float(share.max()))))
+        t = float(self.stamps_s[k])
+        solid = self.solids(t).all[0]
+        boxes = []
+        for lens, pose in zip(self._lenses, self.eye_poses(t), strict=True):
+            rim = lens.project(pose, outline(solid, pose[:3, 3])) + 0.5  # pixel centres are whole numbers
+            x0, y0 = rim.min(axis=0).clip(0)
+            x1, y1 = rim.max(axis=0).clip(None, (lens.width, lens.height))
+            boxes.append((float(x0), float(y0), float(x1 - x0), float(y1 - y0)))
+        return k, (boxes[0], boxes[1])
+
+    def __len__(self) -> int:
+        """Number of pairs."""
+        return len(self.stamps_s)
+
+    def __iter__(self) -> Iterator[StereoFrame]:
+        """Yield the frames in the order of their stamps."""
+        room = Room(self.scene.background, self.scene.ahead_m)
+        casters = [RayCaster(lens, room, self.data) for lens in self._lenses]
+        rng = np.random.default_rng((self.seed, 1))
+        tape = noise_tape(rng)
+        for t in self.stamps_s.tolist():
+            left, right = (self._image(caster, eye, t, rng, tape) for eye, caster in enumerate(casters))
+            joints = self.joints(t)
+            yield StereoFrame(left, right, t, t, joints, joints)
+
+    def _image(self, caster: RayCaster, eye: int, t: float, rng: np.random.Generator, tape: Array) -> Image:
+        n = INSTANTS if self.scene.shutter_s > 0 else 1
+        instants = t + self.scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
+        poses = [self.eye_poses(instant)[eye] for instant in instants]
+        light = caster.light(poses, [self.solids(instant) for instant in instants], self.static_panels)
+        return self.scene.sensor.expose(light, self.gain(eye, t), rng, tape)
+
+    def gain(self, eye: int, t_s: float) -> float:
+        """Return the factor of an eye's (0 left, 1 right) levels: drift of the gain, and the light's flicker."""
+        drift = 1 + self.scene.gain_drift * np.sin(2 * np.pi * 0.2 * t_s - eye * np.pi / 2)
+        return float(drift * (1 + self.scene.flicker * np.sin(2 * np.pi * 100.0 * 1.0013 * t_s)))
+
+
+@lru_cache(maxsize=1)
+def _robot_joints() -> tuple[str, ...]:
+    return tuple(load_icub().joint_names)
+
+
+def configuration(joints_rad: Mapping[str, float]) -> Array:
+    """Return joints in the order of the tracker's robot; the others are 0."""
+    return np.array([joints_rad.get(name, 0.0) for name in _robot_joints()])
+
+
+def camera_of(lens: FilmLens) -> Camera:
+    """Return the project's camera of the same numbers."""
+    (fx, _, cx), (_, fy, cy), _ = lens.K.tolist()
+    k1, k2, p1, p2, k3 = lens.distortion.tolist()
+    return Camera(lens.width, lens.height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+
+
+def _eye_poses_of(pose: Array | None, T_left_right: Array) -> tuple[Array, Array]:
+    """T_root_left and T_root_right of a known rig pose (6,)."""
+    if pose is None:
+        raise ValueError("a rig whose motion is known needs its pose with every frame")
+    T = np.eye(4)
+    T[:3, :3] = _rotation(pose[:3])
+    T[:3, 3] = pose[3:]
+    return T, T @ T_left_right
+
+
+def _rotation(vector: Array) -> Array:
+    return np.asarray(cv2.Rodrigues(vector)[0], dtype=float)
+
+
+def _unit(v: Array) -> Array:
+    return v / np.linalg.norm(v)
+
+
+def _shaking(rng: np.random.Generator, std_rad: float) -> Callable[[float], Array]:
+    """Irregular rotation vectors (3,): eight sines of 1–12 Hz an axis."""
+    hz = rng.uniform(1, 12, (3, 8))
+    phase = rng.uniform(0, 2 * np.pi, (3, 8))
+    return lambda t: std_rad * 0.5 * np.sin(2 * np.pi * hz * t + phase).sum(axis=1)
+
+
+def make_path(scene: FilmScene, rng: np.random.Generator) -> TimedPath:
+    """Return the object's path in the stage frame."""
+    middle = np.array([*rng.uniform(-0.03, 0.03, 2), scene.distance_m])
+    phase = rng.uniform(0, 2 * np.pi)
+    r = scene.extent_m
+    speed = scene.speed_m_s
+    first = _unit(np.array([1.0, rng.uniform(-0.3, 0.3), rng.uniform(-0.4, 0.4)]))
+    second = _unit(np.cross(first, _unit(np.array([0.0, rng.uniform(-0.4, 0.4), 1.0]))))
+    direction = rng.choice([-1.0, 1.0])
+
+    def along(s: float) -> tuple[Array, Array]:
+        """Position and direction after s metres."""
+        if scene.motion in ("circle", "stop_and_go"):
+            a = phase + s / r
+            return middle + r * (np.cos(a) * first + np.sin(a) * second), np.cos(a) * second - np.sin(a) * first
+        if scene.motion == "reversal":
+            place = (s + r * phase / np.pi) % (4 * r)
+            forward = place < 2 * r
+            return middle + (place - r if forward else 3 * r - place) * first, first if forward else -first
+        half = 0.5 * speed * scene.seconds
+        start = middle if scene.motion == "still" else middle - min(half, _out_of_view_m(scene)) * direction * first
+        return start + s * direction * first, direction * first
+
+    rest = scene.rest_s if scene.start == "rest" else 0.0
+    begin = along(0.0)[0]
+    is_entering = scene.start == "entering" and scene.motion != "straight"
+    entry_m = begin[0] + _out_of_view_m(scene) if is_entering else 0.0
+
+    def motion(t: float) -> tuple[Array, Array]:
+        travelled = speed * max(t - rest, 0.0)
+        v = speed if t >= rest else 0.0
+        if travelled < entry_m:
+            return begin - np.array([entry_m - travelled, 0, 0]), np.array([v, 0, 0])
+        travelled -= entry_m
+        if scene.motion == "still":
+            return begin, np.zeros(3)
+        if scene.motion == "stop_and_go":  # 2 s at rest after 1.5 s
+            stop = 1.5 * speed
+            pause = 2.0 * speed
+            v = 0.0 if stop <= travelled < stop + pause else v
+            travelled = travelled if travelled < stop else max(stop, travelled - pause)
+        p, heading = along(travelled)
+        return p, v * heading
+
+    return motion
+
+
+def _out_of_view_m(scene: FilmScene) -> float:
+    """Distance to the side at which the object is just out of both eyes' view."""
+    return 0.5 * scene.distance_m / scene.focal + scene.baseline_m / 2 + 1.5 * scene.radius_m

@@ -1,0 +1,201 @@
+"""Trackers and baselines on films and recordings, and scores of their tracks against the truth."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import get_args
+
+import numpy as np
+
+from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, stereo_pipeline
+from pps_vision.experiments.films.cases import Case
+from pps_vision.experiments.films.recordings import EYES_M, Footage, tracker_params
+from pps_vision.experiments.films.scenes import Film
+from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
+from pps_vision.experiments.timing import timed, timed_steps
+from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
+
+NEAR = 1 / 6
+"""Largest error of a track near the object, as a share of the object's distance."""
+METRICS = {
+    "near_percent": Metric("near", percent),
+    "rms_mm": Metric("error_mm", rms),
+    "worst_recording_mm": Metric("recording_rms_mm", lambda values: float(np.max(values)) if len(values) else np.nan),
+    "mean_recording_mm": Metric("recording_rms_mm", mean),
+    "false_percent": Metric("false", percent),
+}
+"""Summaries of the values of `judge`."""
+OURS = "ours"
+BASELINES: tuple[StereoPipelineName, ...] = tuple(name for name in get_args(StereoPipelineName) if "SGBM" not in name)
+_SETTLE_S = 0.5  # of a recording: from when the object is visible to the first judged frame
+_FILM_SETTLE_S = 1.0  # of a film
+_RIGHT_M = 0.03
+_FALSE_M = 0.05
+_CHI2_95 = 7.815  # of three degrees of freedom
+_BY_FILM = ("right_percent", "covered_percent", "found_s")
+Step = Callable[[StereoFrame], Track3D]
+Scores = dict[str, float]
+
+
+def steps_of(recording: Footage, seed: int, mode: str | None = None) -> tuple[list[TrackerStep], list[float]]:
+    """Return our tracker's steps on all frames, without any initialization, and their processor times (ms)."""
+    rng = np.random.default_rng(seed)
+    tracker = Tracker(tracker_params(recording, mode), recording.rig, rng, own_body=recording.own_body)
+    return timed_steps(tracker.step, recording.frames)
+
+
+def tracker(mode: str | None = None) -> Method:
+    """Return our tracker as a study's method, in the mode for the recording's object or in the given one."""
+
+    def run(recording: Footage, seed: int) -> Values:
+        steps, ms = steps_of(recording, seed, mode)
+        return judge(recording, [step.track for step in steps]) | {"ms": ms}
+
+    return run
+
+
+def baseline_tracks(recording: Footage, name: StereoPipelineName) -> tuple[list[Track3D], list[float]]:
+    """Return tracks and times (ms) of a baseline that gets the true boxes of the first frame with the object."""
+    first, boxes = recording.first_boxes
+    pipeline = FilteredPipeline(stereo_pipeline(name, recording.rig), recording.rig)
+    tracks = [Track3D.unknown(frame.stamp_s) for frame in recording.frames[:first]]
+    tracks.append(pipeline.start(recording.frames[first], boxes))
+    later, ms = timed_steps(pipeline.step, recording.frames[first + 1 :])
+    return tracks + later, ms
+
+
+def baseline(name: StereoPipelineName) -> Method:
+    """Return a baseline's pipeline as a study's method."""
+
+    def run(recording: Footage, seed: int) -> Values:
+        tracks, ms = baseline_tracks(recording, name)
+        return judge(recording, tracks) | {"ms": ms}
+
+    return run
+
+
+def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
+    """Return the values that `METRICS` summarizes.
+
+    Over the judged frames: whether the track is near the object, and the error of the known tracks. Over all frames
+    from the first judged one on: whether the track is false, that is, not near and off by more than three of its own
+    standard deviations. Of two equal objects the one that is tracked first counts.
+    """
+    judged = recording.judged(_SETTLE_S)
+    known = np.array([track.is_known for track in tracks])
+    path = np.array([track.position for track in tracks])
+    truth = recording.position
+    if recording.second_position is not None and known.any():
+        k = int(np.argmax(known))
+        truth = min((truth, recording.second_position), key=lambda p: float(np.linalg.norm(p[k] - path[k])))
+    error = np.linalg.norm(path - truth, axis=1)
+    near = known & (error <= NEAR * np.linalg.norm(truth - EYES_M, axis=1))
+    std = [np.sqrt(np.linalg.eigvalsh(t.cov[:3, :3])[-1]) if t.is_known else np.nan for t in tracks]
+    from_first = np.arange(len(tracks)) >= (int(np.argmax(judged)) if judged.any() else 0)
+    error_mm = 1000 * error[judged & known]
+    return {
+        "near": near[judged],
+        "error_mm": error_mm,
+        "recording_rms_mm": np.array([rms(error_mm)]) if len(error_mm) else np.empty(0),
+        "false": (known & ~near & (error > 3 * np.array(std)))[from_first],
+    }
+
+
+def measure_film(case: Case, film: Film, baselines: bool) -> dict[str, Scores]:
+    """Track a film with our tracker, which gets its rig alone, and with the baselines; return scores by tracker."""
+    steps: dict[str, Step] = {OURS: _ours(film, case.tracker(film.hue_deg))}
+    if baselines:
+        steps |= {name: InitializedBaseline(name, film).step for name in BASELINES}
+    return _scored(case, film, film, steps)
+
+
+def scored(case: Case, film: Film, frames: Iterable[StereoFrame], params: TrackerParams) -> Scores:
+    """Track a film's frames with our tracker and return the scores."""
+    return _scored(case, film, frames, {OURS: _ours(film, params)})[OURS]
+
+
+def _ours(film: Film, params: TrackerParams) -> Step:
+    tracker = Tracker(params, film.rig, np.random.default_rng(film.seed))
+    return lambda frame: tracker.step(frame).track
+
+
+class InitializedBaseline:
+    """A baseline that gets the object's true boxes in the first frame that shows all of it to both eyes."""
+
+    def __init__(self, name: StereoPipelineName, film: Film) -> None:
+        self._pipeline = FilteredPipeline(stereo_pipeline(name, film.rig), film.rig)
+        self._frames_left, self._boxes = film.first_boxes
+
+    def step(self, frame: StereoFrame) -> Track3D:
+        """Return the track after the next frame; unknown before the first boxes."""
+        self._frames_left -= 1
+        if self._frames_left >= 0:
+            return Track3D.unknown(frame.stamp_s)
+        return self._pipeline.start(frame, self._boxes) if self._frames_left == -1 else self._pipeline.step(frame)
+
+
+def _scored(case: Case, film: Film, frames: Iterable[StereoFrame], steps: Mapping[str, Step]) -> dict[str, Scores]:
+    """All trackers take each frame by turns, as iterating draws a film anew."""
+    tracks: dict[str, list[Track3D]] = {name: [] for name in steps}
+    ms: dict[str, list[float]] = {name: [] for name in steps}
+    for frame in frames:
+        for name, step in steps.items():
+            track, step_ms = timed(partial(step, frame))
+            tracks[name].append(track)
+            ms[name].append(step_ms)
+    moves_at_s = film.scene.rest_s if film.scene.start == "rest" else 0.0
+    scores = {}
+    for name in steps:
+        one_object = (case.marker and not film.scene.second_ball) or name != OURS
+        truths = film.truths[: 1 if one_object else None]
+        ms_per_pair = float(np.median(ms[name]))
+        scores[name] = {**score_of_either(tracks[name], truths, moves_at_s), "ms_per_pair": ms_per_pair}
+    return scores
+
+
+def score_of_either(tracks: Sequence[Track3D], truths: Sequence[Sequence[Truth]], moves_at_s: float = 0.0) -> Scores:
+    """Return the score by the object with the most right frames; a track that changes objects is partly wrong."""
+    scores = [score(tracks, truth, moves_at_s) for truth in truths]
+    return max(scores, key=lambda values: values["right_percent"])
+
+
+def score(tracks: Sequence[Track3D], truth: Sequence[Truth], moves_at_s: float = 0.0) -> Scores:
+    """Return percentages and medians of one film, as the study `independent` defines them; NaN without a frame."""
+    error = np.array([np.linalg.norm(t.position - row.position) for t, row in zip(tracks, truth, strict=True)])
+    claimed = np.array([track.status == Status.TRACKING for track in tracks])
+    visible = np.array([row.visible_left and row.visible_right for row in truth])
+    stamps_s = np.array([row.stamp_s for row in truth])
+    moving = visible & (stamps_s >= moves_at_s)
+    judged = visible & (stamps_s >= moves_at_s + _FILM_SETTLE_S)
+    tracked = judged & claimed
+    right = moving & claimed & (error < _RIGHT_M)
+    radius_error = np.array([abs(t.radius_m / row.radius_m - 1) for t, row in zip(tracks, truth, strict=True)])
+    covered = [_is_covered(t, row.position) for t, row, k in zip(tracks, truth, tracked, strict=True) if k]
+    stated_m = [np.linalg.det(t.cov[:3, :3]) ** (1 / 6) for t, k in zip(tracks, tracked, strict=True) if k]
+    return {
+        "judged": int(judged.sum()),
+        "right_percent": percent((claimed & (error < _RIGHT_M))[judged]),
+        "false_percent": percent(claimed & (error > _FALSE_M)),
+        "found_s": float(stamps_s[right][0] - stamps_s[moving][0]) if right.any() else np.nan,
+        "median_mm": 1000 * float(np.median(error[tracked])) if tracked.any() else np.nan,
+        "radius_percent": 100 * float(np.median(radius_error[tracked])) if tracked.any() else np.nan,
+        "covered_percent": percent(np.array(covered, dtype=bool)),
+        "stated_mm": 1000 * float(np.median(stated_m)) if stated_m else np.nan,
+    }
+
+
+def _is_covered(track: Track3D, position: Array) -> bool:
+    """Whether the truth lies in the stated 95 % ellipsoid."""
+    error = track.position - position
+    return bool(error @ np.linalg.solve(track.cov[:3, :3], error) <= _CHI2_95)
+
+
+def summary(films: Sequence[Scores]) -> Scores:
+    """Return the mean of each score over the films, and of some the least and the most; NaN where a film has none."""
+    columns = {key: np.array([film[key] for film in films], dtype=float) for key in films[0]}
+    by_film = {key: columns[key] for key in _BY_FILM}
+    return {
+        **{key: float(np.nanmean(x)) if np.isfinite(x).any() else np.nan for key, x in columns.items()},
+        **{f"least_{key}": float(x.min()) for key, x in by_film.items()},
+        **{f"most_{key}": float(x.max()) for key, x in by_film.items()},
+    }

@@ -1,0 +1,128 @@
+"""Consistency of the tracker's covariance: coverage of its intervals, NEES, and the error of the time to contact."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import norm
+
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance
+from pps_vision.experiments.charts import PAGE_IN, calibration, panels
+from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
+from pps_vision.experiments.films.score import steps_of
+from pps_vision.experiments.study import Metric, SceneSource, Values, mean, measure, median, percent, summarize
+from pps_vision.experiments.tables import Table, estimate, judged
+from pps_vision.types import Array, Status, Track3D
+
+QUANTITIES = ("position", "velocity", "distance", "time to contact")
+GOALS = {68: 5.0, 95: 3.0}
+"""Largest difference between stated and measured coverage (points), by stated coverage (%)."""
+_SETTLED = 10  # frames before a tracker is judged
+_SIGMAS = {68: float(norm.ppf(0.84)), 95: float(norm.ppf(0.975))}
+_LATE_S = (0.02, 0.5)  # before the touch, where the error of the time to contact counts
+_FIELD = ReceptiveField(np.pi / 2 - 1e-9, length_m=10.0, distance_to="surface", min_closing_sigmas=0.0)  # all of space
+_POINT_FROM_PATH_M = np.array([0.0, 0.0, -0.15])  # from the path's middle: the point whose distance is predicted
+_METRICS = {
+    **{f"{q} {s}": Metric(f"{q} {s}", percent) for q in QUANTITIES for s in _SIGMAS},
+    "nees": Metric("nees", mean),
+    "ttc_percent": Metric("ttc_percent", median),
+}
+
+
+def measure_coverage(sources: Sequence[SceneSource], seeds: Sequence[int], seconds: float) -> dict[str, Any]:
+    """Judge tracks of balls and markers by their own covariances, while the head moves.
+
+    Judged from the tenth frame on while the status is tracking, without the two frames after a jump of the velocity.
+    Returns by source: coverage in percent, mean NEES (6 expected), error of the time to contact in the last 0.5 s.
+    """
+    cells = {}
+    for source in sources:
+        kinds = {kind: partial(of_kind, kind, source, seconds) for kind in sorted(KINDS, key=lambda k: k.split(",")[0])}
+        measured = measure(kinds, {"tracker": _run}, seeds)
+        recordings = [values for methods in measured.values() for values in methods["tracker"]]
+        cells[source] = summarize({"all": recordings}, _METRICS)
+    return {"cells": cells}
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Draw measured against stated coverage, one panel a source; the goals are shaded."""
+    cells = numbers["cells"]
+    figure, axes = panels(len(cells), width=PAGE_IN / len(cells), height=3.4)
+    for axis, (source, groups) in zip(axes, cells.items(), strict=True):
+        coverage = {q: [groups["all"][f"{q} {s}"] for s in _SIGMAS] for q in QUANTITIES}
+        for share, allowed in GOALS.items():
+            axis.fill_between([share - 2, share + 2], share - allowed, share + allowed, color="0.85", lw=0)
+        calibration(axis, list(_SIGMAS), coverage, "truth inside the interval (%)")
+        axis.set(xlim=(60, 100), ylim=(60, 100))
+        axis.set_title(f"{source} scenes", fontsize=10)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    return figure
+
+
+def table(numbers: dict[str, Any]) -> Table:
+    """Return the coverage by source, bold where its goal is missed, with intervals over recordings."""
+    rows = []
+    for source, groups in numbers["cells"].items():
+        for q in QUANTITIES:
+            coverage = {share: groups["all"][f"{q} {share}"] for share in _SIGMAS}
+            cells = [judged(estimate(values), misses(share, values[0])) for share, values in coverage.items()]
+            rows.append([f"{source}: {q}", *cells])
+    return Table(["truth inside the interval (%)", "68 % intervals", "95 % intervals"], rows)
+
+
+def misses(share: int, coverage: float) -> bool:
+    """Whether a coverage, to a tenth of a percent, is farther from the stated share than the goal allows."""
+    return abs(round(coverage, 1) - share) > GOALS[share]
+
+
+def _run(recording: Footage, seed: int) -> Values:
+    steps, _ = steps_of(recording, seed)
+    return judge_covariances(recording, [step.track for step in steps])
+
+
+def judge_covariances(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, list[float]]:
+    """Return the values of one recording: whether each interval holds the truth, mean NEES, errors of the TTC (%)."""
+    values: dict[str, list[float]] = {metric.values: [] for metric in _METRICS.values()}
+    point = recording.position.mean(axis=0) + _POINT_FROM_PATH_M
+    touched, ttc = recording.touch()
+    judged_frames = ~recording.jumped & (np.arange(len(tracks)) >= _SETTLED)
+    nees = []
+    for k, track in enumerate(tracks):
+        if not judged_frames[k] or track.status != Status.TRACKING:
+            continue
+        truth = np.concatenate([recording.position[k], recording.velocity[k]])
+        error = track.mean[:2].ravel() - truth
+        nees.append(float(error @ np.linalg.solve(track.cov[:6, :6], error)))
+        z = np.abs(error) / np.sqrt(np.diag(track.cov)[:6])
+        distance_m, _, distance_std_m, _ = contact(track, point)
+        true_distance_m = float(np.linalg.norm(recording.position[k] - point)) - recording.radius_m
+        z_scores = {
+            "position": z[:3],
+            "velocity": z[3:],
+            "distance": [abs(distance_m - true_distance_m) / distance_std_m],
+        }
+        if ttc[k] > _LATE_S[0]:
+            _, ttc_s, _, ttc_std_s = contact(track, touched)
+            z_scores["time to contact"] = [abs(ttc_s - ttc[k]) / ttc_std_s]
+            if ttc[k] <= _LATE_S[1]:
+                values["ttc_percent"].append(100 * abs(ttc_s / ttc[k] - 1))
+        for share, sigmas in _SIGMAS.items():
+            for quantity, scores in z_scores.items():
+                values[f"{quantity} {share}"].extend(float(score < sigmas) for score in scores)
+    values["nees"] = [float(np.mean(nees))] if nees else []
+    return values
+
+
+def contact(track: Track3D, point: Array) -> tuple[float, float, float, float]:
+    """Return the distance (m) from the track's surface to a point (3,), the time to contact (s), and their standard
+    deviations."""
+    d = (track.position - point)[None]
+    normal = d / np.linalg.norm(d)
+    means = distance_and_ttc(_FIELD, d, normal, track.velocity, track.radius_m)
+    variances = distance_and_ttc_variance(
+        _FIELD, d, normal, track.velocity, track.cov[:6, :6], track.radius_m, track.radius_var_m2
+    )
+    distance, ttc, distance_var, ttc_var = (float(values[0]) for values in (*means, *variances))
+    return distance, ttc, distance_var**0.5, ttc_var**0.5
