@@ -6,7 +6,7 @@ one object.  A marker is detected by its hue (`marker_acquisition`).
 
 import itertools
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -177,9 +177,8 @@ class Acquisition:
             foreground = MovingForeground(background, camera.view, before, camera.image)
         segments = (segment(camera.image, region, self._optics[eye], foreground) for region in regions)
         candidates = [candidate for candidate in segments if candidate is not None]
-        if (
-            earlier is None and eye == 0
-        ):  # the camera moves: flow confirms that a colour region moves relative to the scene
+        candidates += joined(camera.image, candidates, self._optics[eye])
+        if earlier is None and eye == 0:  # the camera moves: flow confirms that a colour region moves by itself
             candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]
         return candidates
 
@@ -270,6 +269,38 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
     return Candidate(shape, model, evidence, region.flow, by_color, mask, box, is_partly_occluded)
+
+
+def joined(image: Image, candidates: Sequence[Candidate], optics: Optics) -> list[Candidate]:
+    """Join candidates that touch, of several colours, to one object each; every part has its own motion region."""
+    colored = [candidate for candidate in candidates if candidate.by_color]
+    if len(colored) < 2:
+        return []
+    boxes = np.array([candidate.box for candidate in colored])
+    x0, y0 = boxes[:, :2].min(axis=0).tolist()
+    x1, y1 = boxes[:, 2:].max(axis=0).tolist()
+    union = np.zeros((y1 - y0, x1 - x0), bool)
+    for candidate in colored:
+        left, top, right, bottom = candidate.box
+        union[top - y0 : bottom - y0, left - x0 : right - x0] |= candidate.mask
+    _, labels = cv2.connectedComponents(masks.closed(union, masks.square(1)).view(np.uint8))
+    groups: dict[int, list[Candidate]] = {}
+    for candidate in colored:
+        row, column = np.argwhere(candidate.mask)[0] + (candidate.box[1] - y0, candidate.box[0] - x0)
+        groups.setdefault(int(labels[row, column]), []).append(candidate)
+    bins = color_bins(image[y0:y1, x0:x1])
+    objects = []
+    for label, group in groups.items():
+        if len(group) < 2:
+            continue
+        mask = masks.filled(np.asarray(labels == label))
+        model = _model(bins, mask)
+        outline = _object_outline(image, mask, (x0, y0, x1, y1), optics)
+        if outline is not None and model.similarity(model.background) <= _MAX_LIKENESS:
+            evidence = sum(part.evidence for part in group)
+            flow = next((part.flow for part in group if part.flow is not None), None)
+            objects.append(Candidate(outline, model, evidence, flow, True, mask, (x0, y0, x1, y1)))
+    return objects
 
 
 def _sine(a: Array, b: Array) -> float:
