@@ -43,13 +43,13 @@ _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10
 _MARGIN = 1.0  # around a motion region, relative to its size
 _MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of region and surroundings above which no object stands out
 _ROUNDS = 4  # largest number of alternating estimates of colours and mask
-_MIN_AREA_PX = 16  # of an object
-_MIN_FILL = 0.35  # of its box
-_MAX_SHARE = 0.25  # of the image
+_MIN_AREA_PX = 16  # area of an object
+_MIN_FILL = 0.35  # share of its box
+_MAX_SHARE = 0.25  # share of the image
 _MIN_LIKENESS = 0.7  # Bhattacharyya coefficient of an object's colours in both images
-_MAX_RATIO = 1.2  # of an object's angular radii in both images
+_MAX_RATIO = 1.2  # largest ratio of an object's angular radii in both images
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours suffice without the foreground
-_LOW_SATURATION = 0.4  # of the object's mean squared saturation; lower: a colour of the surroundings
+_LOW_SATURATION = 0.4  # share of the object's mean squared saturation below which a colour is the surroundings'
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Candidate:
     """Possible object in one image.
 
     Its evidence is the residual of its motion region; if it was segmented by colour, times 1 − the Bhattacharyya
-    coefficient of its colours and those of its surroundings.
+    coefficient of its colours and its surroundings'.
     """
 
     outline: Outline
@@ -85,9 +85,12 @@ class Acquisition:
         stages: Stages,
         counts: SearchCounts,
     ) -> None:
-        self.own_body, self.stages, self._counts = own_body, stages, counts
-        self._optics, self._backgrounds = optics, backgrounds
-        self._triggers = tuple(MotionTrigger(trigger, one.camera) for one in optics)
+        self.own_body = own_body
+        self.stages = stages
+        self._counts = counts
+        self._optics = optics
+        self._backgrounds = backgrounds
+        self._triggers = tuple(MotionTrigger(trigger, side.camera) for side in optics)
 
     def step(
         self, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
@@ -122,8 +125,8 @@ class Acquisition:
         for eye, camera in enumerate(cameras):
             self._remember(eye, camera)
         lefts, rights = (
-            moved_markers(marker, camera, one, background)
-            for camera, one, background in zip(cameras, self._optics, self._backgrounds, strict=True)
+            moved_markers(marker, camera, optics, background)
+            for camera, optics, background in zip(cameras, self._optics, self._backgrounds, strict=True)
         )
         self._counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
         pairs = []
@@ -137,7 +140,10 @@ class Acquisition:
                 self._counts[f"rejected by {association.refusal(view, a, b)}"] += 1
         if pairs and self._backgrounds[0].is_known(cameras[0].view):
             return pairs[0]
-        moving = [{id(one): self._moves(eye, one) for one in pair} for eye, pair in enumerate(zip(*pairs, strict=True))]
+        moving = [
+            {id(outline): self._moves(eye, outline) for outline in pair}
+            for eye, pair in enumerate(zip(*pairs, strict=True))
+        ]
         is_only = len(lefts) == len(rights) == 1
         for a, b in pairs:
             moves = moving[0][id(a)] and moving[1][id(b)]
@@ -146,12 +152,12 @@ class Acquisition:
         self._counts.update({"rejected since it did not move": len(pairs)})
         return None
 
-    def _moves(self, eye: int, one: Outline) -> bool:
+    def _moves(self, eye: int, outline: Outline) -> bool:
         """Whether the optical flow of a camera's last image shows that an outline moves relative to the scene."""
-        x, y, w, h = one.box_px
+        x, y, w, h = outline.box_px
         camera = self._optics[eye].camera
         box = max(int(x), 0), max(int(y), 0), min(int(x + w) + 1, camera.width), min(int(y + h) + 1, camera.height)
-        return self._triggers[eye].moves(masks.ellipse(box, one.center_px, w, h), box)
+        return self._triggers[eye].moves(masks.ellipse(box, outline.center_px, w, h), box)
 
     def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
         own = self._own(camera)
@@ -162,19 +168,21 @@ class Acquisition:
         return []
 
     def _own(self, camera: CameraFrame) -> Callable[[], Mask] | None:
-        joints, own_body = camera.joints_rad, self.own_body
+        joints = camera.joints_rad
+        own_body = self.own_body
         return None if own_body is None or joints is None else lambda: own_body(joints, camera.view)
 
     def _candidates(self, eye: int, camera: CameraFrame, regions: list[Region2D]) -> list[Candidate]:
         """Candidates of one camera's motion regions."""
-        background, trigger = self._backgrounds[eye], self._triggers[eye]
+        background = self._backgrounds[eye]
+        trigger = self._triggers[eye]
         earlier = trigger.image_before(camera.view, camera.stamp_s)
         foreground: Foreground | None = None
         if earlier is not None and background.is_known(camera.view):
             foreground = StaticForeground(background, camera.view, earlier, camera.image)
         elif earlier is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
-            before = partial(trigger.seen_before, camera.view, camera.stamp_s)
-            foreground = MovingForeground(background, camera.view, before, camera.image)
+            warp_earlier = partial(trigger.seen_before, camera.view, camera.stamp_s)
+            foreground = MovingForeground(background, camera.view, warp_earlier, camera.image)
         segments = (segment(camera.image, region, self._optics[eye], foreground) for region in regions)
         candidates = [candidate for candidate in segments if candidate is not None]
         candidates += joined(camera.image, candidates, self._optics[eye])
@@ -216,28 +224,31 @@ class Acquisition:
                 self._counts[f"rejected by {association.refusal(view, outline_a, outline_b)}"] += 1
         return best
 
-    def _whole_outline(self, eye: int, cameras: CameraFrames, one: Candidate, other: Candidate) -> Outline | None:
+    def _whole_outline(
+        self, eye: int, cameras: CameraFrames, candidate: Candidate, partner: Candidate
+    ) -> Outline | None:
         """Outline of the whole object: if the other image shows a larger disc that fits, a disc of that size; else the
         candidate's own outline, None if it is partly occluded."""
-        own = None if one.is_partly_occluded else one.outline
-        ratio = other.outline.angular_radius_rad / one.outline.angular_radius_rad
-        if ratio < (1.0 if one.outline.is_partial or one.is_partly_occluded else _MAX_RATIO):
-            return one.outline
-        if not other.outline.is_disc:
+        own = None if candidate.is_partly_occluded else candidate.outline
+        ratio = partner.outline.angular_radius_rad / candidate.outline.angular_radius_rad
+        if ratio < (1.0 if candidate.outline.is_partial or candidate.is_partly_occluded else _MAX_RATIO):
+            return candidate.outline
+        if not partner.outline.is_disc:
             return own
-        view, other_view = cameras[eye].view, cameras[1 - eye].view
+        view = cameras[eye].view
+        other_view = cameras[1 - eye].view
         baseline = other_view.center - view.center
-        sine = _sine(baseline, view.rays(one.outline.center_px))
-        nearer = sine / _sine(baseline, other_view.rays(other.outline.center_px))  # by the law of sines
-        area_px = one.outline.area_px * (nearer * ratio) ** 2
-        return fit_outline(cameras[eye].image, one.mask, one.box, self._optics[eye], area_px) or own
+        sine = _sine(baseline, view.rays(candidate.outline.center_px))
+        nearer = sine / _sine(baseline, other_view.rays(partner.outline.center_px))  # by the law of sines
+        area_px = candidate.outline.area_px * (nearer * ratio) ** 2
+        return fit_outline(cameras[eye].image, candidate.mask, candidate.box, self._optics[eye], area_px) or own
 
 
 def segment(image: Image, region: Region2D, optics: Optics, foreground: Foreground | None = None) -> Candidate | None:
     """Candidate of a motion region; None where no object stands out.
 
     It is segmented by its colours or by the `foreground`.  Several colours that move as one solid region are one
-    object; of a region that is not solid (an arm that holds an object) the distinct colours are the object.
+    object; if the region is not solid (an arm that holds an object), the distinct colours are the object.
     """
     x, y, w, h = region.box_px
     height, width = image.shape[:2]
@@ -250,7 +261,8 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
     mask, model = _grow(bins, seed)
     if mask is not None and masks.is_cut(mask, box, image):
         mask = model = None
-    by_color, is_partly_occluded = model is not None, False
+    by_color = model is not None
+    is_partly_occluded = False
     if foreground is not None:
         is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
         by_color = mask is not None and foreground.confirms(mask, box, is_distinct)
@@ -337,7 +349,7 @@ def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel 
 
 
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
-    """Colours of the mask (without those of low saturation beside vivid ones) and of its surroundings."""
+    """Colours of the mask (low saturations beside vivid colours are rejected) and of its surroundings."""
     colors = histogram(bins[mask], _VIVIDNESS[bins[mask]])
     colors[_LOW_SATURATION * (colors @ _VIVIDNESS) > _VIVIDNESS] = 0.0
     return ColorModel(colors / colors.sum(), histogram(bins[~masks.dilated(mask, 2)]))

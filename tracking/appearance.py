@@ -12,8 +12,9 @@ from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (R's histogram)
-_GREY_SATURATION, _DARK_VALUE = 40, 25  # below either the hue is noise (of 255)
-_BITS = 6  # of each channel that tell colours apart; the others are about the pixel noise
+_GREY_SATURATION = 40  # of 255; below it the hue is noise
+_DARK_VALUE = 25  # the same
+_BITS = 6  # used bits of each channel; the lower ones are mostly pixel noise
 _SAME_SIMILARITY = 0.85  # least Bhattacharyya coefficient of the colours of one object before and after a gap
 _SAME_RADIUS_RATIO = 1.25  # largest ratio of its radii
 _NEVER_SEEN = 4e-3  # share of a histogram that a colour must have to count as seen
@@ -46,7 +47,9 @@ def _looked_up(image: Image, table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     bins = np.empty(image.shape[:2], np.uint8)
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            red, green, blue = np.int32(image[y, x, 0]), np.int32(image[y, x, 1]), np.int32(image[y, x, 2])
+            red = np.int32(image[y, x, 0])
+            green = np.int32(image[y, x, 1])
+            blue = np.int32(image[y, x, 2])
             bins[y, x] = table[(red >> 2 << 12) + (green >> 2 << 6) + (blue >> 2)]
     return bins
 
@@ -79,30 +82,30 @@ class ColorModel:
         """Bhattacharyya coefficient of the object and another histogram, 0–1."""
         return float(np.sqrt(self.object * histogram).sum())
 
-    def blend(self, other: "ColorModel", object_rate: float, background_rate: float) -> "ColorModel":
+    def blend(self, newer: "ColorModel", object_rate: float, background_rate: float) -> "ColorModel":
         """This model moved towards a newer one."""
         return ColorModel(
-            (1 - object_rate) * self.object + object_rate * other.object,
-            (1 - background_rate) * self.background + background_rate * other.background,
+            (1 - object_rate) * self.object + object_rate * newer.object,
+            (1 - background_rate) * self.background + background_rate * newer.background,
         )
 
 
 def is_same_object(
-    known: Sequence[ColorModel | None],
+    tracked: Sequence[ColorModel | None],
     radius_m: float,
-    found: Sequence[ColorModel | None],
-    found_radius_m: float,
+    detected: Sequence[ColorModel | None],
+    detected_radius_m: float,
 ) -> bool:
     """Re-identification gate: does a new detection show the object that was tracked before?
 
     Args:
-        known: The object's colours in each eye, where they are known.
+        tracked: The object's colours in each eye, None where they are unknown.
         radius_m: Its radius.
-        found: The detection's colours in each eye.
-        found_radius_m: The detection's radius.
+        detected: The detection's colours in each eye.
+        detected_radius_m: The detection's radius.
     """
-    for before, now in zip(known, found, strict=True):
-        if before and now and before.similarity(now.object) < _SAME_SIMILARITY:
+    for model, candidate in zip(tracked, detected, strict=True):
+        if model and candidate and model.similarity(candidate.object) < _SAME_SIMILARITY:
             return False
-    ratio = found_radius_m / radius_m
+    ratio = detected_radius_m / radius_m
     return max(ratio, 1 / ratio) <= _SAME_RADIUS_RATIO

@@ -17,7 +17,8 @@ from tracking.moving_background import MovingBackground, beyond, most, smoothed
 CHANGED = 0.3  # least foreground share of an object's image
 _PERIOD_S = 0.2  # in which every row is updated once
 _RATE = 0.1  # of the running mean
-_NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # foreground threshold: standard deviations, grey levels
+_NOISE_FACTOR = 5.0  # foreground threshold: standard deviations
+_MIN_CONTRAST = 3.5  # its minimum, grey levels
 _SAMPLES = 20  # per row and column, for gain and noise
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _LIT = 20.0  # grey levels: darker pixels do not determine the gain
@@ -34,7 +35,9 @@ class Background:
     """
 
     def __init__(self, ego: EgoMotion, memory_s: float) -> None:
-        self.ego, self.memory_s, self.moving = ego, memory_s, MovingBackground(ego)
+        self.ego = ego
+        self.memory_s = memory_s
+        self.moving = MovingBackground(ego)
         self._view: View | None = None
         self._last: View | None = None
         self._mean: Pixels
@@ -44,7 +47,8 @@ class Background:
         self._measured: Image | None = None
         self._gain_and_noise: tuple[float, float]
         self._threshold = _MIN_CONTRAST
-        self._row, self._learned_s = 0, 0.0  # next row to update; stamp of the last update
+        self._row = 0  # next row to update
+        self._learned_s = 0.0  # stamp of the last update
 
     def is_known(self, view: View) -> bool:
         """Whether the background is known for this pose of the camera."""
@@ -77,14 +81,17 @@ class Background:
         """Largest difference (h, w) of the three channels to the range of the background's 3×3 neighbourhood, grey
         levels; 255 at and beside unknown pixels, unless the pixel itself equals its background."""
         x0, y0, x1, y1 = box
-        left, top = max(x0 - 1, 0), max(y0 - 1, 0)
-        around, inside = self._mean[top : y1 + 1, left : x1 + 1], np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
-        seen, now = cv2.convertScaleAbs(around, alpha=self._gain_of(image)), smoothed(image, box)
-        over = beyond(now, cv2.erode(seen, _NEIGHBOURS)[inside], cv2.dilate(seen, _NEIGHBOURS)[inside])
+        left = max(x0 - 1, 0)
+        top = max(y0 - 1, 0)
+        around = self._mean[top : y1 + 1, left : x1 + 1]
+        inside = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+        expected = cv2.convertScaleAbs(around, alpha=self._gain_of(image))
+        current = smoothed(image, box)
+        over = beyond(current, cv2.erode(expected, _NEIGHBOURS)[inside], cv2.dilate(expected, _NEIGHBOURS)[inside])
         unknown = around[:, :, 0] < 0
         if unknown.any():
             beside = masks.dilated(unknown, 1)[inside]
-            over[beside & (unknown[inside] | (most(cv2.absdiff(now, seen[inside])) > self._threshold))] = 255
+            over[beside & (unknown[inside] | (most(cv2.absdiff(current, expected[inside])) > self._threshold))] = 255
         return over
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
@@ -111,19 +118,21 @@ class Background:
             self.moving.set_from(image, view, stamp_s, mask, box)
             return
         x0, y0, x1, y1 = box
-        now = smoothed(image, box).astype(np.float32) / np.float32(self._gain_of(image))
-        self._mean[y0:y1, x0:x1][mask] = now[mask]
+        current = smoothed(image, box).astype(np.float32) / np.float32(self._gain_of(image))
+        self._mean[y0:y1, x0:x1][mask] = current[mask]
 
     def update(
         self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
     ) -> None:
         """Update the model with an image, except around the box (x, y, width, height px) of the tracked object."""
-        last, self._last = self._last or view, view
+        last = self._last or view
+        self._last = view
         x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
         if not self.is_known(view):
             self._view = view if self.ego.is_still(last, view) else None
             if self._view is not None:
-                self._row, self._learned_s = 0, stamp_s
+                self._row = 0
+                self._learned_s = stamp_s
                 self._recent = smoothed(image, (0, 0, image.shape[1], len(image)))
                 self._mean = self._recent.astype(np.float32)
                 self._since_s = np.full(image.shape[:2], stamp_s)
@@ -134,15 +143,18 @@ class Background:
             else:
                 self.moving.update(image, view, stamp_s, object_px)
             return
-        height, top = len(image), self._row
+        height = len(image)
+        top = self._row
         bottom = min(top + math.ceil(height * (stamp_s - self._learned_s) / _PERIOD_S), height)
-        self._row, self._learned_s = bottom % height, stamp_s
-        (gain, noise), rows = self._gain_and_noise_of(image), np.s_[top:bottom]
+        self._row = bottom % height
+        self._learned_s = stamp_s
+        gain, noise = self._gain_and_noise_of(image)
+        rows = np.s_[top:bottom]
         self._threshold = max(_NOISE_FACTOR * 1.4826 * noise, _MIN_CONTRAST)
-        now = smoothed(image, (0, top, image.shape[1], bottom))
-        kept = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
+        current = smoothed(image, (0, top, image.shape[1], bottom))
+        excluded = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
         layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
-        _learn(now, *layers, gain, self._threshold, stamp_s, self.memory_s, kept)
+        _learn(current, *layers, gain, self._threshold, stamp_s, self.memory_s, excluded)
         if bottom == height:
             self._set_ghosts(image, view, stamp_s)
 
@@ -151,9 +163,9 @@ class Background:
         box = box[0], box[1], min(box[2], image.shape[1]), min(box[3], image.shape[0])
         if not self.moving.is_known or box[0] >= box[2] or box[1] >= box[3]:
             return _UNKNOWN
-        seen = self.moving.seen(view, box)
-        seen[seen < 0] = _UNKNOWN
-        return seen
+        expected = self.moving.seen(view, box)
+        expected[expected < 0] = _UNKNOWN
+        return expected
 
     def _set_ghosts(self, image: Image, view: View, stamp_s: float) -> None:
         """Set the background at ghosts from the image."""
@@ -166,7 +178,8 @@ class Background:
             x, y, w, h, area = (int(value) for value in stats[k])
             if area >= MIN_GHOST_PX:
                 mask = np.pad(np.asarray(labels[y : y + h, x : x + w] == k), 2)
-                x, y = x + left, y + top
+                x += left
+                y += top
                 box = max(x - 2, 0), max(y - 2, 0), min(x + w + 2, image.shape[1]), min(y + h + 2, len(image))
                 mask = mask[box[1] - y + 2 : box[3] - y + 2, box[0] - x + 2 : box[2] - x + 2]
                 edge = edge_of_background(image, self._mean, self._gain_of(image), mask, box)
@@ -198,7 +211,8 @@ class Background:
     def _gain_and_noise_of(self, image: Image) -> tuple[float, float]:
         """`_gain_and_noise`, computed once per image."""
         if image is not self._measured:
-            self._measured, self._gain_and_noise = image, _gain_and_noise(image, self._mean)
+            self._measured = image
+            self._gain_and_noise = _gain_and_noise(image, self._mean)
         return self._gain_and_noise
 
 
@@ -206,8 +220,11 @@ class Background:
 def _gain_and_noise(image: Image, mean: Pixels) -> tuple[float, float]:
     """Gain of an image (h, w, 3) relative to a background (h, w, 3; median over lit pixels), and the median absolute
     difference of the smoothed image from the background times the gain."""
-    levels, known = np.empty(3 * _SAMPLES**2), np.empty(3 * _SAMPLES**2)
-    n, height, width = 0, image.shape[0] - 2, image.shape[1] - 2
+    levels = np.empty(3 * _SAMPLES**2)
+    expected = np.empty(3 * _SAMPLES**2)
+    height = image.shape[0] - 2
+    width = image.shape[1] - 2
+    n = 0
     for i in range(_SAMPLES):
         y = (2 * i + 1) * height // (2 * _SAMPLES) + 1
         for j in range(_SAMPLES):
@@ -217,17 +234,19 @@ def _gain_and_noise(image: Image, mean: Pixels) -> tuple[float, float]:
                     total = 0
                     for k in range(9):
                         total += image[y + k // 3 - 1, x + k % 3 - 1, channel]
-                    levels[n], known[n] = total / 9, mean[y, x, channel]
+                    levels[n] = total / 9
+                    expected[n] = mean[y, x, channel]
                     n += 1
-    levels, known = levels[:n], known[:n]
-    lit = known > _LIT
-    gain = np.median(levels[lit] / known[lit]) if lit.any() else 1.0
-    return gain, np.median(np.abs(levels - gain * known)) if n else 0.0
+    levels = levels[:n]
+    expected = expected[:n]
+    lit = expected > _LIT
+    gain = np.median(levels[lit] / expected[lit]) if lit.any() else 1.0
+    return gain, np.median(np.abs(levels - gain * expected)) if n else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _learn(
-    now: NDArray[np.uint8],
+    current: NDArray[np.uint8],
     mean: Pixels,
     recent: NDArray[np.uint8],
     since_s: NDArray[np.float64],
@@ -236,26 +255,26 @@ def _learn(
     threshold: float,
     stamp_s: float,
     memory_s: float,
-    kept: tuple[int, int, int, int],
+    excluded: tuple[int, int, int, int],
 ) -> None:
-    """Update `mean`, `recent` (h, w, 3), `since_s` and `rests` (h, w) with the rows `now`; not the mean in the box
-    `kept`."""
+    """Update `mean`, `recent` (h, w, 3), `since_s` and `rests` (h, w) with the rows `current`; not the mean in the box
+    `excluded`."""
     rows, columns = since_s.shape
     scale, rate, limit = np.float32(1 / gain), np.float32(_RATE), np.float32(threshold)
     half, brightest = np.float32(0.5), np.float32(255)
     for y in range(rows):
         for x in range(columns):
             red, green, blue = (
-                min(scale * now[y, x, 0], brightest),
-                min(scale * now[y, x, 1], brightest),
-                min(scale * now[y, x, 2], brightest),
+                min(scale * current[y, x, 0], brightest),
+                min(scale * current[y, x, 1], brightest),
+                min(scale * current[y, x, 2], brightest),
             )
             r, g, b = mean[y, x, 0], mean[y, x, 1], mean[y, x, 2]
             if max(abs(red - recent[y, x, 0]), abs(green - recent[y, x, 1]), abs(blue - recent[y, x, 2])) > limit:
                 recent[y, x, 0], recent[y, x, 1], recent[y, x, 2] = red + half, green + half, blue + half
                 since_s[y, x] = stamp_s
             rests[y, x] = False
-            if kept[0] <= x < kept[2] and kept[1] <= y < kept[3]:
+            if excluded[0] <= x < excluded[2] and excluded[1] <= y < excluded[3]:
                 continue
             if max(abs(red - r), abs(green - g), abs(blue - b)) <= limit:
                 mean[y, x, 0], mean[y, x, 1] = r + rate * (red - r), g + rate * (green - g)

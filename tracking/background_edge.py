@@ -42,10 +42,10 @@ def edge_of_background(image: Image, mean: NDArray[Any], gain: float, mask: Mask
     sides = [np.rint(edge + box[:2] + sign * ASIDE_PX * across).astype(int) for sign in (1, -1)]
     inside = np.all([((q > 0) & (q < (width - 1, height - 1))).all(axis=1) for q in sides], axis=0)
     (u, v), (x, y) = (q[inside].T for q in sides)
-    known = (mean[v, u, 0] >= 0) & (mean[y, x, 0] >= 0)
-    if np.count_nonzero(known) < _MIN_EDGE_POINTS:
+    is_known = (mean[v, u, 0] >= 0) & (mean[y, x, 0] >= 0)
+    if np.count_nonzero(is_known) < _MIN_EDGE_POINTS:
         return None
-    u, v, x, y = (coordinate[known] for coordinate in (u, v, x, y))
+    u, v, x, y = (coordinate[is_known] for coordinate in (u, v, x, y))
     left = min(u.min(), x.min()) - 1
     top = min(v.min(), y.min()) - 1
     right = max(u.max(), x.max()) + 2

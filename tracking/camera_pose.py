@@ -1,4 +1,4 @@
-"""Camera poses estimated from the images: of a rig that is declared fixed, and of a head whose joints lag."""
+"""Camera poses estimated from the images: a rig that is declared fixed, or a head whose joints lag."""
 
 import math
 from collections import deque
@@ -22,7 +22,7 @@ _RENEWED_S = 0.5  # a reference that does not match for this long is replaced
 _APART_S = 0.12  # time between the two images of a measurement of the delay
 _GAP_S = 0.25  # longest time between frames for a joint velocity
 _DELAY_MEMORY_S = 10.0  # averaging time of the delay
-_NOISE_PX = 0.05  # of a rotation between two images, per axis
+_NOISE_PX = 0.05  # noise of a rotation between two images, per axis
 _SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise is worth
 _SURE_PX = 0.03  # a delay whose error shifts the image by less is measured every `_SELDOM_S`
 _SELDOM_S = 1.0
@@ -70,10 +70,10 @@ class PoseEstimator:
     def step(self, frame: StereoFrame) -> CameraPoses:
         """The poses at which the images of a frame were taken."""
         nominal = self._rig.view_of(frame)
-        left, right = frame.joints_left_rad, frame.joints_right_rad
-        if left is None or right is None:
+        joints = frame.joints_left_rad, frame.joints_right_rad
+        if joints[0] is None or joints[1] is None:
             return self._fixed.step(frame, nominal)
-        return self._late.step(frame, nominal, (left, right)) if self._late else CameraPoses(nominal)
+        return self._late.step(frame, nominal, (joints[0], joints[1])) if self._late else CameraPoses(nominal)
 
     def nominal(self, frame: StereoFrame) -> CameraPoses:
         """The nominal poses, for a frame with a blank image."""
@@ -99,11 +99,13 @@ class _FixedRig:
         self.rate_rad_s = 0.0
         self._n_changes = 0
         self._changes_rad2 = 0.0  # sum of the squared changes of the rotation
-        self._error_rad2, self._known_s = 0.0, -math.inf
+        self._error_rad2 = 0.0
+        self._known_s = -math.inf
         self._references: list[tuple[Reference, Reference]] = []
 
     def step(self, frame: StereoFrame, nominal: StereoView) -> CameraPoses:
-        images, stamp_s = (frame.left, frame.right), frame.stamp_s
+        images = (frame.left, frame.right)
+        stamp_s = frame.stamp_s
         if not self._references:
             self._renew(images, nominal, stamp_s)
         rotation = self._measured(images, nominal)
@@ -117,7 +119,8 @@ class _FixedRig:
             self.rate_rad_s += share * (math.dist(rotation, self.rotation) / dt_s - self.rate_rad_s)
             self._n_changes += 1
             self._changes_rad2 += math.dist(rotation, self.rotation) ** 2
-        self.rotation, self._known_s = rotation, stamp_s
+        self.rotation = rotation
+        self._known_s = stamp_s
         first_rad2 = self._changes_rad2 / max(self._n_changes, 1) / 6  # a change is of two images, about three axes
         std_rad = math.sqrt(first_rad2 + self._error_rad2)
         return CameraPoses(self._corrected(nominal), rotation_std_rad=std_rad)
@@ -179,14 +182,20 @@ class _LateJoints:
     """
 
     def __init__(self, rig: StereoRig, prior_std_s: float) -> None:
-        self._rig, self._prior = rig, np.diag([prior_std_s**-2, _ROOM_STD**-2])
+        self._rig = rig
+        self._prior = np.diag([prior_std_s**-2, _ROOM_STD**-2])
         self._prior_std_s = prior_std_s
-        self._information, self._pull, self._misfit_rad2 = np.zeros((2, 2)), np.zeros(2), 0.0
-        self._scatter, self._scattered = 0.0, 0.0  # sum of the squared normalised misfits, and their number
+        self._information = np.zeros((2, 2))
+        self._pull = np.zeros(2)
+        self._misfit_rad2 = 0.0
+        self._scatter = 0.0  # sum of the squared normalised misfits
+        self._scattered = 0.0  # their number
         self._past: deque[tuple[float, StereoView, Joints]] = deque(maxlen=3)
         self._reference: tuple[Reference, Array, float] | None = None  # with the angular velocity and the stamp
-        self._eye, self._measured_s = 0, -math.inf
-        self.delay_s, self.std_s = 0.0, prior_std_s
+        self._eye = 0
+        self._measured_s = -math.inf
+        self.delay_s = 0.0
+        self.std_s = prior_std_s
 
     def step(self, frame: StereoFrame, nominal: StereoView, joints: Joints) -> CameraPoses:
         if self._past and frame.stamp_s - self._past[-1][0] > _GAP_S:
@@ -228,7 +237,7 @@ class _LateJoints:
         return np.asarray(last_rate + (last_rate - first_rate) / (h + k) * k, float)
 
     def _measure(self, frame: StereoFrame, nominal: StereoView) -> None:
-        """Compare an image with an earlier one, of both cameras in turn."""
+        """Compare an image with an earlier one, alternately for the left and the right camera."""
         stamp_s = frame.stamp_s
         view, image = ((nominal.left, frame.left), (nominal.right, frame.right))[self._eye]
         if self._reference is not None:
@@ -247,7 +256,7 @@ class _LateJoints:
         is_sure = self.std_s * math.hypot(*rate) * view.camera.focal_px < _SURE_PX
         if is_sure and stamp_s - self._measured_s < _SELDOM_S:
             return
-        self._reference = Reference(view.camera, image.copy(), view.T_root_camera), rate, stamp_s
+        self._reference = (Reference(view.camera, image.copy(), view.T_root_camera), rate, stamp_s)
 
     def _update(self, measured: Misalignment, change: Array, stamp_s: float) -> None:
         """Update the delay by a rotation: the delay times a `change` (3,) of angular velocity, plus parallax."""

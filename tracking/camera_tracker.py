@@ -22,14 +22,14 @@ from tracking.outline import Optics, Outline
 from tracking.particle_filter import Prior
 from tracking.stereo import CameraFrame
 
-_SEPARABLE = 0.8  # Bhattacharyya coefficient of an object's and its surroundings' colours up to which they tell it
-_WIDE_SEARCH = 1.2  # of the object's size: within two of it 1 m/s may reverse from one image to the next
-_SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
-_LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row, above which its hue does not separate it
-_RESTS_PX = 1.0  # shift from one image to the next of what rests
+_SEPARABLE = 0.8  # Bhattacharyya coefficient of object and surroundings up to which colours separate them
+_WIDE_SEARCH = 1.2  # standard deviation of a wide prior, relative to the object's size
+_SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
+_LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
+_RESTS_PX = 1.0  # largest shift between two images of an object at rest
 _GHOST = 0.25  # ghost score above which the object is a ghost
 _MIN_GHOST_SCORE = -3.0
-_MIN_STD_PX = 0.7  # of a prior
+_MIN_STD_PX = 0.7  # smallest and largest standard deviation of a prior
 _MAX_STD_PX = 40.0
 
 
@@ -68,72 +68,78 @@ class CameraTracker:
         background_memory_s: float,
         rng: np.random.Generator,
     ) -> None:
-        self.name, self.optics, self.marker = name, optics, marker
+        self.name = name
+        self.optics = optics
+        self.marker = marker
         self.image_tracker = ImageTracker(params, optics, rng)
         self.background = Background(EgoMotion(optics.camera), background_memory_s)
 
-    def predict(self, state: CameraState, camera: CameraFrame, last: Belief, now: Belief) -> Prior | None:
+    def predict(self, state: CameraState, camera: CameraFrame, last: Belief, predicted: Belief) -> Prior | None:
         """Predicted position in this camera's image; None outside of it."""
-        x, y, z = _position_at(now, camera.stamp_s)
+        x, y, z = _position_at(predicted, camera.stamp_s)
         u, v, of_u, of_v = camera.view.project_linearised(x, y, z)
-        center = u + state.offset_px[0], v + state.offset_px[1]
+        center = (u + state.offset_px[0], v + state.offset_px[1])
         if not self.optics.camera.contains(center, margin_px=-0.5 * state.size_px):
             return None
         eye = camera.view.place
         growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
-        std_px = min(max(_std_px(now.cov, of_u, of_v), _MIN_STD_PX), _MAX_STD_PX)
+        std_px = min(max(_std_px(predicted.cov, of_u, of_v), _MIN_STD_PX), _MAX_STD_PX)
         return Prior(np.array(center), std_px, min(max(growth, 0.8), 1.25))
 
     def find(
         self, state: CameraState, camera: CameraFrame, prior: Prior | None
     ) -> tuple[CameraState, ImageDetection | None]:
-        """The object near its prior, None where it is not found: one of `camera.outlines` (`batch`), else searched."""
+        """The object near its prior, from `camera.outlines` (`batch`) or by a search; None where it is not detected."""
         if prior is None:
             return state, None
-        given = None if state.by_background else self._given(state, camera.outlines or [], prior)
-        if given is None and self.marker is not None:
-            given, is_hue_there = self._find_marker(self.marker, state, camera, prior)
-            if given is None and not is_hue_there:
+        detection = None if state.by_background else self._given(state, camera.outlines or [], prior)
+        if detection is None and self.marker is not None:
+            detection, is_hue_there = self._find_marker(self.marker, state, camera, prior)
+            if detection is None and not is_hue_there:
                 return state, None
-        if given is not None:
-            target = state.target and self.image_tracker.follow(state.target, given.outline)
-            return state._replace(target=target), given
+        if detection is not None:
+            target = state.target and self.image_tracker.follow(state.target, detection.outline)
+            return state._replace(target=target), detection
         if state.target is None:
             return state, None
-        before, background, different = state.target, self._known_background(camera), None
+        previous = state.target
+        background = self._known_background(camera)
+        different = None
         if background is not None:
             of_pixels = background.evidence if state.by_background else background.differs
             different = partial(of_pixels, camera.image, camera.view)
-        elif state.by_background:  # colours must do
-            if before.model.similarity(before.model.background) > _SEPARABLE:
+        elif state.by_background:  # only colours are left
+            if previous.model.similarity(previous.model.background) > _SEPARABLE:
                 return state, None
             state = state._replace(by_background=False)
-        # before a moving eye colours alone do better where they separate the object
+        # in front of a moving camera, colours alone are more accurate where they separate the object
         evidence = different if state.by_background or background is self.background else None
-        search = partial(self.image_tracker.step, before, camera.image, by_color=not state.by_background)
-        target, found_object = search(prior, evidence, if_joined=different)
-        if found_object is None and evidence is None and different is not None:
+        search = partial(self.image_tracker.step, previous, camera.image, by_color=not state.by_background)
+        target, detection = search(prior, evidence, if_joined=different)
+        if detection is None and evidence is None and different is not None:
             evidence = different
-            target, found_object = search(prior, evidence)
-        if found_object is None and evidence is not None and not before.touched:  # it has turned abruptly
-            last_px = before.particles.current[:, :2].mean(axis=0)
-            target, found_object = search(Prior(last_px, _WIDE_SEARCH * before.size, prior.growth), evidence)
-        if self.marker is not None and found_object is not None and found_object.outline.is_partial:
-            return state, None  # what hides it may have its hue
-        if found_object is not None and state.by_background:
-            ghost_score = self._ghost_score(state, camera, before, found_object)
+            target, detection = search(prior, evidence)
+        if detection is None and evidence is not None and not previous.touched:  # the motion may have reversed
+            last_px = previous.particles.current[:, :2].mean(axis=0)
+            target, detection = search(Prior(last_px, _WIDE_SEARCH * previous.size, prior.growth), evidence)
+        if self.marker is not None and detection is not None and detection.outline.is_partial:
+            return state, None  # the occluder may have the same hue
+        if detection is not None and state.by_background:
+            ghost_score = self._ghost_score(state, camera, previous, detection)
             state = state._replace(ghost_score=ghost_score)
-        return state._replace(target=target, view=camera.view), found_object
+        return state._replace(target=target, view=camera.view), detection
 
-    def _ghost_score(self, state: CameraState, camera: CameraFrame, before: Target, found: ImageDetection) -> float:
+    def _ghost_score(
+        self, state: CameraState, camera: CameraFrame, previous: Target, detection: ImageDetection
+    ) -> float:
         """The updated `ghost_score`; it can only fall while the object moves."""
-        was_px = before.particles.current[:, :2].mean(axis=0)
+        was_px = previous.particles.current[:, :2].mean(axis=0)
         if state.view is not None and state.view is not camera.view:
             was_px = camera.view.project(state.view.center + ROOM_M * state.view.rays(was_px))
-        rests = math.dist(was_px.tolist(), found.outline.center_px.tolist()) < _RESTS_PX
+        rests = math.dist(was_px.tolist(), detection.outline.center_px.tolist()) < _RESTS_PX
         if not rests and state.ghost_score <= _MIN_GHOST_SCORE:
             return state.ghost_score
-        place = self._changed_place(camera, found)
+        place = self._changed_place(camera, detection)
         share = None if place is None else self.background.learned_edge(camera.image, camera.view, *place)
         if share is None:
             return state.ghost_score
@@ -146,20 +152,20 @@ class CameraTracker:
             return self.background
         return None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
 
-    def _changed_place(self, camera: CameraFrame, found: ImageDetection) -> tuple[Mask, Box] | None:
+    def _changed_place(self, camera: CameraFrame, detection: ImageDetection) -> tuple[Mask, Box] | None:
         """Foreground mask (h, w) at a detection, and its box; None if there is none."""
         background = self._known_background(camera)
         if background is None:
             return None
-        _, _, w, h = found.outline.box_px
-        box = self.image_tracker.region(found.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
+        _, _, w, h = detection.outline.box_px
+        box = self.image_tracker.region(detection.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
         differs = background.differs(camera.image, camera.view, box)
-        mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
+        mask = masks.component(differs, masks.ellipse(box, detection.outline.center_px, w, h))
         return None if mask is None else (mask, box)
 
-    def set_from(self, camera: CameraFrame, found: ImageDetection) -> None:
+    def set_from(self, camera: CameraFrame, detection: ImageDetection) -> None:
         """Set the background from the image at a detection (a ghost)."""
-        place = self._changed_place(camera, found)
+        place = self._changed_place(camera, detection)
         if place is not None:
             mask, box = place
             self.background.set_from(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
@@ -167,13 +173,14 @@ class CameraTracker:
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
     ) -> tuple[ImageDetection | None, bool]:
-        """The blob nearest to the prior, None if its area does not fit (its hue does not separate it then); and whether
+        """The blob nearest to the prior, None if its area does not fit (then its hue does not separate it); and whether
         there is any blob."""
         x, y = prior.center_px.tolist()
-        near, area_px = (x, y, state.size_px + 4 * prior.std_px + 3), math.pi / 4 * (prior.growth * state.size_px) ** 2
+        near = (x, y, state.size_px + 4 * prior.std_px + 3)
+        area_px = math.pi / 4 * (prior.growth * state.size_px) ** 2
         differs = partial(self.background.differs, camera.image, camera.view)
-        found = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
-        nearest = min(found, key=lambda one: math.dist(one.center_px.tolist(), (x, y)), default=None)
+        blobs = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
+        nearest = min(blobs, key=lambda blob: math.dist(blob.center_px.tolist(), (x, y)), default=None)
         if nearest is None:
             return None, False
         ratio = (self._size_px(nearest) / (prior.growth * state.size_px)) ** 2
@@ -181,13 +188,14 @@ class CameraTracker:
             return None, True
         return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True
 
-    def _given(self, state: CameraState, found: list[Outline], prior: Prior) -> ImageDetection | None:
-        """The outline of `found` that lies near the prior and has the predicted size."""
-        half, expected_px = 0.5 * state.size_px + 2 * prior.std_px + 4, prior.growth * state.size_px
-        for one in found:
-            near = float(np.abs(one.center_px - prior.center_px).max()) < half
-            if near and abs(self._size_px(one) / expected_px - 1) < _SAME_SIZE:
-                return ImageDetection(one, one.box_px, 1.0)
+    def _given(self, state: CameraState, outlines: list[Outline], prior: Prior) -> ImageDetection | None:
+        """The outline of `outlines` that lies near the prior and has the predicted size."""
+        half = 0.5 * state.size_px + 2 * prior.std_px + 4
+        expected_px = prior.growth * state.size_px
+        for outline in outlines:
+            near = float(np.abs(outline.center_px - prior.center_px).max()) < half
+            if near and abs(self._size_px(outline) / expected_px - 1) < _SAME_SIZE:
+                return ImageDetection(outline, outline.box_px, 1.0)
         return None
 
     def remember(self, state: CameraState, camera: CameraFrame, outline: Outline, belief: Belief) -> CameraState:
@@ -196,17 +204,17 @@ class CameraTracker:
         x, y = outline.center_px.tolist()
         return state._replace(offset_px=(x - u, y - v), size_px=self._size_px(outline))
 
-    def detection(self, camera: CameraFrame, found: ImageDetection) -> Detection2D:
+    def detection(self, camera: CameraFrame, detection: ImageDetection) -> Detection2D:
         """The message of an image detection."""
-        shape = found.outline
+        shape = detection.outline
         return Detection2D(
             camera.stamp_s,
             self.name,
             shape.center_px,
             shape.cov_px,
-            found.score,
+            detection.score,
             shape.angular_radius_rad,
-            found.box_px,
+            detection.box_px,
         )
 
     def _size_px(self, outline: Outline) -> float:
@@ -218,7 +226,8 @@ def _position_at(belief: Belief, stamp_s: float) -> Vector:
     (x, y, z), *rates = belief.mean.tolist()
     if not rates:
         return x, y, z
-    dt, (vx, vy, vz) = stamp_s - belief.stamp_s, rates[0]
+    dt = stamp_s - belief.stamp_s
+    vx, vy, vz = rates[0]
     return x + vx * dt, y + vy * dt, z + vz * dt
 
 

@@ -31,39 +31,44 @@ class EgoMotion:
     @cached_property
     def _nodes(self) -> Array:
         """(rows, columns, 3) directions of a grid of pixels that reaches one cell beyond the image."""
-        columns, rows = -(-self.camera.width // _STEP) + 2, -(-self.camera.height // _STEP) + 2
+        columns = -(-self.camera.width // _STEP) + 2
+        rows = -(-self.camera.height // _STEP) + 2
         v, u = np.mgrid[:rows, :columns] * _STEP - _STEP + (_STEP - 1) / 2
         return self.camera.bearings(np.stack([u, v], axis=-1))
 
     @staticmethod
-    def is_still(then: View, now: View) -> bool:
+    def is_still(earlier: View, current: View) -> bool:
         """Whether both poses are equal."""
-        return then is now or bool((np.abs(then.T_root_camera - now.T_root_camera) < _STILL).all())
+        return earlier is current or bool((np.abs(earlier.T_root_camera - current.T_root_camera) < _STILL).all())
 
-    def parallax_px_m(self, then: View, now: View) -> float:
+    def parallax_px_m(self, earlier: View, current: View) -> float:
         """Parallax in the earlier image (px) per 1/m of inverse distance."""
-        return self.camera.focal_px * float(np.linalg.norm(now.center - then.center))
+        return self.camera.focal_px * float(np.linalg.norm(current.center - earlier.center))
 
-    def maps(self, then: View, now: View, inverse_distance: float, box: Box | None = None) -> NDArray[np.float32]:
-        """Pixel (y1 − y0, x1 − x0, 2) in the view `then` of each pixel of `box` (None: of all) in the view `now`; far
-        outside the image where `then` does not contain it."""
+    def maps(
+        self, earlier: View, current: View, inverse_distance: float, box: Box | None = None
+    ) -> NDArray[np.float32]:
+        """Pixels (y1 − y0, x1 − x0, 2) in the earlier view of the pixels of `box` (None: of all) in the current one;
+        far outside the image where the earlier view does not contain them."""
         x0, y0, x1, y1 = box or (0, 0, self.camera.width, self.camera.height)
-        first_row, first_column = y0 // _STEP, x0 // _STEP
+        first_row = y0 // _STEP
+        first_column = x0 // _STEP
         cells = np.s_[first_row : -(-y1 // _STEP) + 2, first_column : -(-x1 // _STEP) + 2]
-        T_then_now = then.T_camera_root @ now.T_root_camera
-        points = self._nodes[cells] @ T_then_now[:3, :3].T + inverse_distance * T_then_now[:3, 3]
+        T_earlier_current = earlier.T_camera_root @ current.T_root_camera
+        points = self._nodes[cells] @ T_earlier_current[:3, :3].T + inverse_distance * T_earlier_current[:3, 3]
         nodes = self.camera.project(points).astype(np.float32)
         nodes[np.isnan(nodes)] = _FAR_PX
         rows, columns = nodes.shape[:2]
         whole = cv2.resize(nodes, (columns * _STEP, rows * _STEP), interpolation=cv2.INTER_LINEAR)
-        top, left = y0 - _STEP * first_row + _STEP, x0 - _STEP * first_column + _STEP
+        top = y0 - _STEP * first_row + _STEP
+        left = x0 - _STEP * first_column + _STEP
         return np.asarray(whole[top : top + y1 - y0, left : left + x1 - x0], dtype=np.float32)
 
     def warp(
-        self, image: NDArray[np.uint8], then: View, now: View, inverse_distance: float, box: Box | None = None
+        self, image: NDArray[np.uint8], earlier: View, current: View, inverse_distance: float, box: Box | None = None
     ) -> NDArray[np.uint8]:
-        """The image (H, W) or (H, W, 3) of the view `then` as seen from `now`, or its `box`; 0 where unknown."""
-        maps = self.maps(then, now, inverse_distance, box)
+        """The earlier image (H, W) or (H, W, 3) warped to the current view, or its `box`; 0 where unknown."""
+        maps = self.maps(earlier, current, inverse_distance, box)
         return np.asarray(cv2.remap(image, maps, _NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)
 
 

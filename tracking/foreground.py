@@ -19,11 +19,11 @@ from tracking.ego_motion import Box
 
 _SAME_MASK = 0.8  # overlap from which a colour region is the object of a static camera
 _MIN_OVERLAP = 0.6  # the same, of a moving camera
-_MIN_COVERED = 0.05  # of a moving object's area, covered in the trigger's interval: 2 cm/s cover 8 % of 6 cm
+_MIN_COVERED = 0.05  # share of a moving object's area covered in the trigger's interval: 2 cm/s cover 8 % of 6 cm
 _MIN_UNCOVERED = 0.3  # uncovered to covered area of an object in front of a moving camera, at least
 _MAX_AREA_RATIO = 2.0  # of covered and uncovered area in front of a static camera
 _SMOOTHED_PX = 2  # reach of the smoothing and closing of the masks
-_MIN_ENCLOSED = 0.9  # of a colour region, enclosed by the hull of the foreground
+_MIN_ENCLOSED = 0.9  # share of a colour region enclosed by the hull of the foreground
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class StaticForeground:
     background: Background
     view: View
     earlier: Image
-    now: Image
+    current: Image
 
     def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
         """Whether a colour region (h, w) in `box` may be a moving object.
 
-        Its colour is distinct, the hull of the foreground encloses nearly all of it, and enough of the enclosed part is
-        foreground (the inside of a uniform object need not be).
+        Its colour is distinct, the hull of the foreground encloses most of the region, and enough of the enclosed part
+        is foreground (the inside of a uniform object need not be).
         """
         if not is_distinct:
             return False
@@ -57,11 +57,11 @@ class StaticForeground:
     def moved_mask(self, seed: Mask, box: Box) -> Mask | None:
         """Mask (h, w) of the object that moved as a whole onto the `seed` (h, w) in `box`; None if there is none.
 
-        It has uncovered about as much as it has covered.  None also for an object that overlaps its ghost, and for a
+        It has uncovered about the area that it has covered.  None also for an object that overlaps its ghost, and for a
         ghost (the place where it rested when the background was learned).
         """
         x0, y0, x1, y1 = box
-        height, width = self.now.shape[:2]
+        height, width = self.current.shape[:2]
         m = max(x1 - x0, y1 - y0)  # motion of a fast object
         around = np.s_[max(y0 - m, 0) : min(y1 + m, height), max(x0 - m, 0) : min(x1 + m, width)]
         mask, covered = self._covered(seed, box)
@@ -84,9 +84,9 @@ class StaticForeground:
         mask, covered = self._covered(seed, box)
         if mask is None or covered <= _MIN_COVERED * np.count_nonzero(mask) or masks.solidity(mask) < masks.SOLID:
             return None
-        if masks.is_cut(mask, box, self.now) or _meets_border(mask, box, self.now):
+        if masks.is_cut(mask, box, self.current) or _meets_border(mask, box, self.current):
             return None
-        edge = self.background.learned_edge(self.now, self.view, mask, box)
+        edge = self.background.learned_edge(self.current, self.view, mask, box)
         return mask if edge is not None and edge < LEARNED_EDGE else None
 
     def _covered(self, seed: Mask, box: Box) -> tuple[Mask | None, int]:
@@ -98,7 +98,7 @@ class StaticForeground:
     @cached_property
     def _differs(self) -> Mask:
         """Foreground (H, W) of the current image."""
-        return self.background.differs(self.now, self.view, (0, 0, self.now.shape[1], self.now.shape[0]))
+        return self.background.differs(self.current, self.view, (0, 0, self.current.shape[1], self.current.shape[0]))
 
     @cached_property
     def _differed(self) -> Mask:
@@ -108,13 +108,13 @@ class StaticForeground:
 
 @dataclass(frozen=True)
 class MovingForeground:
-    """Foreground of a moving camera: its background, its current image (H, W, 3), and `before`, which returns a box of
-    the earlier image warped to `view` (None where there is none)."""
+    """Foreground of a moving camera: its background and current image (H, W, 3); `warp_earlier` returns a box of the
+    earlier image warped to `view` (None where there is none)."""
 
     background: Background
     view: View
-    before: Callable[[Box], Image | None]
-    now: Image
+    warp_earlier: Callable[[Box], Image | None]
+    current: Image
 
     def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
         """True: in front of a moving camera optical flow confirms colour regions."""
@@ -129,11 +129,11 @@ class MovingForeground:
     def moved_mask(self, seed: Mask, box: Box) -> Mask | None:
         """Mask (h, w) of a solid object that has covered and uncovered background and is no ghost; None if there is
         none."""
-        earlier = self.before(box)
+        earlier = self.warp_earlier(box)
         background = self.background.moving
-        differs = background.differs(self.now, self.view, box)
+        differs = background.differs(self.current, self.view, box)
         mask = masks.closed_component(differs, seed)
-        if mask is None or earlier is None or masks.is_cut(mask, box, self.now):
+        if mask is None or earlier is None or masks.is_cut(mask, box, self.current):
             return None
         differed = background.differs_in(earlier, self.view, box)
         covered = np.count_nonzero(mask & ~differed)
@@ -141,7 +141,7 @@ class MovingForeground:
         moves = covered > _MIN_COVERED * np.count_nonzero(mask) and uncovered > _MIN_UNCOVERED * covered
         if not moves or masks.solidity(mask) < masks.SOLID:
             return None
-        edge = self.background.learned_edge(self.now, self.view, mask, box)
+        edge = self.background.learned_edge(self.current, self.view, mask, box)
         return None if edge is not None and edge > LEARNED_EDGE else mask
 
     def disoccluded_mask(self, seed: Mask, box: Box) -> Mask | None:

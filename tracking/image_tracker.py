@@ -284,10 +284,10 @@ def _without_thin_parts(mask: Mask, size: float) -> Mask:
 
 def _moved_to(particles: Particles, center_px: Array, size: float) -> Particles:
     """The particles moved to a mean position (2,) and a mean size."""
-    now = particles.current.copy()
-    now[:, :2] += center_px - now[:, :2].mean(axis=0)
-    now[:, 2] *= size / now[:, 2].mean()
-    return Particles(now, particles.previous)
+    current = particles.current.copy()
+    current[:, :2] += center_px - current[:, :2].mean(axis=0)
+    current[:, 2] *= size / current[:, 2].mean()
+    return Particles(current, particles.previous)
 
 
 def _box_mean(values: NDArray[np.float32], width: float, height: float) -> NDArray[np.float32]:
