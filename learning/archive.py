@@ -15,7 +15,7 @@ from pps_vision.files import check_regular
 
 _MOST_BYTES = 2**28
 
-# What NumPy and the zip reader under it raise for a file that is damaged or no .npz at all.
+# Raised by NumPy and its zip reader for a file that is damaged or no .npz at all.
 _UNREADABLE = (
     *(OSError, ValueError, EOFError, AttributeError, TypeError, KeyError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error),
@@ -25,8 +25,8 @@ _UNREADABLE = (
 def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
     """Write arrays with their kind, the version of the kind and that of this package to a temporary name beside `path`,
     then rename."""
-    made = {"kind": kind, "version": version, "written_by": metadata.version("pps-vision")}
-    contents: dict[str, Any] = {**{name: np.array(value) for name, value in made.items()}, **arrays}
+    header = {"kind": kind, "version": version, "written_by": metadata.version("pps-vision")}
+    contents: dict[str, Any] = {**{name: np.array(value) for name, value in header.items()}, **arrays}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with temporary.open("wb") as file:
@@ -39,45 +39,42 @@ def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLi
 def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
     """The named arrays of an archive of this kind and version, and `written_by`, the version of this package that wrote
     it; InputError for any other file."""
-    present = read_arrays(path, kind, ("kind", "version", "written_by"))
-    if str(present.get("kind")) != kind:
+    header = _stored_arrays(path, kind, ("kind", "version", "written_by"))
+    if str(header.get("kind")) != kind:
         raise InputError(path, f"is not a {kind}; expected one (.npz)")
-    if str(present.get("version")) != str(version):
-        raise InputError(path, f"{kind} of version {present.get('version', 'unknown')}; expected version {version}")
-    arrays = named(path, read_arrays(path, kind, names), names, kind)
-    return {**arrays, "written_by": present.get("written_by", np.array("unknown"))}
+    if str(header.get("version")) != str(version):
+        raise InputError(path, f"{kind} of version {header.get('version', 'unknown')}; expected version {version}")
+    return {**read_arrays(path, kind, names), "written_by": header.get("written_by", np.array("unknown"))}
 
 
-def read_arrays(path: Path, what: str, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
-    """Those arrays with these names that are in an .npz file, which should hold `what`.
+def read_arrays(path: Path, content: str, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
+    """The named arrays of an .npz file, which should hold `content`.
 
     Raises:
-        InputError: The file cannot be read, states more than 256 MiB of arrays, or holds others than of real numbers
-            or text.
+        InputError: The file cannot be read, lacks an array, states more than 256 MiB of arrays, or holds others than
+            of real numbers or text.
     """
-    check_regular(path, f"{what} (.npz)")
+    arrays = _stored_arrays(path, content, names)
+    if missing := [name for name in names if name not in arrays]:
+        raise InputError(path, f"no {', '.join(missing)}; expected {content} with {', '.join(names)}")
+    return arrays
+
+
+def _stored_arrays(path: Path, content: str, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
+    """As `read_arrays`, without the arrays that the file lacks."""
+    check_regular(path, f"{content} (.npz)")
     try:
         with zipfile.ZipFile(path) as archive:
             n_bytes = sum(e.file_size for e in archive.infolist() if e.filename.removesuffix(".npy") in names)
         if n_bytes > _MOST_BYTES:
-            raise InputError(path, f"states {n_bytes} bytes of arrays; expected {what} of at most {_MOST_BYTES}")
+            raise InputError(path, f"states {n_bytes} bytes of arrays; expected {content} of at most {_MOST_BYTES}")
         with np.load(path) as file:
             arrays = {name: file[name] for name in names if name in file.files}
     except InputError:
         raise
     except _UNREADABLE as error:
-        raise InputError(path, f"is not a readable .npz file; expected {what}") from error
+        raise InputError(path, f"is not a readable .npz file; expected {content}") from error
     for name, array in arrays.items():
         if array.dtype.kind not in "biufU":
             raise InputError(path, f"{name} holds {array.dtype}; expected real numbers or text")
     return arrays
-
-
-def named(
-    path: Path, arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...], what: str
-) -> dict[str, NDArray[np.generic]]:
-    """Those of the arrays with these names; InputError where one is missing."""
-    missing = [name for name in names if name not in arrays]
-    if missing:
-        raise InputError(path, f"no {', '.join(missing)}; expected {what} with {', '.join(names)}")
-    return {name: arrays[name] for name in names}

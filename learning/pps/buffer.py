@@ -29,37 +29,35 @@ def push(buffer: EventBuffer, events: TaxelEvents) -> EventBuffer:
         raise ValueError(f"stamp {events.stamp_s} s after {samples[-1].stamp_s} s: expected a later one")
     if samples and events.taxel_ids != samples[-1].taxel_ids:
         raise ValueError(f"a sample of {len(events.taxel_ids)} taxels: expected the buffer's own taxels")
-    oldest = events.stamp_s - LENGTH_S
-    kept = tuple(sample for sample in samples if sample.stamp_s >= oldest)
-    return EventBuffer((*kept, events))
+    oldest_s = events.stamp_s - LENGTH_S
+    return EventBuffer((*(sample for sample in samples if sample.stamp_s >= oldest_s), events))
 
 
 def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
-    """Those k of the `taxels` that have a sample, and their D and TTC (T, k) at `STEP_S` back from the last sample,
-    oldest first; ValueError without samples.
+    """The k `taxels` that perceived a stimulus, and their D and TTC (T, k) in steps of `STEP_S` back from the last
+    sample, oldest first; ValueError without samples.
 
     Interpolated between two samples that both lie in a taxel's receptive field and approach (D and TTC finite) and are
-    at most `_MAX_GAP_S` apart; NaN otherwise.  Few of a whole skin's taxels perceive one stimulus: time and memory are
-    those of the few.
+    at most `_MAX_GAP_S` apart; NaN otherwise.  Of a whole skin few taxels perceive a stimulus; only they cost time.
     """
     samples = buffer.samples
     if not samples:
         raise ValueError("a buffer without samples; expected at least one")
     stamps = np.array([sample.stamp_s for sample in samples])
-    known = np.array([np.isfinite(s.distance_m[taxels]) & np.isfinite(s.ttc_s[taxels]) for s in samples])
-    at = np.flatnonzero(known.any(axis=0))
-    seen = taxels[at]
-    series = np.array([[s.distance_m[seen], s.ttc_s[seen]] for s in samples], dtype=float)  # (samples, 2, k)
-    series[~np.broadcast_to(known[:, None, at], series.shape)] = np.nan
+    perceived = np.array([np.isfinite(s.distance_m[taxels]) & np.isfinite(s.ttc_s[taxels]) for s in samples])
+    columns = np.flatnonzero(perceived.any(axis=0))
+    perceiving = taxels[columns]
+    series = np.array([[s.distance_m[perceiving], s.ttc_s[perceiving]] for s in samples], dtype=float)
+    series[~np.broadcast_to(perceived[:, None, columns], series.shape)] = np.nan  # (samples, 2, k)
     back = np.arange(int((stamps[-1] - stamps[0]) / STEP_S + 1e-6), -1, -1)
     times = stamps[-1] - back * STEP_S
-    after = np.searchsorted(stamps, times)
-    before = np.maximum(after - 1, 0)
-    span = stamps[after] - stamps[before]
-    weight = np.divide(times - stamps[before], span, out=np.ones_like(span), where=span > 0)
-    on_before, on_after = weight < 1e-6, weight > 1 - 1e-6  # on a sample its neighbour's NaN must not spread
+    later = np.searchsorted(stamps, times)
+    earlier = np.maximum(later - 1, 0)
+    span = stamps[later] - stamps[earlier]
+    weight = np.divide(times - stamps[earlier], span, out=np.ones_like(span), where=span > 0)
     w = weight[:, None, None]
-    grid = (1 - w) * series[before] + w * series[after]
+    grid = (1 - w) * series[earlier] + w * series[later]
     grid[span > _MAX_GAP_S] = np.nan
-    grid[on_before], grid[on_after] = series[before][on_before], series[after][on_after]
-    return seen, grid[:, 0], grid[:, 1]
+    for sample, is_on in ((earlier, weight < 1e-6), (later, weight > 1 - 1e-6)):
+        grid[is_on] = series[sample][is_on]  # on a sample, its neighbour's NaN must not spread
+    return perceiving, grid[:, 0], grid[:, 1]

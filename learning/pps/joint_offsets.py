@@ -1,4 +1,4 @@
-"""Offsets of the robot's encoders, estimated from where its eyes saw what touched its skin.
+"""Offsets of the robot's encoders, estimated from objects that its eyes saw touching its skin.
 
 A touch gives the position of an object: at the taxels that feel it.  The kinematic chain from the eyes to that skin
 holds all joints of head and arm, so touches in several postures constrain their offsets (Roncone et al. 2014 calibrate
@@ -36,7 +36,7 @@ class JointOffsets:
     offsets_rad: Array
     """(n_joints,) to be added to the encoders' angles."""
     before_m: Array
-    """(k,) distance between where a touch was felt and where it was seen."""
+    """(k,) distance between the felt and the seen position of a touch."""
     after_m: Array
     """(k,) the same with the offsets added."""
 
@@ -58,8 +58,8 @@ def joint_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[Tou
     """The most probable offsets given the ends of the `trials`, whose `touched` are of `skin`; 0 for joints that
     touches do not constrain (all, where no touch was seen).
 
-    They need not be each joint's own error: another combination of joints, a link or a camera may displace what is seen
-    in the same way.
+    They need not be each joint's own error: another combination of joints, a link or a camera may displace the seen
+    object in the same way.
     """
     sightings = [sighting for trial in trials for sighting in _sightings(rig, skin, trial)]
     covs = np.array([sighting.cov for sighting in sightings]).reshape(-1, 3, 3) + _TAXEL_M**2 * np.eye(3)
@@ -72,59 +72,63 @@ def joint_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[Tou
         sigmas = np.einsum("kij,kj->ki", whitening, errors_m(offsets))
         return np.concatenate([offsets / _JOINT_RAD, _robust(sigmas, _OUTLIER_SIGMAS).ravel()])
 
-    none = np.zeros(robot.n_joints)
-    found: Array = least_squares(residuals, none, xtol=1e-4, ftol=1e-4).x
-    before, after = (np.linalg.norm(errors_m(offsets), axis=1) for offsets in (none, found))
-    return JointOffsets(found, before, after)
+    zero = np.zeros(robot.n_joints)
+    estimate: Array = least_squares(residuals, zero, xtol=1e-4, ftol=1e-4).x
+    return JointOffsets(estimate, *(np.linalg.norm(errors_m(offsets), axis=1) for offsets in (zero, estimate)))
 
 
 def _sightings(rig: StereoRig, skin: Skin, trial: TouchTrial) -> list[_Sighting]:
     """One of each part that the trial's object touched, if it was seen then."""
-    q, p, radius = trial.joints_rad[-1], trial.positions[-1], trial.radius_m[-1]
+    q = trial.joints_rad[-1]
+    p = trial.positions[-1]
+    radius = trial.radius_m[-1]
     if not (np.isfinite(p).all() and np.isfinite(radius)):
         return []
-    left, right = (T[:3, :3].T @ (p - T[:3, 3]) for T in rig.eye_poses(q))
-    left, right = left / np.linalg.norm(left), right / np.linalg.norm(right)
-    found = []
-    for k, part in enumerate(skin.parts):
-        touched = trial.touched[skin.part_index == k]
-        if touched.any():
-            found.append(_Sighting(q, left, right, part.frame, *felt_position(part, touched, radius)))
-    return found
+    rays = [T[:3, :3].T @ (p - T[:3, 3]) for T in rig.eye_poses(q)]
+    left, right = (ray / np.linalg.norm(ray) for ray in rays)
+    touched = [trial.touched[skin.part_index == k] for k in range(len(skin.parts))]
+    return [
+        _Sighting(q, left, right, part.frame, *felt_position(part, mask, radius))
+        for part, mask in zip(skin.parts, touched, strict=True)
+        if mask.any()
+    ]
 
 
 def felt_position(part: SkinPart, touched: Mask, radius_m: float) -> tuple[Array, Array]:
     """Mean (3,) m and covariance (3, 3) m², in a part's frame, of a ball's centre that touches just these (n,) taxels.
 
-    They are those of all positions on a grid before the skin, and not in it, from which it would touch these taxels;
-    where there is none, of those with the fewest taxels touched too many or too few.
+    Taken over all positions on a grid before the skin, and not in it, from which the ball would touch these taxels;
+    where there is none, over the positions with the fewest taxels touched too many or too few.
     """
-    far = radius_m + TOUCH_RADIUS_M
-    low, high = part.positions_m[touched].min(axis=0) - far, part.positions_m[touched].max(axis=0) + far
+    reach_m = radius_m + TOUCH_RADIUS_M
+    low = part.positions_m[touched].min(axis=0) - reach_m
+    high = part.positions_m[touched].max(axis=0) + reach_m
     axes = (np.linspace(a, b, _GRID) for a, b in zip(low, high, strict=True))
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    near = ((part.positions_m > low - far) & (part.positions_m < high + far)).all(axis=1)
-    taxels, normals = part.positions_m[near], part.normals[near]
+    near = ((part.positions_m > low - reach_m) & (part.positions_m < high + reach_m)).all(axis=1)
+    taxels = part.positions_m[near]
     gaps = np.linalg.norm(places[:, None] - taxels, axis=2)
     nearest = gaps.argmin(axis=1)
-    before = np.einsum("ij,ij->i", places - taxels[nearest], normals[nearest]) > 0
-    possible = before & (gaps.min(axis=1) >= radius_m)
-    wrong = ((gaps[possible] <= far) != touched[near]).sum(axis=1)
+    is_outside = np.einsum("ij,ij->i", places - taxels[nearest], part.normals[near][nearest]) > 0
+    possible = is_outside & (gaps.min(axis=1) >= radius_m)
+    wrong = ((gaps[possible] <= reach_m) != touched[near]).sum(axis=1)
     likely = places[possible][wrong == wrong.min()]
     mean: Array = likely.mean(axis=0)
     return mean, (likely - mean).T @ (likely - mean) / len(likely)
 
 
 def _error_m(robot: Robot, rig: StereoRig, sighting: _Sighting, offsets: Array) -> Array:
-    """(3,) m from where it was felt to where it was seen, with these offsets."""
+    """(3,) m from the felt to the seen position, with these offsets."""
     q = sighting.q_rad + offsets
-    (T_left, T_right), T_part = rig.eye_poses(q), robot.at(q).T_root(sighting.frame)
-    seen = midpoint(T_left[:3, 3], T_left[:3, :3] @ sighting.left, T_right[:3, 3], T_right[:3, :3] @ sighting.right)
-    return np.full(3, _NO_POINT_M) if seen is None else move_points(inverse(T_part), seen) - sighting.felt_at
+    T_left, T_right = rig.eye_poses(q)
+    p = midpoint(T_left[:3, 3], T_left[:3, :3] @ sighting.left, T_right[:3, 3], T_right[:3, :3] @ sighting.right)
+    if p is None:
+        return np.full(3, _NO_POINT_M)
+    return move_points(inverse(robot.at(q).T_root(sighting.frame)), p) - sighting.felt_at
 
 
 def _robust(residuals: Array, sigmas: float) -> Array:
-    """Residuals (k, 3) scaled so that their squared norms grow logarithmically beyond so many sigmas (Cauchy)."""
+    """Residuals (k, 3) scaled so that their squared norms grow logarithmically beyond `sigmas` (Cauchy)."""
     squared = np.maximum(np.sum(residuals**2, axis=1, keepdims=True) / sigmas**2, 1e-12)
     bounded: Array = residuals * np.sqrt(np.log1p(squared) / squared)
     return bounded

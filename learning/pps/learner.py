@@ -1,4 +1,4 @@
-"""Online learning: buffer what the taxels perceive and learn once from every contact."""
+"""Online learning: buffer the taxels' perception and learn once from every contact."""
 
 from dataclasses import dataclass, replace
 
@@ -28,7 +28,7 @@ class LearnerState:
     """State of online learning."""
 
     memory: PPSMemory
-    """What was learned."""
+    """The learned memory."""
     buffer: EventBuffer
     """Samples before the contact; it takes no more while a contact lasts."""
     contact: Contact | None = None

@@ -19,8 +19,9 @@ from pps_vision.types import Array, Mask
 MOST_COUNTS = 2**53
 """Largest count of a bin: every whole number up to it is a float, and sums of all bins fit in 64 bits."""
 
-_KIND, _VERSION = "PPS memory", 3  # up to version 2, D was to the centre of the object
-_LARGEST = 1e9  # of the limits of a range, and inverse of its least width; keeps divisions finite
+_KIND = "PPS memory"
+_VERSION = 3  # up to version 2, D was to the centre of the object
+_LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keeps divisions finite
 _TORCH_ROWS = 1 << 18  # cases at a time on a torch device, about 100 MB
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
@@ -43,7 +44,8 @@ class MemoryParams:
     """Standard deviation of the Parzen window in bin widths (R); the authors' data and Matlab code use 0.75."""
 
     def __post_init__(self) -> None:
-        (d0, d1), (t0, t1) = self.distance_range_m, self.ttc_range_s
+        d0, d1 = self.distance_range_m
+        t0, t1 = self.ttc_range_s
         if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and 1 / _LARGEST <= self.sigma_bins <= _LARGEST):
             raise ValueError(f"{self}: expected ranges from low to high, at least one bin and a width above 0")
         for limits, n in zip((self.distance_range_m, self.ttc_range_s), self.bins, strict=True):
@@ -52,7 +54,8 @@ class MemoryParams:
 
     def covers(self, distance_m: Array, ttc_s: Array) -> Mask:
         """Whether D and TTC lie within the ranges; False for NaN."""
-        (d0, d1), (t0, t1) = self.distance_range_m, self.ttc_range_s
+        d0, d1 = self.distance_range_m
+        t0, t1 = self.ttc_range_s
         inside: Mask = (distance_m >= d0) & (distance_m <= d1) & (ttc_s >= t0) & (ttc_s <= t1)
         return inside
 
@@ -80,8 +83,8 @@ class PPSMemory:
                 f"expected {(n, *self.params.bins, 2)} and {(n,)} for {n} taxels"
             )
         if n and not (self.counts.min() >= 0 and self.counts.max() <= MOST_COUNTS):
-            found = f"counts from {self.counts.min()} to {self.counts.max()}"
-            raise ValueError(f"{found}: expected finite ones from 0 to 2^53")
+            extremes = f"from {self.counts.min()} to {self.counts.max()}"
+            raise ValueError(f"counts {extremes}: expected finite ones from 0 to 2^53")
         if len(set(self.taxel_ids)) < n:
             raise ValueError(f"{n} taxels, {len(set(self.taxel_ids))} different names: expected each taxel once")
 
@@ -110,7 +113,7 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
 def learn_miss(memory: PPSMemory, buffer: EventBuffer) -> PPSMemory:
     """The buffer's samples count as negative for every taxel: the object came near and touched nothing.
 
-    Ours: R learns from touches only, so that its negative samples are those of taxels beside the touched ones.
+    Ours: R learns from touches only, so that its negative samples stem from the taxels beside the touched ones.
     """
     n = len(memory.taxel_ids)
     return _learned(memory, buffer, np.zeros(n, bool), np.arange(n))
@@ -126,9 +129,9 @@ def _learned(memory: PPSMemory, buffer: EventBuffer, touched: Mask, taxels: NDAr
 
 
 def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
-    """Count samples D and TTC (…, n) of one touch; NaN and what lies outside the ranges does not count.
+    """Count samples D and TTC (…, n) of one touch; NaN and values outside the ranges do not count.
 
-    Without a sample that counts the memory itself is returned.
+    Returns the memory itself if no sample counts.
     """
     distance_m, ttc_s = paired(memory, distance_m, ttc_s)
     taxels = _learning(memory, touched)
@@ -173,25 +176,31 @@ def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, devic
     """
     distance, ttc = paired(memory, distance_m, ttc_s)
     inside = memory.params.covers(distance, ttc)
-    found = np.zeros(inside.shape)
+    activations = np.zeros(inside.shape)
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
     if len(at[0]) and device is not None:
-        found[at] = _weighted_by_torch(memory, at[-1], distance[at], ttc[at], device)
+        activations[at] = _smoothed_by_torch(memory, at[-1], distance[at], ttc[at], device)
     elif len(at[0]):
-        p = memory.params
-        ranges = np.array([p.distance_range_m, p.ttc_range_s])
-        found[at] = _weighted(memory.frequency, at[-1], distance[at], ttc[at], ranges, p.sigma_bins)
-    return np.minimum(found, 1.0)  # against rounding
+        activations[at] = smoothed(memory.params, memory.frequency, at[-1], distance[at], ttc[at])
+    return np.minimum(activations, 1.0)  # against rounding
+
+
+def smoothed(params: MemoryParams, bins: Array, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array) -> Array:
+    """(k,) mean of a taxel's `bins` (n, D bins, TTC bins), weighted by the Parzen window about k pairs D, TTC within
+    the ranges, of the taxels with these k indices."""
+    ranges = np.array([params.distance_range_m, params.ttc_range_s])
+    return _smoothed(bins, taxel, distance_m, ttc_s, ranges, params.sigma_bins)
 
 
 @njit(cache=True, error_model="numpy")
-def _weighted(
-    frequency: Array, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array, ranges: Array, sigma_bins: float
+def _smoothed(
+    bins: Array, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array, ranges: Array, sigma_bins: float
 ) -> Array:
-    """(k,) mean of the frequencies (n, D bins, TTC bins) of each `taxel` (k,), weighted as by `windows`."""
-    found = np.empty(len(taxel))
-    _, n_distance, n_ttc = frequency.shape
-    w_distance, w_ttc = np.empty(n_distance), np.empty(n_ttc)
+    """As `smoothed`."""
+    means = np.empty(len(taxel))
+    _, n_distance, n_ttc = bins.shape
+    w_distance = np.empty(n_distance)
+    w_ttc = np.empty(n_ttc)
     step = math.exp(-1 / sigma_bins**2)
     for i in range(len(taxel)):
         _weigh(w_distance, distance_m[i], ranges[0, 0], ranges[0, 1], sigma_bins, step)
@@ -200,16 +209,16 @@ def _weighted(
         for j in range(n_distance):
             row = 0.0
             for k in range(n_ttc):
-                row += w_ttc[k] * frequency[taxel[i], j, k]
+                row += w_ttc[k] * bins[taxel[i], j, k]
             total += w_distance[j] * row
-        found[i] = total / (w_distance.sum() * w_ttc.sum())
-    return found
+        means[i] = total / (w_distance.sum() * w_ttc.sum())
+    return means
 
 
-def _weighted_by_torch(
+def _smoothed_by_torch(
     memory: PPSMemory, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array, device: str
 ) -> Array:
-    """The same (k,) as `_weighted`, on a torch device."""
+    """(k,) frequencies by `smoothed`, on a torch device."""
     import torch  # takes seconds to load
 
     def weights(value: torch.Tensor, limits: tuple[float, float], n: int) -> torch.Tensor:
@@ -246,7 +255,8 @@ def _weigh(weights: Array, value: float, low: float, high: float, sigma_bins: fl
     place = (value - low) / (high - low) * n - 0.5
     nearest = min(max(int(place + 0.5), 0), n - 1)
     for way, last in ((1, n - 1), (-1, 0)):
-        ratio, weight = math.exp(min((2 * way * (place - nearest) - 1) / (2 * sigma_bins**2), 0.0)), 1.0
+        ratio = math.exp(min((2 * way * (place - nearest) - 1) / (2 * sigma_bins**2), 0.0))
+        weight = 1.0
         for j in range(nearest + way, last + way, way):
             weight *= ratio
             ratio *= step
@@ -255,7 +265,8 @@ def _weigh(weights: Array, value: float, low: float, high: float, sigma_bins: fl
 
 def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:
     """D and TTC as arrays (…, n) of one shape; ValueError where they are not of the memory's n taxels."""
-    distance, ttc = np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float)
+    distance = np.asarray(distance_m, dtype=float)
+    ttc = np.asarray(ttc_s, dtype=float)
     n = len(memory.taxel_ids)
     if distance.shape == ttc.shape and distance.shape[-1:] == (n,):
         return distance, ttc
@@ -265,50 +276,25 @@ def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[
     return distance, ttc
 
 
-def windows(params: MemoryParams, distance_m: Array, ttc_s: Array, inside: Mask) -> tuple[Array, Array]:
-    """Parzen window about the k pairs D, TTC (…, n) that are `inside` (…, n): weights of the D bins (k, D bins) and of
-    the TTC bins (k, TTC bins), each adding up to 1; the weight of a cell is their product."""
-    return (
-        _window(params.sigma_bins, distance_m[inside], params.distance_range_m, params.bins[0]),
-        _window(params.sigma_bins, ttc_s[inside], params.ttc_range_s, params.bins[1]),
-    )
-
-
-def _window(sigma_bins: float, value: Array, limits: tuple[float, float], n: int) -> Array:
-    """(k, n) Gaussian weights of the bin centres about values (k,), adding up to 1."""
-    if n == 1:
-        return np.ones((len(value), 1))
-    per_unit = n / (limits[1] - limits[0])
-    away = (value * per_unit)[:, None] - (limits[0] * per_unit + 0.5 + np.arange(n))
-    weights = np.square(away, out=away)  # in place: this is where large arrays spend their time
-    weights /= -2 * sigma_bins**2
-    weights -= weights.max(axis=-1, keepdims=True)  # the nearest bin's weight is 1: no 0/0
-    np.exp(weights, out=weights)
-    weights /= weights.sum(axis=-1, keepdims=True)
-    return weights
-
-
 def save_memory(path: Path, memory: PPSMemory) -> None:
     """Write a memory as .npz, whole or not at all."""
-    p = memory.params
+    params = memory.params
     arrays: dict[str, ArrayLike] = {
         "taxel_ids": np.array(memory.taxel_ids),
         "part_index": memory.part_index,
         "counts": memory.counts,
-        "ranges": np.array([p.distance_range_m, p.ttc_range_s]),
-        "sigma_bins": p.sigma_bins,
+        "ranges": np.array([params.distance_range_m, params.ttc_range_s]),
+        "sigma_bins": params.sigma_bins,
     }
     write_archive(path, _KIND, _VERSION, arrays)
 
 
 def load_memory(path: Path) -> PPSMemory:
-    """Read a memory; InputError names the file and what was expected."""
-    names = ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins")
-    data = read_archive(path, _KIND, _VERSION, names)
+    """Read a memory; InputError names the file and the expected content."""
+    data = read_archive(path, _KIND, _VERSION, ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins"))
     try:
         stored = data["counts"]
-        whole = stored.dtype.kind != "f"
-        counts: Counts = stored.astype(np.int64, casting="same_kind") if whole else stored.astype(np.float64)
+        counts: Counts = stored.astype(np.float64 if stored.dtype.kind == "f" else np.int64, casting="same_kind")
         (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float).tolist()
         params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), float(data["sigma_bins"]))
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])

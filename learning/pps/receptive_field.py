@@ -28,7 +28,7 @@ class ReceptiveField:
     """Point of the stimulus whose D and TTC are perceived: its centre (R), or its surface, which is at 0 at the touch
     whatever the stimulus's size."""
     min_closing_sigmas: float = 1.0
-    """A sample is learned from when its closing speed exceeds so many standard deviations of the velocity estimate."""
+    """Smallest closing speed of a sample that is learned from, in standard deviations of the velocity estimate."""
 
     def __post_init__(self) -> None:
         if self.distance_to not in ("centre", "surface"):
@@ -79,24 +79,18 @@ def distance_and_ttc(
     d, v, z = (np.asarray(a, dtype=float) for a in (d, v, normals))
     shape = np.broadcast(d, v, z).shape
     shell = radius_m if field.distance_to == "surface" else 0.0
-    far = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # a cheap bound: most taxels are far from the stimulus
-    close = _as(shape[:-1], (d * d) @ np.ones(3) <= far**2)
+    farthest_m = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # a cheap bound: most taxels are far away
+    close = _as(shape[:-1], (d * d) @ np.ones(3) <= farthest_m**2)
     n_close = np.count_nonzero(close)
     D, ttc = np.full((2, *shape[:-1]), np.nan)
     if n_close:
         near = np.nonzero(close) if 2 * n_close < close.size else ...  # sorting out most would cost more than it saves
         cov = np.zeros((3, 3)) if cov_v is None else np.asarray(cov_v, dtype=float)
         covs = cov.reshape(1, 3, 3) if cov.size == 9 else _as((*shape, 3), cov)[near].reshape(-1, 3, 3)
-        d, v, z = (_as(shape, a)[near].reshape(-1, 3) for a in (d, v, z))
-        d, z, v, covs = (
-            np.ascontiguousarray(d),
-            np.ascontiguousarray(z),
-            np.ascontiguousarray(v),
-            np.ascontiguousarray(covs),
-        )
-        shape_of_field = field.length_m, field.base_radius_m, float(np.tan(field.half_angle_rad))
-        found = _within_reach(d, z, v, covs, shell, shape_of_field, field.min_closing_sigmas)
-        D[near], ttc[near] = found.reshape(2, *D[near].shape)
+        d, z, v = (np.ascontiguousarray(_as(shape, a)[near].reshape(-1, 3)) for a in (d, z, v))
+        cone = field.length_m, field.base_radius_m, float(np.tan(field.half_angle_rad))
+        perceived = _within_reach(d, z, v, np.ascontiguousarray(covs), shell, cone, field.min_closing_sigmas)
+        D[near], ttc[near] = perceived.reshape(2, *D[near].shape)
     return D, ttc
 
 
@@ -126,10 +120,10 @@ def _within_reach(
     """(2, n) D and TTC of displacements, normals and velocities (n, 3), with a covariance (3, 3) each or one of all;
     `cone`: length, radius at the skin, tangent of the half angle."""
     length, base, tangent = cone
-    found = np.full((2, len(d)), np.nan)
+    perceived = np.full((2, len(d)), np.nan)
     for i in range(len(d)):
         cov = cov_v[i if len(cov_v) > 1 else 0]
-        square, height, nearing, variance = 0.0, 0.0, 0.0, 0.0
+        square = height = nearing = variance = 0.0
         for j in range(3):
             square += d[i, j] * d[i, j]
             height += d[i, j] * z[i, j]
@@ -140,14 +134,14 @@ def _within_reach(
         aside = math.sqrt(max(square - height * height, 0.0))
         if not (aside <= base + height * tangent and distance - shell <= length and math.isfinite(nearing)):
             continue
-        found[0, i] = (distance if height >= 0 else -distance) - shell
+        perceived[0, i] = (distance if height >= 0 else -distance) - shell
         if distance <= max(shell, 0.0):
-            found[1, i] = 0.0
+            perceived[1, i] = 0.0
         elif abs(nearing) > sigmas * math.sqrt(max(variance, 0.0)):  # both times the distance
-            found[1, i] = (distance - shell) * distance / nearing
+            perceived[1, i] = (distance - shell) * distance / nearing
         else:
-            found[1, i] = math.inf
-    return found
+            perceived[1, i] = math.inf
+    return perceived
 
 
 def distance_and_ttc_variance(

@@ -3,4 +3,4 @@
 from typing import Literal
 
 MeasureName = Literal["joint-limits", "manipulability", "isotropy", "approach"]
-"""What can make a posture good; importing it loads nothing else."""
+"""Measures of a good posture; importing them loads nothing else."""

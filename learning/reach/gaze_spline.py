@@ -22,12 +22,14 @@ class GazeSpline:
         if len(gaze_rad) == 0:
             raise ValueError("no gaze postures to interpolate between; expected at least one")
         at = isotropic(gaze_rad)
-        kept = first_of_close(at, _APART)
-        self._at, self._values = at[kept], values[kept]
+        first = first_of_close(at, _APART)
+        self._at = at[first]
+        self._values = values[first]
 
     def __call__(self, gaze_rad: Array) -> Array:
         """Values (N,) at gaze postures (N, 3)."""
-        at, nearest = isotropic(gaze_rad), min(_NEIGHBOURS, len(self._at))
+        at = isotropic(gaze_rad)
+        nearest = min(_NEIGHBOURS, len(self._at))
         if len(self._at) >= 4:
             try:
                 return np.asarray(RBFInterpolator(self._at, self._values, nearest, kernel="cubic", degree=1)(at))
@@ -37,6 +39,6 @@ class GazeSpline:
 
 
 def first_of_close(at: Array, apart: float) -> Array:
-    """Indices of those of (n, 3) that are not nearer than `apart` to an earlier one."""
+    """Indices of the points (n, 3) that are not nearer than `apart` to an earlier one."""
     close = cKDTree(at).query_pairs(apart, output_type="ndarray")
     return np.delete(np.arange(len(at)), np.unique(close[:, 1]))

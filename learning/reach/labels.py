@@ -1,10 +1,10 @@
-"""Labels of gaze postures by inverse kinematics: can the hand reach what they fixate (J, "Training the maps")?
+"""Labels of gaze postures by inverse kinematics: can the hand reach their fixation point (J, "Training the maps")?
 
 Where it cannot, the nearest point that it does reach lies on the border of the reachable region.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -93,65 +93,69 @@ class ReachOracle:
         """InputError for a side other than left or right."""
         if side not in ("left", "right"):
             raise InputError("reachable-space map", f"side {side!r}: expected left or right")
-        self.robot, self.params = robot, params
-        palm = robot.names.palm(side)
-        self.lower, self.upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
-        own = robot.chain(robot.names.arm(side)[: len(self.lower)], palm).positions
+        self.robot = robot
+        self.params = params
+        self.lower, self.upper = np.array([params.arm_limits.lower_rad, params.arm_limits.upper_rad])
+        own = robot.chain(robot.names.arm(side)[: len(self.lower)], robot.names.palm(side)).positions
         self.hand = hand or HandModel.of(robot, own)
-        self.forward, tried = self.hand.forward, self.hand.tried
-        if tried is None:
-            tried = rng.uniform(self.lower, self.upper, (params.n_babble, len(self.lower)))
-        self.babbled = tried
+        self.forward = self.hand.forward
+        tried = self.hand.tried
+        random = (params.n_babble, len(self.lower))
+        self.babbled = rng.uniform(self.lower, self.upper, random) if tried is None else tried
         self._tree = cKDTree(self.forward(self.babbled)[0])
 
     def solve(self, gaze: Array) -> TwoStage:
-        """The best posture of the arm for what each gaze posture (n, 3) fixates, or the one that comes nearest."""
-        points, measure = self.hand.points(gaze), self.params.measure
+        """The best posture of the arm for the fixation point of each gaze posture (n, 3), or the nearest one."""
+        points = self.hand.points(gaze)
+        measure = self.params.measure
         starts = self.starts(points)
-        ends, inverse = (self.lower, self.upper), self.params.inverse
-        if isinstance(measure, DirectionCoverage):
-            found = two_stage(self.forward, points, starts, *ends, FarFromLimits(*ends), inverse)
-            good = np.where(found.reachable, self._covered(points, starts, measure), np.nan)
-            return TwoStage(found.q_rad, found.error, found.reachable, good)
-        return two_stage(self.forward, points, starts, *ends, measure(*ends), inverse)
+        limits = (self.lower, self.upper)
+        covers = isinstance(measure, DirectionCoverage)
+        optimized = FarFromLimits(*limits) if covers else measure(*limits)
+        solution = two_stage(self.forward, points, starts, *limits, optimized, self.params.inverse)
+        if not covers:
+            return solution
+        covered = self._covered(points, starts, measure)
+        return replace(solution, quality=np.where(solution.reachable, covered, np.nan))
 
     def _covered(self, points: Array, starts: Array, coverage: DirectionCoverage) -> Array:
         """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
         if self.hand.normals is None:
             raise ValueError(f"{coverage} of a hand without normals; expected its normals")
-        met = np.zeros((len(points), coverage.n), bool)
-        ends, inverse = (self.lower, self.upper), self.params.inverse
+        covered = np.zeros((len(points), coverage.n), bool)
+        limits = (self.lower, self.upper)
+        inverse = self.params.inverse
         for start in starts:
-            first = solve_ik(self.forward, points, start[None], *ends, inverse.reach)
-            there = first.converged
-            met[there] |= covered_directions(
-                self.forward, self.hand.normals, points[there], first.q_rad[there], *ends, coverage, inverse.improve
+            first = solve_ik(self.forward, points, start[None], *limits, inverse.reach)
+            k = first.converged
+            covered[k] |= covered_directions(
+                self.forward, self.hand.normals, points[k], first.q_rad[k], *limits, coverage, inverse.improve
             )
-        share: Array = met.mean(axis=1)
-        return share
+        return np.asarray(covered.mean(axis=1))
 
     def label(self, gaze: Array) -> Labels:
         """Answers for gaze postures (n, 3); to some there may be none."""
-        points, found = self.hand.points(gaze), self.solve(gaze)
-        failed = ~found.reachable
+        points = self.hand.points(gaze)
+        solution = self.solve(gaze)
+        failed = ~solution.reachable
+        q = solution.q_rad[failed]
         border = np.full(gaze.shape, np.nan)
-        nearest, J = self.forward(found.q_rad[failed])
-        settled = _slope(points[failed] - nearest, J, found.q_rad[failed], self.lower, self.upper) < _SETTLED
+        nearest, J = self.forward(q)
+        settled = _slope(points[failed] - nearest, J, q, self.lower, self.upper) < _SETTLED
         border[failed] = np.where(settled[:, None], self.hand.gaze(nearest, self.params.gaze_limits), np.nan)
-        error = found.error.copy()
+        error = solution.error.copy()
         error[failed] = np.where(settled, error[failed], np.nan)
-        return Labels(gaze, found.reachable, error, found.quality, border)
+        return Labels(gaze, solution.reachable, error, solution.quality, border)
 
     def verdicts(self, gaze: Array) -> Mask:
-        """(n,) whether the hand reaches what each gaze posture (n, 3) fixates, from all of the 16 babbled postures that
-        bring it nearest: what one of them reaches is reachable, however many fail."""
+        """(n,) whether the hand reaches the fixation point of each gaze posture (n, 3): from at least one of the 16
+        babbled postures that bring it nearest, however many fail."""
         points = self.hand.points(gaze)
         away_m, near = self._tree.query(points, k=N_NEAR)
         close = away_m[:, 0] < _FAR_M
         starts = self.babbled[near[close]].swapaxes(0, 1)
-        found = solve_ik(self.forward, points[close], starts, self.lower, self.upper, _EXACT)
         verdict = np.zeros(len(gaze), bool)
-        verdict[close] = found.converged
+        verdict[close] = solve_ik(self.forward, points[close], starts, self.lower, self.upper, _EXACT).converged
         return verdict
 
     def starts(self, points: Array) -> Array:

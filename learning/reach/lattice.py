@@ -15,9 +15,9 @@ def isotropic(gaze_rad: Array) -> Array:
     """Gaze postures (…, 3) as yaw, pitch and ln tan(vergence/2), minus the logarithm of the distance: a step
     of 0.01 is 1 % of the viewing distance in any direction (per rad of vergence the fixation point
     moves 1/sin(vergence) times as far as per rad of yaw)."""
-    same = gaze_rad.copy()
-    same[..., 2] = np.log(np.tan(gaze_rad[..., 2] / 2))
-    return same
+    coordinates = gaze_rad.copy()
+    coordinates[..., 2] = np.log(np.tan(gaze_rad[..., 2] / 2))
+    return coordinates
 
 
 @dataclass(frozen=True)
@@ -36,21 +36,24 @@ class Lattice:
     @property
     def gaze_rad(self) -> Array:
         """(a·b·c, 3) the gaze postures of the lattice's points."""
-        low, high = isotropic(self.limits.lower), isotropic(self.limits.upper)
-        axes = [np.linspace(*ends) for ends in zip(low, high, self.shape, strict=True)]
+        ends = zip(isotropic(self.limits.lower), isotropic(self.limits.upper), self.shape, strict=True)
+        axes = [np.linspace(low, high, n) for low, high, n in ends]
         yaw, pitch, log_tan = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
         return np.stack([yaw, pitch, 2 * np.arctan(np.exp(log_tan))], axis=1)
 
     def interpolate(self, values: Array, gaze_rad: Array) -> Array:
         """(N, m) of values (a·b·c, m) at gaze postures (N, 3) within the limits, linear between the eight nearest;
         cubic splines measured no better."""
-        low, high, cells = isotropic(self.limits.lower), isotropic(self.limits.upper), np.array(self.shape) - 1
+        low = isotropic(self.limits.lower)
+        cells = np.array(self.shape) - 1
+        per_unit = cells / (isotropic(self.limits.upper) - low)
         strides = np.array([self.shape[1] * self.shape[2], self.shape[2], 1])
         between = np.zeros((len(gaze_rad), values.shape[1]))
         for begin in range(0, len(gaze_rad), _ROWS):
-            at = (isotropic(gaze_rad[begin : begin + _ROWS]) - low) * (cells / (high - low))
+            at = (isotropic(gaze_rad[begin : begin + _ROWS]) - low) * per_unit
             cell = np.minimum(at.astype(np.intp), cells - 1)
-            shares, first = np.stack([1 - (at - cell), at - cell]), cell @ strides  # (2, n, 3), (n,)
+            shares = np.stack([1 - (at - cell), at - cell])  # (2, n, 3)
+            first = cell @ strides
             for corner in _CORNERS:
                 weight = shares[corner[0], :, 0] * shares[corner[1], :, 1] * shares[corner[2], :, 2]
                 between[begin : begin + _ROWS] += weight[:, None] * values[first + corner @ strides]

@@ -1,11 +1,11 @@
-"""The reachable-space map: whether the hand can reach what the eyes fixate, and how well (J).
+"""The reachable-space map: whether the hand can reach the fixation point of the eyes, and how well (J).
 
 The map lives in gaze space: a fixation point is its gaze posture (neck yaw, neck pitch, vergence).
 It interpolates the signed distance to the border of the reachable region, which is smooth where
 the verdict itself jumps, on a lattice: a query costs no more than eight neighbours.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -20,7 +20,8 @@ from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
-_KIND, _VERSION = "reachable-space map", 5
+_KIND = "reachable-space map"
+_VERSION = 5
 _NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error", "unanswered")
 _BOUND = "error_bound"
 _NAMES = ("end_point", "measure")
@@ -63,13 +64,13 @@ class ReachableMap:
     expected_error: float
     """Share of gaze postures misjudged, estimated from the last labels."""
     labels: Labels
-    """What it was learned from; training can go on from them."""
+    """Training data; training can go on from them."""
     unanswered: int
     """Number of further problems for which inverse kinematics did not converge."""
     end_point: str = "palm"
     """Point of the arm that reaches: "palm" or a taxel."""
     measure: str = "joint-limits"
-    """What `optimality` measures."""
+    """Name of the measure of `optimality`."""
     error_bound: float = 1.0
     """Upper bound of the share misjudged, from a test on postures not learned from; 1 without a test."""
 
@@ -92,7 +93,7 @@ class ReachableMap:
 
     @classmethod
     def load(cls, path: Path | str) -> "ReachableMap":
-        """Read a map that `pps-vision reach train` or `save` wrote; InputError names the file and what is wrong."""
+        """Read a map that `pps-vision reach train` or `save` wrote; InputError names the file and the fault."""
         stored = ("side", *_NAMES, "limits_rad", *_NUMBERS, _BOUND, *(f"label_{name}" for name in _LABELS))
         data = read_archive(Path(path), _KIND, _VERSION, stored)
         try:
@@ -100,8 +101,8 @@ class ReachableMap:
             limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
             signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
             most, softness, expected, unanswered = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
-            of = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
-            labels = Labels(**{**of, "reachable": of["reachable"] > 0})
+            label = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
+            labels = Labels(**{**label, "reachable": label["reachable"] > 0})
             values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
             bound = float(np.asarray(data[_BOUND], dtype=float))
             return cls(str(data["side"]), limits, *values, str(data["end_point"]), str(data["measure"]), bound)
@@ -124,9 +125,7 @@ class ReachableMap:
         """Least probability, at least 0.5, above which no more than this share of the unreachable postures is called
         reachable, according to the map's own probabilities."""
         if not 0 < max_false_positives < 1:
-            raise InputError(
-                "reachable-space map", f"a share of {max_false_positives} false positives: expected above 0 and below 1"
-            )
+            raise InputError(_KIND, f"a share of {max_false_positives} false positives: expected above 0 and below 1")
         probability = np.sort(expit(self.signed_distance.ravel() / self.softness))
         order = np.argsort(self.signed_distance.ravel())
         # weight of a lattice point: its spacing in vergence, since the lattice is densest where the eyes verge least
@@ -141,9 +140,8 @@ class ReachableMap:
         gaze = np.asarray(gaze_rad, dtype=float)
         if gaze.ndim != 2 or gaze.shape[1] != 3:
             raise ValueError(f"gaze postures of shape {gaze.shape}: expected (N, 3)")
-        lower, upper = self.limits.lower, self.limits.upper
-        within: Mask = np.asarray(((gaze >= lower) & (gaze <= upper)).all(axis=1))
-        gaze = np.where(within[:, None], gaze, lower)
+        within: Mask = np.asarray(((gaze >= self.limits.lower) & (gaze <= self.limits.upper)).all(axis=1))
+        gaze = np.where(within[:, None], gaze, self.limits.lower)
         if device is not None and len(gaze):
             probability, degree = self._query_by_torch(gaze, device)
         else:
@@ -185,19 +183,16 @@ def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
     """
     if left.limits != right.limits or left.signed_distance.shape != right.signed_distance.shape:
         raise ValueError(f"maps of {left.limits} and {right.limits}: expected the same limits and lattice")
-    none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    return ReachableMap(
-        "both",
-        left.limits,
-        np.minimum(left.signed_distance, right.signed_distance),
-        np.minimum(left.optimality, right.optimality),
-        np.maximum(left.error_m, right.error_m),
-        max(left.max_error_m, right.max_error_m),
-        max(left.softness, right.softness),
-        left.expected_error + right.expected_error,
-        none,
-        left.unanswered + right.unanswered,
-        left.end_point,
-        left.measure,
-        min(left.error_bound + right.error_bound, 1.0),
+    return replace(
+        left,
+        side="both",
+        signed_distance=np.minimum(left.signed_distance, right.signed_distance),
+        optimality=np.minimum(left.optimality, right.optimality),
+        error_m=np.maximum(left.error_m, right.error_m),
+        max_error_m=max(left.max_error_m, right.max_error_m),
+        softness=max(left.softness, right.softness),
+        expected_error=left.expected_error + right.expected_error,
+        labels=left.labels.only(np.zeros(0, np.intp)),
+        unanswered=left.unanswered + right.unanswered,
+        error_bound=min(left.error_bound + right.error_bound, 1.0),
     )

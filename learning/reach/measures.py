@@ -1,4 +1,4 @@
-"""What a reachable-space map can be learned for: which point of an arm, and what makes a posture good."""
+"""Choices of a reachable-space map: the point of an arm that reaches, and the measure of a good posture."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,9 +20,9 @@ _N_SAMPLED = 20_000  # postures among which the greatest manipulability is looke
 def hand_and_params(
     robot: Robot, side: str, end_point: str, measure: MeasureName, params: MapParams, skin: Skin | None = None
 ) -> tuple[HandModel, MapParams]:
-    """What `train_reachable_map` is to be given for an end point ("palm", or a taxel such as "left_forearm:27") and a
-    measure; ValueError for a point that this arm does not carry."""
-    lower, upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
+    """Arguments of `train_reachable_map` for an end point ("palm", or a taxel such as "left_forearm:27") and a measure;
+    ValueError for a point that this arm does not carry."""
+    lower, upper = np.array([params.arm_limits.lower_rad, params.arm_limits.upper_rad])
     point = EndPoint.of(robot, side, end_point, len(lower), skin)
     hand = replace(HandModel.of(robot, point.positions), normals=point.normals)
     return hand, replace(params, measure=_measure(measure, point, lower, upper))

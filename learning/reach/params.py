@@ -46,7 +46,7 @@ class MapParams:
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
     """Of inverse kinematics."""
     measure: Callable[[Array, Array], Measure] | DirectionCoverage = FarFromLimits
-    """What the second stage optimises, made from the joints' lower and upper limits."""
+    """Measure that the second stage optimises, made from the joints' lower and upper limits."""
     border_band: tuple[float, float] = (-0.14, 0.05)
     """Signed distances, in isotropic coordinates, between which later labels are drawn."""
     inside_share: float = 0.05
@@ -59,23 +59,18 @@ class MapParams:
     """Step of the map's lattice in isotropic coordinates."""
 
     def __post_init__(self) -> None:
-        if not 2 <= 2 * self.round_labels <= self.n_labels:
-            raise InputError(
-                "reachable-space map",
-                f"{self.n_labels} labels in rounds of {self.round_labels}: expected at least two rounds, "
-                "of which the later ones test what the earlier ones learned",
-            )
-        if self.n_babble < N_NEAR:
-            raise InputError("reachable-space map", f"{self.n_babble} random arm postures: expected at least {N_NEAR}")
-        if not (self.n_test >= 0 and 0 < self.confidence < 1):
-            raise InputError(
-                "reachable-space map",
-                f"{self.n_test} test postures, confidence {self.confidence}: expected 0 or more, and 0 to 1",
-            )
-        if not 0 <= self.max_error < 1:
-            raise InputError(
-                "reachable-space map", f"a share of {self.max_error} misjudged: expected at least 0 and below 1"
-            )
+        rounds = f"{self.n_labels} labels in rounds of {self.round_labels}: expected at least two rounds"
+        test = f"{self.n_test} test postures, confidence {self.confidence}: expected 0 or more, and 0 to 1"
+        babble = f"{self.n_babble} random arm postures: expected at least {N_NEAR}"
+        error = f"a share of {self.max_error} misjudged: expected at least 0 and below 1"
+        for is_valid, message in (
+            (2 <= 2 * self.round_labels <= self.n_labels, f"{rounds}, the later ones to test the earlier ones"),
+            (self.n_babble >= N_NEAR, babble),
+            (self.n_test >= 0 and 0 < self.confidence < 1, test),
+            (0 <= self.max_error < 1, error),
+        ):
+            if not is_valid:
+                raise InputError("reachable-space map", message)
 
     @property
     def test_postures(self) -> int:

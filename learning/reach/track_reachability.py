@@ -7,10 +7,10 @@ from pps_vision.types import Array, Mask, Reachability, ReachStatus, Track3D
 
 
 class TrackReachability:
-    """Queries a robot's reachable-space map for what is tracked, frame by frame."""
+    """Queries a robot's reachable-space map for the tracked object, frame by frame."""
 
     def __init__(self, robot: Robot, reachable_map: ReachableMap, max_false_positives: float = 1e-3) -> None:
-        """At most the share `max_false_positives` of what is unreachable is called reachable, by the map's own
+        """At most the share `max_false_positives` of the unreachable postures is called reachable, by the map's own
         probabilities: a false positive dooms a reach, a false negative only moves the body (J)."""
         self.map = reachable_map
         self.threshold = reachable_map.threshold(max_false_positives)
@@ -19,8 +19,8 @@ class TrackReachability:
     def __call__(self, q_rad: Array, track: Track3D) -> Reachability:
         """Reachability of a track in the root frame, with the robot at configuration `q_rad` (n_joints,).
 
-        The torso carries eyes and arms alike, so only the object's place relative to it counts; the posture of head
-        and arms does not.
+        The torso carries both eyes and arms, so only the object's position relative to it counts, not the posture of
+        head and arms.
         """
         if not track.is_known:
             return Reachability.without_answer(track.stamp_s, ReachStatus.UNKNOWN)

@@ -22,9 +22,10 @@ from pps_vision.errors import InputError
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
+_MAP = "reachable-space map"
 _COARSER = 4  # steps of the lattice on which splines are evaluated far from the border; 1 takes four times as long
-_VOTERS = 8  # labels asked whether one contradicts them; matters only for wrong labels (bench severity)
-_ROUNDS = 16  # a round is at least 1/16 of the labels so far: each revisits all of them, so that cost stays linear
+_VOTERS = 8  # neighbours that judge a label; matters only for wrong labels (bench severity)
+_ROUNDS = 16  # a round is at least 1/16 of all labels, which it revisits, so that the cost stays linear
 _CURVATURE = 0.5  # times step²: error between lattice points of a border with a radius of curvature of 0.25
 
 
@@ -55,25 +56,28 @@ def learned_from(
     """As `train_reachable_map`, with any function that labels gaze postures (n, 3), and one that says which are
     reachable, to test the map by (default: as labelled)."""
     verdicts = verdicts or (lambda gaze: label(gaze).reachable)
-    limits, n = params.gaze_limits, params.round_labels
+    limits = params.gaze_limits
+    spent = 0
     if into is None:
-        labels = label(rng.uniform(limits.lower, limits.upper, (n, 3)))
-        spent, unanswered = n, n - int(labels.answered.sum())
+        spent = params.round_labels
+        labels = label(rng.uniform(limits.lower, limits.upper, (spent, 3)))
+        unanswered = spent - int(labels.answered.sum())
         labels = labels.only(labels.answered)
     elif into.side == side and into.limits == limits:
-        labels, spent, unanswered = into.labels, 0, into.unanswered
+        labels = into.labels
+        unanswered = into.unanswered
     else:
-        raise InputError(
-            "reachable-space map", f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from"
-        )
-    good_enough, risk = 0.5 * params.max_error, 1 - params.confidence
-    while (left := params.n_labels - spent) >= params.round_labels:
+        raise InputError(_MAP, f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from")
+    good_enough = 0.5 * params.max_error
+    risk = 1 - params.confidence
+    while (unspent := params.n_labels - spent) >= params.round_labels:
         n = max(params.round_labels, len(labels.gaze_rad) // _ROUNDS)
-        n = n if left >= n + params.round_labels else left
+        n = n if unspent >= n + params.round_labels else unspent
         border = GazeSpline(*_nodes(_consistent(labels), params))
-        asked, share = _near_border(border, labels, n, params, rng)
-        more = label(asked)
-        spent, unanswered = spent + n, unanswered + n - int(more.answered.sum())
+        gaze, share = _near_border(border, labels, n, params, rng)
+        more = label(gaze)
+        spent += n
+        unanswered += n - int(more.answered.sum())
         more = more.only(more.answered)
         predicted = border(more.gaze_rad)
         softness = _softness(predicted, more.reachable, _CURVATURE * params.lattice**2)
@@ -83,7 +87,7 @@ def learned_from(
         labels = labels.joined(more)
         worth_testing = params.max_error > 0 and expected <= good_enough
         if worth_testing and params.n_labels - spent >= params.round_labels:
-            risk /= 2  # of this test, the other half being left for those that may follow
+            risk /= 2  # risk of this test, the other half for later tests
             learned = _on_lattice(side, labels, softness, expected, unanswered, params)
             learned = _tested(learned, verdicts, risk, params, rng)
             if learned.error_bound <= params.max_error:
@@ -98,8 +102,8 @@ def _tested(
 ) -> ReachableMap:
     """The map with the upper bound of its error that is too low with a probability of at most `risk` (Clopper–Pearson),
     from uniform gaze postures."""
-    limits, n = params.gaze_limits, params.test_postures
-    gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
+    n = params.test_postures
+    gaze = rng.uniform(params.gaze_limits.lower, params.gaze_limits.upper, (n, 3))
     wrong = int(np.sum(learned.query(gaze).reachable != verdicts(gaze)))
     return replace(learned, error_bound=float(betaincinv(wrong + 1, n - wrong, 1 - risk)) if wrong < n else 1.0)
 
@@ -111,7 +115,8 @@ def _on_lattice(
     lattice = Lattice.of_spacing(params.gaze_limits, params.lattice)
     coarse = Lattice.of_spacing(params.gaze_limits, _COARSER * params.lattice)
     consistent = _consistent(labels)
-    inside, outside = consistent.reachable, ~consistent.reachable
+    inside = consistent.only(consistent.reachable)
+    outside = consistent.only(~consistent.reachable)
     gaze = lattice.gaze_rad
 
     def evaluate(at: Array, values: Array, where: Callable[[Array], Mask] | None) -> Array:
@@ -126,19 +131,17 @@ def _on_lattice(
     near_m = params.lattice * 3 + 0.06
     signed = evaluate(*_nodes(consistent, params), lambda s: np.abs(s) < near_m)
     good: Array = np.zeros(len(gaze))
-    if inside.any():
-        good = evaluate(
-            consistent.gaze_rad[inside], consistent.optimality[inside], lambda _: signed > -2 * params.lattice
-        )
-    error = evaluate(consistent.gaze_rad[outside], consistent.error_m[outside], None)
+    if len(inside.gaze_rad):
+        good = evaluate(inside.gaze_rad, inside.optimality, lambda _: signed > -2 * params.lattice)
+    error = evaluate(outside.gaze_rad, outside.error_m, None)
     signed, good, error = (v.reshape(lattice.shape) for v in (signed, good, error))
     most_m = float(labels.error_m.max())
     return ReachableMap(side, params.gaze_limits, signed, good, error, most_m, softness, expected, labels, unanswered)
 
 
 def _consistent(labels: Labels) -> Labels:
-    """All labels but those that contradict their neighbours: of the nearest labels, counting only those nearer than any
-    border point, at least two and more than half have the other answer."""
+    """The labels without contradictions of their neighbours: among the nearest labels, if nearer than any border point,
+    at least two and more than half have the other answer."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
     if len(border) == 0 or len(labels.gaze_rad) <= _VOTERS:
         return labels
@@ -155,14 +158,10 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
     distance to the nearest of them."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
     if len(labels.gaze_rad) == 0:
-        raise InputError(
-            "reachable-space map", "inverse kinematics never converged; expected a forward model that it can invert"
-        )
+        raise InputError(_MAP, "inverse kinematics never converged; expected a forward model that it can invert")
     if len(border) == 0:
-        raise InputError(
-            "reachable-space map",
-            f"all {len(labels.gaze_rad)} labels are within reach: expected some beyond the border to learn",
-        )
+        n = len(labels.gaze_rad)
+        raise InputError(_MAP, f"all {n} labels are within reach: expected some beyond the border to learn")
     distance, _ = cKDTree(isotropic(border)).query(isotropic(labels.gaze_rad))
     clear = distance > params.border_clearance
     signed = np.where(labels.reachable, distance, -distance)[clear]
@@ -172,8 +171,8 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
 def _near_border(
     border: Callable[[Array], Array], labels: Labels, n: int, params: MapParams, rng: np.random.Generator
 ) -> tuple[Array, float]:
-    """(n, 3) gaze postures in the band about the border (or nearest to it where the band is small) and inside, those
-    farthest from the labels so far; and the share of all gaze postures that lies in the band."""
+    """(n, 3) gaze postures in the band about the border (or nearest to it where the band is small) and inside, the
+    farthest from the labels; and the share of all gaze postures that lies in the band."""
     limits = params.gaze_limits
     candidates = rng.uniform(limits.lower, limits.upper, (8 * n, 3))
     signed = border(candidates)
@@ -198,6 +197,5 @@ def _softness(predicted: Array, reachable: Mask, least: float) -> float:
     def negative_log_likelihood(log_tau: float) -> float:
         return float(np.logaddexp(0, sign * predicted / np.exp(log_tau)).sum())
 
-    return float(
-        np.exp(minimize_scalar(negative_log_likelihood, bounds=(np.log(least), np.log(0.5)), method="bounded").x)
-    )
+    bounds = (np.log(least), np.log(0.5))
+    return float(np.exp(minimize_scalar(negative_log_likelihood, bounds=bounds, method="bounded").x))

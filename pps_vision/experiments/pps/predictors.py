@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.isotonic import IsotonicRegression
 
-from learning.pps.memory import MemoryParams, activation, windows
+from learning.pps.memory import MemoryParams, activation, smoothed
 from pps_vision.experiments.pps.scores import brier
 from pps_vision.experiments.pps.taxel_trials import Trial, at_horizon, known_at_horizon, perceive, train_memory
 from pps_vision.types import Array, Mask
@@ -71,9 +71,11 @@ def _by_shrunk_map(prior: float, training: Trials, test: Trials) -> Array:
     p = by_base_rate(training, test)
     D, TTC = at_horizon(test)
     inside = memory.params.covers(D, TTC)
-    w_distance, w_ttc = windows(memory.params, D, TTC, inside)
-    smoothed = np.einsum("kd,kdtc,kt->kc", w_distance, memory.counts[np.nonzero(inside)[-1]], w_ttc)
-    p[inside] = (smoothed[:, 0] + prior * p[inside]) / (smoothed.sum(axis=1) + prior)
+    taxel = np.nonzero(inside)[-1]
+    n_touched, n_not = (
+        smoothed(memory.params, memory.counts[..., k].astype(float), taxel, D[inside], TTC[inside]) for k in range(2)
+    )
+    p[inside] = (n_touched + prior * p[inside]) / (n_touched + n_not + prior)
     return p
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.archive import named, read_arrays
+from learning.archive import read_arrays
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
 from learning.pps.trials import TouchTrial
@@ -51,7 +51,7 @@ def load_trials(path: Path) -> tuple[Trial, ...]:
     The rows of `position_m` and `velocity_m_s` (m, 3) follow each other by trial and taxel; pair k has the rows
     `offsets[k]` to `offsets[k + 1]`. `outcome` (trials, taxels) is 1 (touched) or -1.
     """
-    data = named(path, read_arrays(path, "trials", _ARRAYS), _ARRAYS, "trials")
+    data = read_arrays(path, "trials", _ARRAYS)
     outcome = data["outcome"]
     offsets = data["offsets"].astype(np.int64)
     if outcome.ndim != 2 or offsets.shape != (outcome.size + 1,):

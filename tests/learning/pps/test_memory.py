@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
+from scipy.special import softmax
 from scipy.stats import norm
 
 from learning.pps.buffer import EventBuffer, push, resample
@@ -20,7 +21,6 @@ from learning.pps.memory import (
     learn,
     load_memory,
     save_memory,
-    windows,
 )
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.errors import InputError
@@ -377,12 +377,17 @@ def test_the_upper_limit_of_a_single_bin_does_not_count():
     bins=st.tuples(st.integers(1, 9), st.integers(1, 5)),
     sigma=st.sampled_from([1e-9, 0.1, 0.5, 1.0, 3.0, 1e9]),
 )
-def test_the_activation_is_the_mean_of_f_weighted_by_the_windows(seed, bins, sigma):
-    """The compiled sum against the windows' own, in every place of the ranges and at their ends."""
-    rng, params = np.random.default_rng(seed), MemoryParams(bins=bins, sigma_bins=sigma)
-    memory = PPSMemory(("a", "b"), np.zeros(2, np.intp), rng.integers(0, 9, (2, *bins, 2)), params)
-    D, TTC = rng.uniform(-0.1, 0.2, (40, 2)), rng.uniform(0, 3, (40, 2))
-    D[:2], TTC[2:4] = [[-0.1], [0.2]], [[0.0], [3.0]]
-    w_distance, w_ttc = windows(params, D, TTC, np.ones(D.shape, bool))
-    expected = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[np.tile([0, 1], 40)], w_ttc)
-    np.testing.assert_allclose(activation(memory, D, TTC).ravel(), expected, rtol=1e-9, atol=1e-12)
+def test_the_activation_is_the_mean_of_f_weighted_by_normalized_gaussians(seed, bins, sigma):
+    """R eqs 4 and 5 with SciPy's softmax of the squared distances to the bin centres."""
+    rng = np.random.default_rng(seed)
+    memory = PPSMemory(
+        ("a", "b"), np.zeros(2, np.intp), rng.integers(0, 9, (2, *bins, 2)), MemoryParams(bins=bins, sigma_bins=sigma)
+    )
+    D = np.append([-0.1, 0.2], rng.uniform(-0.1, 0.2, 38))
+    TTC = np.append(rng.uniform(0, 3, 38), [0.0, 3.0])
+    places = zip(((D + 0.1) / 0.3, TTC / 3), bins, strict=True)
+    weights = [softmax(-(((x * n)[:, None] - np.arange(n) - 0.5) ** 2) / (2 * sigma**2), axis=1) for x, n in places]
+    expected = np.einsum("kd,ndt,kt->kn", weights[0], memory.frequency, weights[1])
+    np.testing.assert_allclose(
+        activation(memory, D[:, None], TTC[:, None] * np.ones(2)), expected, rtol=1e-6, atol=1e-9
+    )

@@ -7,7 +7,7 @@ import pytest
 
 from learning.reach import residual
 from learning.reach.babbling import Babbled, babble, gaze_at_hand
-from learning.reach.forward_model import RevoluteArm, _fixated, _gauss_newton, _least_squares, _products
+from learning.reach.forward_model import RevoluteArm
 from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
 from pps_vision.experiments.reach_truth import gaze_rmse_deg
@@ -124,7 +124,7 @@ def bent():
 def test_what_no_ideal_arm_can_do_is_left_to_the_process(bent):
     learned, test = bent
     structure = RevoluteArm(corrected=False)
-    structure._known = learned._fitted()._replace(residual=None)
+    structure._fitted = learned._fit()._replace(residual=None)
     (error, silent), (left, _) = gaze_rmse_deg(learned, test), gaze_rmse_deg(structure, test)
     print(f"{error:.3f} ° of {left:.3f} °")
     assert error < left / 2
@@ -174,42 +174,3 @@ def test_too_few_samples_and_another_arm_are_refused(model):
         RevoluteArm().forward(np.zeros((1, 4)))
     with pytest.raises(ValueError, match=r"shape \(2, 3\): expected \(N, 4\)"):
         model.forward(np.zeros((2, 3)))
-
-
-def test_the_first_estimate_is_the_weighted_least_squares_of_all_rows_and_the_prior():
-    """By NumPy on the stacked system: for each axis A W − C o = crossing; the prior is a row for each unknown."""
-    rng, prior = np.random.default_rng(38), 0.3
-    A, Z, weight = rng.standard_normal((12, 5)), rng.standard_normal((12, 3, 5)), rng.uniform(0.1, 2.0, 12)
-    rows = np.concatenate([np.einsum("nm,ij->nimj", A, np.eye(3)).reshape(12, 3, -1), -Z[:, :, 1:]], axis=2)
-    root = np.sqrt(weight)[:, None]
-    stacked = np.concatenate([(root[:, :, None] * rows).reshape(36, -1), np.sqrt(prior) * np.eye(19)])
-    known = np.linalg.lstsq(stacked, np.append((root * Z[:, :, 0]).ravel(), np.zeros(19)))[0]
-    W, o = _least_squares(A, Z, weight, prior)
-    np.testing.assert_allclose(np.append(W, o), known, atol=1e-9)
-
-
-def test_steps_end_at_the_least_geman_mcclure_loss_and_prior(babbled):
-    """Of the angles: c²/2 · r²/(c² + r²) with c of four medians, and a third of the squared median as noise variance;
-    where the steps end, no direction of the 247 unknowns descends."""
-    rng, far = np.random.default_rng(39), np.flatnonzero(babbled[0].gaze_rad[:, 2] < 0.5)[:300]
-    arm, gaze = babbled[0].arm_rad[far], babbled[0].gaze_rad[far] + 0.02 * rng.standard_normal((300, 3))
-    A = _products(RevoluteArm()._bases(arm))
-    W, o, seen = 0.01 * rng.standard_normal((81, 3)), np.zeros(4), gaze
-    for k in range(25):
-        W, o, seen = _gauss_newton(A, gaze, W, o, seen, moves=k >= 10)
-    middle = np.median(np.linalg.norm(gaze - seen, axis=1))
-
-    def loss(known):
-        at = seen
-        for _ in range(3):  # Newton: the gaze whose fixated point is the hand's place
-            place, slope = _fixated(at, known[-4:])
-            at = at + np.linalg.solve(slope, (A @ known[:-4].reshape(81, 3) - place)[..., None])[..., 0]
-        r2 = np.sum((gaze - at) ** 2, axis=1)
-        c2 = (4 * middle) ** 2
-        return np.sum(c2 / 2 * r2 / (c2 + r2)) + middle**2 / 3 / 2 * known @ known
-
-    known = np.append(W, o)
-    for axis in rng.standard_normal((5, 247)):
-        axis /= np.linalg.norm(axis)
-        up, here, down = (loss(known + h * axis) for h in (1e-4, 0, -1e-4))
-        assert abs(up - down) / 2e-4 < 1e-7 * (up + down - 2 * here) / 1e-8
