@@ -110,13 +110,12 @@ class ReachOracle:
         measure = self.params.measure
         starts = self.starts(points)
         limits = (self.lower, self.upper)
-        covers = isinstance(measure, DirectionCoverage)
-        optimized = FarFromLimits(*limits) if covers else measure(*limits)
-        solution = two_stage(self.forward, points, starts, *limits, optimized, self.params.inverse)
-        if not covers:
-            return solution
-        covered = self._covered(points, starts, measure)
-        return replace(solution, quality=np.where(solution.reachable, covered, np.nan))
+        optimized = FarFromLimits if isinstance(measure, DirectionCoverage) else measure
+        solution = two_stage(self.forward, points, starts, *limits, optimized(*limits), self.params.inverse)
+        if isinstance(measure, DirectionCoverage):
+            covered = self._covered(points, starts, measure)
+            return replace(solution, quality=np.where(solution.reachable, covered, np.nan))
+        return solution
 
     def _covered(self, points: Array, starts: Array, coverage: DirectionCoverage) -> Array:
         """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
