@@ -21,10 +21,10 @@ from tracking.acquisition import (
 )
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
-from tracking.foreground import MovingForeground, StaticForeground
+from tracking.foreground import StaticForeground
 from tracking.marker import MarkerParams, find_markers
 from tracking.marker_acquisition import is_nearer_than_surroundings, moved_markers
-from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
+from tracking.motion_trigger import Region2D, TriggerParams
 from tracking.outline import Optics, Outline
 from tracking.stereo import Association, CameraFrame, StereoParams, camera_frames
 
@@ -147,27 +147,6 @@ def test_what_moves_as_a_whole_before_a_background(
         assert len(x) == pytest.approx(np.pi * r * r, rel=0.2)
 
 
-@pytest.mark.parametrize(("shift_px", "moves"), [(3, False), (4, True)])
-def test_what_covers_a_twentieth_of_its_area_anew_moves(
-    shift_px: int, moves: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
-) -> None:
-    """A red disc of 45 px before a grey wall: 4.2 % or 5.7 %."""
-    view = rig.view(home(robot)).left
-    y, x = np.mgrid[:240, :320]
-
-    def picture(u: int | None) -> np.ndarray:
-        image = np.full((240, 320, 3), 100.0)
-        if u is not None:
-            image[(x - u) ** 2 + (y - 120) ** 2 < 45**2] = (200.0, 30.0, 30.0)
-        return np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
-
-    background = learned_from(lambda: picture(None), view)
-    seed = np.zeros((180, 200), bool)
-    seed[60:120, 80:120] = True
-    change = StaticForeground(background, view, picture(160), picture(160 + shift_px))
-    assert (change.moved_mask(seed, (60, 30, 260, 210)) is not None) == moves
-
-
 def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig: StereoRig, robot: Robot) -> None:
     view = rig.view(home(robot)).left
     background = learned_from(lambda: drawn(rng, (80, 120, 18)), view)
@@ -252,18 +231,6 @@ def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(robot: 
     assert np.abs(errors).max() < 2.5
 
 
-@pytest.mark.parametrize(("side_px", "is_one"), [(5, True), (3, False)])
-def test_what_is_smaller_than_the_least_area_is_no_object(
-    side_px: int, is_one: bool, rng: np.random.Generator, rig: StereoRig
-) -> None:
-    """A violet square."""
-    image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
-    image[100 : 100 + side_px, 150 : 150 + side_px] = (120, 20, 220)
-    region = Region2D((150, 100, side_px, side_px), np.ones((side_px, side_px), bool), 1.0)
-    found = segment(image, region, Optics(rig.left))
-    assert (found is not None) == is_one
-
-
 def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
     rng: np.random.Generator, rig: StereoRig, robot: Robot
 ) -> None:
@@ -339,24 +306,6 @@ def violet(box: tuple[int, int, int, int], hole: tuple[int, int, int, int] = (0,
     return image
 
 
-@pytest.mark.parametrize(("side", "is_one"), [(134, True), (142, False)])
-def test_what_fills_more_than_a_quarter_of_the_image_is_no_object(side: int, is_one: bool, rig: StereoRig) -> None:
-    """A square of 23 %, or of 26 %."""
-    image = violet((90, 50, 90 + side, 50 + side))
-    region = Region2D((90, 50, side, side), np.ones((side, side), bool), 1.0)
-    assert (segment(image, region, Optics(rig.left)) is not None) == is_one
-
-
-@pytest.mark.parametrize(("thick", "is_one"), [(14, True), (9, False)])
-def test_what_hardly_fills_its_box_is_no_object(thick: int, is_one: bool, rig: StereoRig) -> None:
-    """An angle of two arms of 60 px; they fill 41 % or 28 % of their box."""
-    image = violet((130, 90, 190, 150), hole=(130 + thick, 90, 190, 150 - thick))
-    mask = np.ones((60, 60), bool)
-    mask[: 60 - thick, thick:] = False
-    found = segment(image, Region2D((130, 90, 60, 60), mask, 1.0), Optics(rig.left))
-    assert (found is not None) == is_one
-
-
 @pytest.mark.parametrize(
     ("side", "shift", "refused"),
     [(20, 0, None), (23, 0, None), (26, 0, "rejected by size"), (16, 0, "rejected by size"), (20, 60, "epipolar")],
@@ -378,48 +327,6 @@ def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(
     assert len(said) == (refused is not None)
     assert (refused or "") in "".join(said)
     assert counts["rejected since it did not move"] == (refused is None)
-
-
-def half(of: int, width: int) -> np.ndarray:
-    """Columns from `of` on, so many of them, in a picture 100 px wide."""
-    mask = np.zeros((20, 100), bool)
-    mask[:, of : of + width] = True
-    return mask
-
-
-def test_colours_show_the_object_if_they_cover_most_of_what_moves(rig: StereoRig, robot: Robot) -> None:
-    """Before an eye at rest 0.8 of both together, or any part of what is not solid; before one that moves 0.6."""
-    view, image = rig.view(home(robot)).left, np.zeros((20, 100, 3), np.uint8)
-    background = Background(EgoMotion(rig.left), 0.3)
-    rest = StaticForeground(background, view, image, image)
-    moving = MovingForeground(background, view, lambda _: None, image)
-    whole = half(0, 50)
-    assert [rest.shows_the_object(half(0, w), whole) for w in (38, 40, 42, 60, 65)] == [False, False, True, True, False]
-    assert [moving.shows_the_object(half(0, w), whole) for w in (28, 30, 32, 80, 90)] == [
-        False,
-        False,
-        True,
-        True,
-        False,
-    ]
-    branched = whole.copy()
-    branched[5:15, 10:40] = False
-    branched[5:, 30:40] = False
-    assert rest.shows_the_object(half(0, 10), branched)
-
-
-@pytest.mark.parametrize("age_s", [0.19, 0.21])
-def test_an_image_of_a_moment_ago_is_at_most_a_fifth_of_a_second_old(
-    age_s: float, rig: StereoRig, robot: Robot
-) -> None:
-    """And one of the same stamp is none of before."""
-    view, image = rig.view(home(robot)).left, np.full((240, 320, 3), 90, np.uint8)
-    trigger = MotionTrigger(TriggerParams(), rig.left)
-    trigger.remember(image, view, 0.0)
-    assert trigger.image_before(view, 0.0) is None
-    assert trigger.seen_before(view, 0.0, (10, 10, 20, 20)) is None
-    assert (trigger.image_before(view, age_s) is not None) == (age_s < 0.2)
-    assert (trigger.seen_before(view, age_s, (10, 10, 20, 20)) is not None) == (age_s < 0.2)
 
 
 @pytest.mark.parametrize(("other", "is_one"), [((210, 45, 40), True), ((40, 60, 210), False)])
@@ -490,17 +397,6 @@ def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig: StereoRig, robot:
     before[100:120, 150:170] = (25, 170, 40)
     (found,) = moved_markers(params, camera._replace(image=before), optics, wall)
     np.testing.assert_allclose(found.center_px, [159.5, 109.5], atol=0.5)
-
-
-def test_the_evidence_of_a_colour_is_its_regions_residual_as_far_as_it_stands_out(rig: StereoRig) -> None:
-    """Violet before grey stands out wholly."""
-    optics, region = Optics(rig.left), Region2D((150, 100, 20, 20), np.ones((20, 20), bool), 3.0)
-    alone = segment(violet((150, 100, 170, 120)), region, optics)
-    assert alone is not None
-    assert alone.evidence == pytest.approx(3.0, abs=0.01)
-    assert alone.by_color
-    assert alone.flow is None
-    assert alone.box == (124, 74, 196, 146)  # its size and 6 px more on all sides
 
 
 def test_what_the_search_has_met_is_counted(robot: Robot, rig: StereoRig) -> None:

@@ -153,15 +153,6 @@ def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_th
     assert left < 0.01 if was_learned else left > 0.8
 
 
-@pytest.mark.parametrize(("covers", "changed"), [(0.25, False), (0.4, True)])
-def test_a_box_has_changed_where_a_third_of_it_differs(covers: float, changed: bool, rng: np.random.Generator) -> None:
-    """A patch is a quarter, or two fifths, of the box; of an eye whose background is unknown every box has changed."""
-    background, image = learned(rng), draw(rng, (160.0, 150.0, 170.0))
-    assert background.has_changed(image, VIEW, 150, 100, round(40 / covers), 30) == changed
-    assert not background.has_changed(draw(rng), VIEW, 150, 100, 40, 30)
-    assert background.has_changed(draw(rng), View(LEFT_EYE, transform(translation=(0.1, 0.0, 0.0))), 150, 100, 40, 30)
-
-
 def _marked(rng: np.random.Generator, *corners: tuple[int, int]) -> np.ndarray:
     image = draw(rng)
     for x, y in corners:
@@ -187,15 +178,6 @@ def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng: np.random.
     assert not background.differs(draw(rng), VIEW, (0, 0, 60, 60)).any()
 
 
-def test_at_the_border_what_is_behind_an_object_is_known_no_more(rng: np.random.Generator) -> None:
-    """Its box begins beyond the left and the upper border; the whole image is within two of its sizes."""
-    background = learned(rng)
-    background.invalidate_box(draw(rng), VIEW, (-10.0, -5.0, 120.0, 90.0))
-    wall = background.differs(draw(rng), VIEW, WHOLE)
-    assert wall[:90, :120].all()
-    assert not wall[92:, 122:].any()
-
-
 def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: np.random.Generator) -> None:
     """Its mask is known no more but for the part that differs; beside the mask what differs is known no more either."""
     background, image = learned(rng), _marked(rng, (150, 100), (180, 100))
@@ -207,12 +189,6 @@ def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: 
     assert wall[102:110, 163:169].all()
     assert wall[102:110, 182:190].all()
     assert not wall[102:110, 172:178].any()
-
-
-def test_without_a_background_no_edge_is_its_edge(rng: np.random.Generator) -> None:
-    mask = np.zeros((240, 320), bool)
-    mask[PATCH] = True
-    assert Background(EgoMotion(LEFT_EYE), 0.3).learned_edge(draw(rng), VIEW, mask, WHOLE) is None
 
 
 def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator) -> None:
@@ -227,23 +203,6 @@ def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator
     for k in range(12, 40):  # it has been learned, not marked as changing
         background.update(draw(rng, patch), VIEW, DT * k, None)
     assert background.evidence(draw(rng, patch), VIEW, WHOLE)[INNER].max() < 0.5
-
-
-def test_evidence_rises_with_the_difference_and_is_one_half_at_the_threshold(rng: np.random.Generator) -> None:
-    """Without noise, of 3.5 grey levels: a seventh for each, but none for less than half of the threshold."""
-    background = learned(rng, noise=0.0)
-    for levels, share in ((1, 0), (2, 2 / 7), (3, 3 / 7), (4, 4 / 7), (6, 6 / 7), (7, 1), (9, 1)):
-        image = draw(rng, tuple(one + levels for one in WALL), noise=0.0)
-        np.testing.assert_allclose(background.evidence(image, VIEW, WHOLE)[INNER], share, rtol=1e-6)
-        assert background.differs(image, VIEW, WHOLE)[INNER].all() == (levels >= 4)
-
-
-def test_a_pixel_differs_from_five_deviations_of_the_smoothed_noise_on(rng: np.random.Generator) -> None:
-    """Of 12 grey levels, 4 of the mean of nine pixels: from 20 levels."""
-    background = learned(rng, noise=12.0)
-    for levels, differs in ((12, False), (28, True)):
-        image = draw(rng, tuple(one + levels for one in WALL), noise=12.0)
-        assert (background.differs(image, VIEW, WHOLE)[INNER].mean() > 0.5) == differs
 
 
 @pytest.mark.parametrize("box", [BOX, (-10.0, -5.0, 40.0, 30.0), (300.0, 225.0, 40.0, 30.0)])
@@ -271,25 +230,3 @@ def test_what_an_object_hides_at_first_is_what_the_moving_eye_had_learned_there(
     unknown[99:111, 149:161] = False
     assert not unknown.any()
     assert not background.moving.is_known
-
-
-def test_beside_what_is_unknown_a_pixel_is_compared_with_itself(rng: np.random.Generator) -> None:
-    """On a ramp of 20 grey levels a pixel, shifted by one: in the range of its neighbours, but for the pixel whose
-    neighbour is unknown."""
-    ramp = np.repeat(np.clip(np.arange(320.0) - 150, 0, 10)[None, :, None] * 20 + np.full(3, 30), 240, axis=0)
-    image, background = ramp.astype(np.uint8), Background(EgoMotion(LEFT_EYE), 0.3)
-    background.update(image, VIEW, 0.0, (100.0, 60.0, 54.0, 120.0))  # up to column 153
-    here, shifted = (background.differs(one, VIEW, WHOLE) for one in (image, np.roll(image, 1, axis=1)))
-    assert here[120, 152:156].tolist() == [True, True, False, False]
-    assert shifted[120, 152:158].tolist() == [True, True, True, False, False, False]
-
-
-def test_three_tenths_of_its_size_around_the_object_nothing_is_learned(rng: np.random.Generator) -> None:
-    """Of 40 × 30 px: 12 to both sides, 9 above and below, but for the pixels that have a neighbour beyond that."""
-    background, image = learned(rng, noise=0.0), draw(rng, noise=0.0)
-    image[60:180, 100:240] = (160, 150, 170)
-    for k in range(12, 32):
-        background.update(image, VIEW, DT * k, BOX)
-    kept = np.zeros((240, 320), bool)
-    kept[92:138, 139:201] = True
-    np.testing.assert_array_equal(background.differs(image, VIEW, WHOLE), kept)

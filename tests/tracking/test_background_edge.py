@@ -35,13 +35,6 @@ def test_a_brighter_light_makes_the_background_s_edge_stronger(gain: float, shar
     assert found == pytest.approx(share, abs=0.05)
 
 
-@pytest.mark.parametrize(("radius", "is_told"), [(4, False), (7, True)])
-def test_a_short_edge_tells_nothing(radius: int, is_told: bool) -> None:
-    """Thirty points: a disc's edge has about 5.7 for every pixel of its radius."""
-    image, mask = disc(radius, 60)
-    assert (edge_of_background(image, np.full(image.shape, 100.0), 1.0, mask, WHOLE) is not None) == is_told
-
-
 @pytest.mark.parametrize(("known_to", "share"), [(60, 1.0), (48, None)])
 def test_only_where_the_background_is_known(known_to: int, share: float | None) -> None:
     """The left half of an edge of 80 px at 60 px, a fifth of it at 48; what is unknown there would be no edge."""

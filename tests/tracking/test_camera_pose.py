@@ -10,7 +10,7 @@ import pytest
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image, StereoFrame
-from tracking.camera_pose import PoseEstimator, _LateJoints, exact_or_late
+from tracking.camera_pose import PoseEstimator, exact_or_late
 
 PRIOR_S = 0.02
 
@@ -46,21 +46,6 @@ def test_joints_that_are_never_late_have_no_delay() -> None:
     motion = PoseEstimator(TURNING, 0.0).motion
     assert (motion.delay_s, motion.rate_rad_s) == (0.0, 0.0)
     assert math.isnan(motion.delay_std_s)
-
-
-def test_poses_before_the_third_frame_and_after_a_gap_are_those_that_are_told() -> None:
-    late = _LateJoints(TURNING, PRIOR_S)
-    late.delay_s = 0.05
-    poses = []
-    for stamp_s in (0.0, 0.05, 0.1, 0.5, 0.55, 0.6):
-        q = np.array([2.0 * stamp_s])
-        told = TURNING.view(q, q)
-        found = late.step(StereoFrame(NO_IMAGE, NO_IMAGE, stamp_s, stamp_s, q, q), told, (q, q))
-        late.delay_s = 0.05
-        off = told.left.T_camera_root[:3, :3] @ found.view.left.T_root_camera[:3, :3]
-        poses.append(np.linalg.norm(cv2.Rodrigues(off)[0]))
-        assert found.stamp_error_s == late.std_s
-    np.testing.assert_allclose(poses, [0, 0, 0.1, 0, 0, 0.1], atol=1e-9)
 
 
 def test_poses_that_no_image_corrects_are_those_that_are_told() -> None:

@@ -107,19 +107,6 @@ def test_an_object_is_in_view_if_a_part_of_it_is(u: float, is_seen: bool, rng: n
         assert (prior is not None) == is_seen
 
 
-def test_what_is_known_of_it_is_remembered_and_reported(rng: np.random.Generator) -> None:
-    tracker, one = camera_tracker(rng), of_size(36.0, (154.0, 108.0))
-    position = 0.4 * VIEW.rays([150.0, 110.0])
-    state = tracker.remember(CameraState(), seen_from(picture(rng)), one, at(position, 1.0))
-    assert state.offset_px == pytest.approx((4.0, -2.0), abs=1e-3)
-    assert state.size_px == pytest.approx(36.0)
-    told = tracker.detection(seen_from(picture(rng)), ImageDetection(one, (1.0, 2.0, 3.0, 4.0), 0.7))
-    assert (told.stamp_s, told.camera, told.score, told.box_px) == (1.0, "left", 0.7, (1.0, 2.0, 3.0, 4.0))
-    assert told.angular_radius_rad == one.angular_radius_rad
-    assert np.array_equal(told.center_px, one.center_px)
-    assert np.array_equal(told.cov_px, one.cov_px)
-
-
 def test_without_a_place_or_anything_known_of_it_nothing_is_found(rng: np.random.Generator) -> None:
     camera, tracker = seen_from(picture(rng, (disc(150, 110, 18), BLUE))), camera_tracker(rng)
     target = tracker.image_tracker.start(camera.image, BOX)

@@ -126,13 +126,6 @@ def test_where_nothing_has_its_colour_it_is_not_seen(rng: np.random.Generator) -
     np.testing.assert_allclose(after.particles.current[:, :2].mean(axis=0), [160, 115], atol=2)
 
 
-def test_a_region_reaches_as_far_to_all_sides_within_the_image(rng: np.random.Generator) -> None:
-    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
-    assert eye.region(np.array([100.0, 50.0]), 10.0, 5.0) == (90, 45, 112, 57)
-    assert eye.region(np.array([2.0, 3.0]), 10.0, 5.0) == (0, 0, 14, 10)
-    assert eye.region(np.array([317.0, 238.0]), 10.0, 5.0) == (307, 233, 320, 240)
-
-
 def test_a_target_covers_as_much_of_its_box_as_its_colours_show(rng: np.random.Generator) -> None:
     """A disc of 18 px in a box of 37; a square; and nothing that is told from what is around it: as a disc."""
     eye, square = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng)
@@ -147,42 +140,6 @@ def test_fewer_than_two_particles_are_refused() -> None:
     with pytest.raises(ValueError, match="1 particles"):
         ImageTrackerParams(particles=1)
     assert ImageTrackerParams(particles=2).particles == 2
-
-
-def test_size_proportions_and_colours_follow_what_is_seen_in_part(rng: np.random.Generator) -> None:
-    """A bar of 60 × 20 px that becomes 66 × 18.2 and a tenth larger: three tenths of the logarithms at once.  Of the
-    new colour of its lower half 3 % are taken in, of that of its surroundings a fifth."""
-    eye, first, then = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng), _discs(rng) // 3
-    first[100:120, 120:180] = BLUE
-    then[99:121, 114:187] = BLUE
-    target = eye.start(first, (120, 100, 60, 20))
-    assert target.size * np.array(target.shape) == pytest.approx([60, 20])
-    after, seen = eye.step(target, then, Prior(np.array([150.0, 109.5]), 1.0, 1.0))
-    assert seen is not None
-    assert after.size == pytest.approx(target.size * np.sqrt(73 * 22 / 1200) ** 0.3, rel=0.01)
-    aspect, was, now = after.shape[0] / after.shape[1], 60 / 20, 73 / 22
-    assert aspect == pytest.approx(was**0.7 * now**0.3, rel=0.01)
-    np.testing.assert_allclose(seen.box_px[2:], after.size * np.array(after.shape))
-    np.testing.assert_allclose(np.add(seen.box_px[:2], np.subtract(seen.box_px[2:], 1) / 2), [150, 109.5], atol=0.3)
-    dark = int(color_bins(then[:1, :1]).item())
-    assert target.model.background[dark] < 0.01
-    assert after.model.background[dark] == pytest.approx(0.2, abs=0.02)
-
-
-def test_colours_of_an_object_follow_by_three_hundredths_an_image(rng: np.random.Generator) -> None:
-    """A third of a disc turns green: after ten images a quarter of that share is known."""
-    eye, image = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng, (150, 110, 18))
-    target = eye.start(image, (132.0, 92.0, 37.0, 37.0))
-    green = np.array([30, 200, 60], np.uint8)
-    image[119:, 100:200][image[119:, 100:200, 0] < 75] = green
-    bin_ = int(color_bins(green[None, None]).item())
-    for _ in range(10):
-        evidence = partial(_is_no_grey, image)
-        target, seen = eye.step(target, image, Prior(np.array([150.0, 110.0]), 1.0, 1.0), evidence, by_color=False)
-        assert seen is not None
-    mask = np.hypot(*(np.mgrid[:240, :320] - np.array([110, 150])[:, None, None])) < 18
-    share = np.count_nonzero(mask[119:]) / np.count_nonzero(mask)
-    assert target.model.object[bin_] == pytest.approx(share * (1 - 0.97**10), rel=0.25)
 
 
 def _is_no_grey(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
@@ -241,29 +198,6 @@ def test_a_long_object_is_followed_over_its_whole_length(rng: np.random.Generato
     np.testing.assert_allclose(seen.outline.box_px, (106, 105, 80, 10), atol=1)
 
 
-def test_an_object_is_predicted_until_all_of_it_has_left_the_image(rng: np.random.Generator) -> None:
-    """40 px wide, its centre 15 px and 25 px beyond the left border."""
-    view, image = View(LEFT_EYE, np.eye(4)), np.zeros((240, 320, 3), np.uint8)
-    tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
-    for x, inside in ((-15.0, True), (-25.0, False)):
-        mean = np.array([0.4 * view.rays([x, 120.0]), np.zeros(3)])
-        belief = Belief(0.0, mean, 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
-        prior = tracker.predict(CameraState(size_px=40.0), CameraFrame(image, view, 0.0, None), belief, belief)
-        assert (prior is not None) == inside
-
-
-def test_a_prior_is_as_wide_as_the_image_of_the_predicted_covariance(rng: np.random.Generator) -> None:
-    """σ in each direction across the axis is f σ / z px along u and v, √2 of that as a distance; 0.7 to 40 px."""
-    view, image = View(LEFT_EYE, np.eye(4)), np.zeros((240, 320, 3), np.uint8)
-    tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
-    for sigma_m, std_px in ((1e-6, 0.7), (0.005, 2**0.5 * LEFT_EYE.fx * 0.005 / 0.4), (1.0, 40.0)):
-        mean = np.array([0.4 * view.rays([LEFT_EYE.cx, LEFT_EYE.cy]), np.zeros(3)])
-        belief = Belief(0.0, mean, sigma_m**2 * np.eye(6), np.zeros((3, 3)), 0.0)
-        prior = tracker.predict(CameraState(size_px=40.0), CameraFrame(image, view, 0.0, None), belief, belief)
-        assert prior is not None
-        assert prior.std_px == pytest.approx(std_px, rel=0.02)
-
-
 def _moved_at(box: tuple[int, int, int, int]) -> Region2D:
     return Region2D(box, np.ones((box[3], box[2]), bool), 1.0)
 
@@ -278,17 +212,6 @@ def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng:
         image = np.where(blue[..., None], BLUE, RED).astype(np.uint8)
         taken.append(segment(image, _moved_at((138, 98, 25, 25)), optics) is not None)
     assert taken == [True, True, False]
-
-
-def test_what_fills_little_of_its_box_is_no_object(rng: np.random.Generator) -> None:
-    """A streak of 8 px across, along the image's diagonal and along its edge."""
-    v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
-    optics = Optics(LEFT_EYE)
-    for slope, taken in ((0.0, True), (1.0, False)):
-        image = np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120.0)
-        image[(abs(v - 110 - slope * (u - 150)) < 4 * np.hypot(1, slope)) & (abs(u - 150) < 30)] = BLUE
-        image = np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
-        assert (segment(image, _moved_at((140, 104, 21, 13)), optics) is not None) == taken
 
 
 def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random.Generator) -> None:

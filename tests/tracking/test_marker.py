@@ -125,15 +125,6 @@ def test_candidates_are_judged_by_their_box_in_the_image() -> None:
     assert boxes == [(101, 61, 19, 19), (34, 54, 13, 13)]
 
 
-def test_no_more_than_the_forty_largest_are_judged() -> None:
-    """Of 48 discs of 3 px and two of 4 px, however far down in the image these are."""
-    places = [(8 + 18 * column, 8 + 18 * row, 3) for row in range(6) for column in range(8)]
-    widths = []
-    image = drawn(*places, (152, 8, 4), (152, 110, 4))
-    find_markers(MarkerParams(), image, OPTICS, is_candidate=lambda x, y, w, h: widths.append(w) is not None)
-    assert widths == [9, 9] + [7] * 38
-
-
 def _common_hue(rng: np.random.Generator, more: float, share: float) -> Image:
     """Greens whose saturation has a standard deviation of 10 in a share of the image; a disc by `more` of these more
     saturated."""

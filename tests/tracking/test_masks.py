@@ -19,11 +19,6 @@ def disc(x: float, y: float, radius: float) -> Mask:
     return np.asarray(np.hypot(u - x, v - y) <= radius)
 
 
-def test_dilation_adds_as_many_pixels_to_every_side() -> None:
-    assert np.array_equal(masks.dilated(rectangle(20, 15, 30, 22), 3), rectangle(17, 12, 33, 25))
-    assert np.array_equal(masks.dilated(rectangle(20, 15, 30, 22), 0), rectangle(20, 15, 30, 22))
-
-
 @pytest.mark.parametrize(("gap", "is_closed"), [(2, True), (4, True), (5, False)])
 def test_closing_fills_gaps_narrower_than_the_element(gap: int, is_closed: bool) -> None:
     two = rectangle(10, 10, 30, 40) | rectangle(30 + gap, 10, 50, 40)
@@ -75,10 +70,6 @@ def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop() -> None:
     assert np.array_equal(masks.filled(mask, right), ring & ~large)
 
 
-def test_the_centroid_counts_in_the_images_pixels() -> None:
-    assert masks.centroid(rectangle(2, 4, 7, 5), (100, 200, 180, 260)).tolist() == [104.0, 204.0]
-
-
 @pytest.mark.parametrize(
     ("side", "mask"),
     [(0, (0, 5, 9, 9)), (1, (5, 0, 9, 9)), (2, (70, 5, 80, 9)), (3, (5, 50, 9, 60))],
@@ -102,20 +93,6 @@ def test_an_ellipse_has_its_width_height_and_centre() -> None:
     v, u = np.nonzero(result)
     assert (u.min() + 10, u.max() + 10, v.min() + 20, v.max() + 20) == (25, 65, 45, 65)
     assert result.sum() == pytest.approx(np.pi / 4 * 40 * 20, rel=0.02)
-
-
-@pytest.mark.parametrize(("gap", "is_joined"), [(1, True), (2, True), (3, False)])
-def test_parts_up_to_two_pixels_apart_are_one_component_without_holes(gap: int, is_joined: bool) -> None:
-    left = rectangle(10, 10, 30, 40)
-    right = rectangle(30 + gap, 10, 50, 40)
-    hole = rectangle(15, 15, 22, 22)
-    result = masks.closed_component((left & ~hole) | right, rectangle(10, 10, 14, 14))
-    assert result is not None
-    assert np.array_equal(result, rectangle(10, 10, 50, 40) if is_joined else left)
-    kept = masks.closed_component((left & ~hole) | right, rectangle(10, 10, 14, 14), hole)
-    assert kept is not None
-    assert not kept[16:21, 16:21].any()
-    assert masks.closed_component(left, rectangle(60, 50, 70, 55)) is None
 
 
 def test_solidity_is_the_share_of_the_convex_hull() -> None:

@@ -145,26 +145,6 @@ def test_what_is_too_small_is_no_region() -> None:
     assert [len(triggered(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
 
 
-def test_what_hardly_differs_is_no_region() -> None:
-    faint = moving(100, 100, 20, 20, 94.0)
-    plain = moving(100, 100, 20, 20, 115.0)
-    assert not any(triggered(GATE, faint))
-    assert any(triggered(replace(GATE, min_contrast=2.0), faint))
-    assert any(triggered(GATE, plain))
-
-
-def test_what_noise_may_do_is_no_region() -> None:
-    film = moving(100, 100, 20, 20, 102.0)
-    assert any(triggered(GATE, film, 0.5))
-    assert not any(triggered(GATE, film, 8.0))
-    assert any(triggered(replace(GATE, noise_factor=1.0), film, 8.0))
-
-
-def test_darker_and_brighter_both_count() -> None:
-    for level in (20.0, 180.0):
-        assert len(triggered(GATE, [[]] * 5 + [[(100, 100, 20, 20, level)]])[-1]) == 1
-
-
 def test_parts_of_one_object_are_joined_and_the_strongest_comes_first() -> None:
     parts = [[]] * 5 + [[(100, 100, 20, 10, 130.0), (100, 116, 20, 10, 130.0), (200, 60, 12, 12, 200.0)]]
     regions = triggered(GATE, parts)[-1]
@@ -187,16 +167,6 @@ def test_a_slow_object_is_found_in_the_turns_of_the_long_interval() -> None:
         if regions_of_step
     ]
     assert any(flow is not None and flow.interval_s > 0.5 for flow in flows)
-
-
-def test_with_each_interval_an_image_so_old_is_compared() -> None:
-    appeared = [
-        bool(regions_of_step)
-        for regions_of_step in triggered(GATE, [[]] * 13 + [[(100, 100, 20, 20, 200.0)]] * 20)[13:]
-    ]
-    assert all(appeared[:4])
-    assert sum(appeared[4:12]) == 4  # the long interval only, every other image
-    assert not any(appeared[12:])
 
 
 def test_where_the_robot_was_is_no_stimulus_either() -> None:
@@ -300,23 +270,6 @@ def test_what_moves_too_fast_for_flow_is_found_without_it() -> None:
         image[100:116, x : x + 16] = square
         regions = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
     assert [region.flow for region in regions if region.box_px[0] > 120] == [None]
-
-
-def test_only_the_strongest_regions_are_measured() -> None:
-    rng = np.random.default_rng(6)
-    wall = textured(rng)
-    square = textured(rng, 150.0)[:20, :20]
-    for most in (2, 4):
-        trigger = MotionTrigger(TriggerParams(max_regions=most), LEFT_EYE)
-        regions = []
-        for k in range(6):
-            image = wall.copy()
-            for y in (60, 110, 160):
-                for x in (60, 200):
-                    at = x + 6 * max(k - 4, 0)
-                    image[y : y + 20, at : at + 20] = square
-            regions = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
-        assert len(regions) == most
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Image, Mask
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
-from tracking.moving_background import MovingBackground, beyond, smoothed
+from tracking.moving_background import MovingBackground
 
 DT, RADIUS, WHOLE = 0.1, 16, (0, 0, 320, 240)
 WALL_M = 1.2
@@ -159,36 +159,6 @@ def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> No
         background.invalidate()
 
 
-def test_what_is_tracked_is_not_learned_nor_is_what_is_near_it(rng: np.random.Generator) -> None:
-    """Around a box of 40 × 20 px at (100, 80), 0.3 of its sides more."""
-    background = MovingBackground(EgoMotion(LEFT_EYE))
-    background.update(seen(turned(0), rng)[0], turned(0), 0.0, (100.0, 80.0, 40.0, 20.0))
-    unknown = np.argwhere(background.seen(turned(0), WHOLE)[..., 0] < 0)
-    np.testing.assert_allclose([unknown.min(axis=0), unknown.max(axis=0)], [(74, 88), (105, 151)], atol=1)
-
-
-@pytest.mark.parametrize(
-    ("noise", "levels", "differs"), [(0, 3, False), (0, 8, True), (4, 9, True), (10, 10, False), (10, 18, True)]
-)
-def test_how_much_must_differ(noise: float, levels: int, differs: bool, rng: np.random.Generator) -> None:
-    """Six grey levels of a clean image, five standard deviations of a noisy one over 3×3 px, fifteen at most."""
-    background, patch = MovingBackground(EgoMotion(LEFT_EYE)), np.s_[104:136, 104:136]
-
-    def image(more: int) -> Image:
-        grey = np.full((240, 320, 3), 100.0)
-        grey[100:140, 100:140] += more
-        return np.clip(np.rint(grey + noise * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
-
-    for k in range(3):
-        background.update(image(0), turned(0), 0.5 * k, None)
-    now = image(levels)
-    share = background.differs(now, turned(0), WHOLE)[patch].mean()
-    assert share > 0.95 if differs else share < 0.25
-    if noise == 0:
-        expected = levels / 12 if differs else 0.0  # half at the threshold
-        assert background.evidence(now, turned(0), WHOLE)[patch].mean() == pytest.approx(expected)
-
-
 @pytest.mark.parametrize(("shift_px", "differs"), [(1, False), (2, True)])
 def test_an_error_of_a_pixel_is_no_difference(shift_px: int, differs: bool) -> None:
     """Bars of 60 and 160 levels before an eye at rest."""
@@ -209,16 +179,3 @@ def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rn
     image, disc = seen(rest, rng, at)
     assert (background.evidence(image, rest, WHOLE) > 0.5)[disc].mean() > 0.9, "it is still no background"
     assert (background.evidence(seen(rest, rng)[0], rest, WHOLE) > 0.5)[disc].mean() < 0.05, "the wall behind it is"
-
-
-@pytest.mark.parametrize("box", [(0, 0, 320, 240), (10, 20, 50, 60), (0, 5, 30, 9), (300, 200, 320, 240)])
-def test_a_box_is_smoothed_as_the_whole_image(box: tuple[int, int, int, int], rng: np.random.Generator) -> None:
-    image = rng.integers(0, 256, (240, 320, 3), np.uint8)
-    x0, y0, x1, y1 = box
-    assert np.array_equal(smoothed(image, box), cv2.blur(image, (3, 3))[y0:y1, x0:x1])
-
-
-def test_a_pixel_is_beyond_a_range_by_its_farthest_channel() -> None:
-    low, high = np.array([[[50, 60, 70]]], np.uint8), np.array([[[80, 90, 100]]], np.uint8)
-    for rgb, by in (((60, 70, 80), 0), ((40, 95, 80), 10), ((85, 60, 120), 20), ((60, 45, 102), 15)):
-        assert beyond(np.array([[rgb]], np.uint8), low, high).tolist() == [[by]]

@@ -140,11 +140,6 @@ def test_harmonics_are_those_of_the_edge() -> None:
     assert squared.non_circularity == pytest.approx(np.pi / 3 - 1, abs=0.003)
 
 
-def test_nothing_covered_is_none(optics: Optics) -> None:
-    image = np.full((240, 320, 3), 90, np.uint8)
-    assert outline(cover(image, np.zeros((240, 320), bool), FULL), optics) is None
-
-
 @pytest.mark.parametrize("kind", ["cut by the border", "half hidden"])
 def test_the_covariance_of_a_part_covers_its_distance_from_the_whole(kind: str, rng: np.random.Generator) -> None:
     """Hidden up to three fifths, its size known to 3 %: mean squared normalised error of the centre."""
@@ -282,28 +277,3 @@ def test_of_joined_things_without_an_expected_area_there_is_no_outline(optics: O
     result = fit_outline(image, disc, FULL, optics, np.pi * 20**2, larger)
     assert result is not None
     assert np.linalg.norm(result.center_px - [160, 120]) < 0.5
-
-
-def test_what_covers_no_pixel_by_half_or_less_than_one_in_all_is_none(optics: Optics) -> None:
-    faint = np.full((10, 10), 0.4, np.float32)
-    small = np.zeros((10, 10), np.float32)
-    small[5, 5] = 0.9
-    for alpha in (faint, small):
-        assert outline(Coverage(alpha, np.zeros_like(alpha), (100, 100, 110, 110)), optics) is None
-    small[5, 6] = 0.2
-    assert outline(Coverage(small, np.zeros_like(small), (100, 100, 110, 110)), optics) is not None
-
-
-@pytest.mark.parametrize(("side", "reach"), [(7, 1), (8, 2)])
-def test_of_what_is_small_only_the_pixels_at_the_edge_may_be_covered_in_part(side: int, reach: int) -> None:
-    """Of a square of up to 60 px one to each side of its edge, of a larger one two; the rest is certain."""
-    mask = np.zeros((40, 40), bool)
-    mask[12 : 12 + side, 12 : 12 + side] = True
-    image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-    coverage = cover(image, mask, (0, 0, 40, 40))
-    x0, y0, _, _ = coverage.box
-    rows, columns = np.nonzero(coverage.variance)
-    assert (columns.min() + x0, rows.min() + y0) == (12 - reach, 12 - reach)
-    assert (columns.max() + x0, rows.max() + y0) == (11 + side + reach, 11 + side + reach)
-    uncertain = np.count_nonzero(coverage.variance)
-    assert uncertain == (side + 2 * reach) ** 2 - (side - 2 * reach) ** 2

@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from tracking.particle_filter import SHARPNESS, Particles, Prior, box_sums, likelihoods, propagate, resample, sample
-
-
-def test_around_a_certain_prior_they_keep_some_spread(rng: np.random.Generator) -> None:
-    """A twentieth of the object's size: what is predicted to a hair may still be beside it."""
-    middle = np.array([160.0, 120.0])
-    for std_px, expected in ((0.0, 2.0), (1.0, 2.0), (5.0, 5.0)):
-        particles = sample(2000, middle, 40.0, 0.0, rng)
-        moved = propagate(particles, Prior(middle, std_px, 1.0), rng).current[:, :2]
-        np.testing.assert_allclose(moved.std(axis=0), expected, rtol=0.1)
+from tracking.particle_filter import SHARPNESS, Particles, box_sums, likelihoods, resample
 
 
 def test_a_box_is_made_of_the_pixels_around_its_centre(rng: np.random.Generator) -> None:
@@ -47,21 +38,6 @@ def test_weights_add_up_to_one_even_where_no_box_holds_the_object() -> None:
     np.testing.assert_allclose(weights[:3], 1 / 3)
     shifted = likelihoods(Particles(now[3:], now[3:]), 1e3 * integral, (0, 0), (0.01, 0.01))
     np.testing.assert_allclose(shifted, 0.5)
-
-
-def test_without_a_prediction_they_go_on_and_spread_by_a_quarter_of_the_size(rng: np.random.Generator) -> None:
-    """And their scale by 4 %; where they were is remembered."""
-    particles = sample(4000, np.array([100.0, 80.0]), 40.0, 2.0, rng, np.array([5.0, -3.0]))
-    np.testing.assert_allclose(particles.current[:, :2].std(axis=0), 2.0, rtol=0.1)
-    np.testing.assert_allclose(particles.current - particles.previous, np.tile([5.0, -3.0, 0.0], (4000, 1)), atol=1e-9)
-    assert (particles.current[:, 2] == 40.0).all()
-    moved = propagate(particles, None, rng)
-    np.testing.assert_allclose((moved.current - particles.current)[:, :2].mean(axis=0), [5.0, -3.0], atol=0.6)
-    np.testing.assert_allclose((moved.current - particles.current)[:, :2].std(axis=0), 10.0, rtol=0.08)
-    assert np.log(moved.current[:, 2] / 40.0).std() == pytest.approx(0.04, rel=0.1)
-    assert moved.previous is particles.current
-    rests = sample(10, np.array([100.0, 80.0]), 40.0, 2.0, rng)
-    np.testing.assert_array_equal(rests.current, rests.previous)
 
 
 def test_resampled_particles_keep_their_past(rng: np.random.Generator) -> None:

@@ -165,12 +165,6 @@ def test_parameters_outside_their_range_are_refused(
     check_range(StereoParams, name, refused, taken, lambda _: "expected positive numbers and a rising range")
 
 
-def test_before_any_pair_the_calibration_is_taken_to_be_off_by_a_share_of_the_width() -> None:
-    """0.8 % of 640 px; and never by less than 5 thousandths of a pixel, however well pairs agree."""
-    assert Association.untrained(StereoParams(), 640).error_px == pytest.approx(5.12)
-    assert replace(Association.untrained(StereoParams(), 640), calibration_var_px2=-1.0).error_px == 0.005
-
-
 def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts() -> None:
     """All pairs' outlines erred by 0.04 px² beyond what they state, the last ones' by 0.01: of 0.06 px² that are stated
     the difference is a half, which lasts and comes on top."""
@@ -183,41 +177,6 @@ def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts() -> None:
     np.testing.assert_allclose(calm.correlated_cov_root, 0, atol=1e-15)
     np.testing.assert_allclose(result.correlated_cov_root, calm.cov_root, rtol=1e-9)
     np.testing.assert_allclose(result.cov_root, 2 * calm.cov_root, rtol=1e-9)
-
-
-def test_the_variance_of_a_first_pair_is_stated_four_times_as_large() -> None:
-    """One pair estimates a variance with one degree of freedom; of its residual of 0.2 px all is the calibration's."""
-    exact = replace(SHAPE, cov_px=1e-12 * np.eye(2))
-    association = Association.untrained(StereoParams(), 320).learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
-    assert association.error_px**2 == pytest.approx(4 * 0.2**2)
-    for _ in range(99):
-        association = association.learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
-    assert association.error_px**2 == pytest.approx(1.15 * 0.2**2)  # 1 + 3/n of at most 20 pairs
-    assert association.pairs == 100
-
-
-def test_what_is_learned_follows_its_pairs_at_its_own_rate() -> None:
-    """Outlines of 20 px that agree exactly, then one eye's second harmonic of 2 %, or that of both: their variance
-    follows by a fifth, that of all pairs by one of eleven, the gate's by a twentieth; the first pair counts whole."""
-    exact = replace(SHAPE, cov_px=1e-15 * np.eye(2))
-    uneven = replace(exact, harmonics=(0.02, 0.0, 0.0, 0.0))
-    untrained = Association.untrained(StereoParams(), 320)
-    # of five differences; of four products
-    differs = 0.2 * 0.5 * (20 * 0.02) ** 2
-    shared = 0.25 * (20 * 0.02) ** 2
-    trained = untrained
-    for _ in range(10):
-        trained = trained.learned(VIEW, SEEN, exact, exact)
-    assert trained.gate_var_px2 == pytest.approx(0.95**10 * untrained.gate_var_px2)
-    single = trained.learned(VIEW, SEEN, uneven, exact)
-    paired = trained.learned(VIEW, SEEN, uneven, uneven)
-    assert single.outline_var_px2 == pytest.approx(0.2 * differs)
-    assert single.mean_outline_var_px2 == pytest.approx(differs / 11)
-    assert (single.shared_var_px2, paired.shared_var_px2) == pytest.approx((0, 0.2 * 2.5 * shared))
-    assert paired.outline_var_px2 == pytest.approx(0, abs=1e-9)
-    first = untrained.learned(VIEW, SEEN, uneven, exact)
-    assert first.outline_var_px2 == first.mean_outline_var_px2 == pytest.approx(differs)
-    assert first.learned(VIEW, SEEN, exact, exact).outline_var_px2 == pytest.approx(0.5 * differs)
 
 
 def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat() -> None:
