@@ -10,7 +10,8 @@ Decay = tuple[float, float]
 
 def system(order: int, decay_s: Decay) -> np.ndarray:
     """A of ẋ = A x + G w; with r, s = 1/decay_s, order 3: ȧ = −r a + w, 4: (d/dt + r)(d/dt + s) a = w."""
-    r, s = 1 / decay_s[0], 1 / decay_s[1]
+    r = 1 / decay_s[0]
+    s = 1 / decay_s[1]
     A = np.eye(order, k=1)
     if order == 3:
         A[2, 2] = -r
@@ -21,8 +22,9 @@ def system(order: int, decay_s: Decay) -> np.ndarray:
 
 def discretised(order: int, dt_s: float, decay_s: Decay) -> tuple[np.ndarray, np.ndarray]:
     """F and Q (order, order) for unit density by Van Loan (1978), from one exponential of twice the size."""
-    unit = dt_s ** -np.arange(order, dtype=float)  # of each derivative: in units of the step rounding stays small
-    A, G = dt_s * system(order, decay_s) * np.outer(1 / unit, unit), np.zeros((order, order))
+    unit = dt_s ** -np.arange(order, dtype=float)  # scales the derivatives to limit rounding errors
+    A = dt_s * system(order, decay_s) * np.outer(1 / unit, unit)
+    G = np.zeros((order, order))
     G[-1, -1] = 1
     whole = expm(np.block([[-A, G], [np.zeros_like(A), A.T]]))
     F = whole[order:, order:].T
@@ -37,6 +39,7 @@ def matrices(params: KalmanParams, dt_s: float, scale: float = 1.0) -> tuple[np.
 
 def corrected(x: np.ndarray, P: np.ndarray, z: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean, covariance and squared Mahalanobis distance: K = P Hᵀ S⁻¹, x + K ν, P − K H P."""
-    S, nu = P[:3, :3] + R, z - x[:3]
+    S = P[:3, :3] + R
+    nu = z - x[:3]
     K = P[:, :3] @ np.linalg.inv(S)
     return x + K @ nu, P - K @ P[:3], float(nu @ np.linalg.solve(S, nu))

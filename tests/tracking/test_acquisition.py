@@ -70,13 +70,13 @@ def test_a_ball_on_one_eye_s_line_of_sight_is_found(robot: Robot, rig: StereoRig
     view = rig.view(q)
     rng = np.random.default_rng(3)
     search = Search(rig)
-    found = []
+    is_detected = []
     for k in range(9):
         p = view.right.center + (0.45 - 0.012 * max(k - 4, 0)) * view.right.rays([150.0, 120.0])
-        one = frame(rig, q, [Sphere(p, 0.03, (210, 45, 40))], DT * k, rng)
-        pair = search.step(one, view)
-        found.append(pair is not None)
-    assert found == [False] * 8 + [True]
+        stereo_frame = frame(rig, q, [Sphere(p, 0.03, (210, 45, 40))], DT * k, rng)
+        pair = search.step(stereo_frame, view)
+        is_detected.append(pair is not None)
+    assert is_detected == [False] * 8 + [True]
     assert pair is not None
     assert pair[0].flow is not None
     assert pair[1].flow is not None
@@ -86,7 +86,8 @@ def test_a_ball_on_one_eye_s_line_of_sight_is_found(robot: Robot, rig: StereoRig
 
 def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(robot: Robot, rig: StereoRig) -> None:
     """A small red and a large blue ball, both across the view."""
-    q, rng = home(robot), np.random.default_rng(3)
+    q = home(robot)
+    rng = np.random.default_rng(3)
     view = rig.view(q)
     across = view.left.T_root_camera[:3, 1]
     starts = [view.left.center + 0.4 * view.left.rays([u, 100.0]) for u in (80.0, 240.0)]
@@ -95,8 +96,8 @@ def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(robot: Rob
     for k in range(9):
         small, large = (start + 0.012 * max(k - 4, 0) * across for start in starts)
         balls = [Sphere(small, 0.015, (210, 45, 40)), Sphere(large, 0.035, (40, 60, 210))]
-        one = frame(rig, q, balls, DT * k, rng)
-        pair = search.step(one, view)
+        stereo_frame = frame(rig, q, balls, DT * k, rng)
+        pair = search.step(stereo_frame, view)
         pairs += [pair] if pair else []
     assert pairs
     for pair in pairs:
@@ -113,34 +114,37 @@ def drawn(rng: np.random.Generator, *discs: tuple[int, int, int]) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("learned", "then", "now", "seen"),
+    ("learned", "earlier_discs", "current_discs", "is_detected"),
     [
         ([], [(100, 120, 20)], [(112, 120, 20)], True),  # it entered, and moves
         ([], [(60, 120, 20)], [(160, 120, 20)], True),  # the same, faster than its size
         ([(100, 120, 20)], [(100, 120, 20)], [(112, 120, 20)], False),  # it still overlaps the place where it stood
         ([(40, 120, 20)], [(150, 120, 20)], [(162, 120, 20)], True),  # it has left that place
         ([], [(112, 120, 20)], [(112, 120, 20)], False),  # it rests
-        ([], [(100, 120, 20)], [(112, 120, 23)], False),  # it is joined with what the background was thought to be
+        ([], [(100, 120, 20)], [(112, 120, 23)], False),  # it overlaps the learned object
         ([], [(100, 120, 20), (220, 120, 30)], [(112, 120, 20)], False),  # more is uncovered than it has left
         ([], [(110, 120, 20)], [(112, 120, 30)], False),  # it grows, and uncovers nothing
     ],
 )
 def test_what_moves_as_a_whole_before_a_background(
     learned: list[tuple[int, int, int]],
-    then: list[tuple[int, int, int]],
-    now: list[tuple[int, int, int]],
-    seen: bool,
+    earlier_discs: list[tuple[int, int, int]],
+    current_discs: list[tuple[int, int, int]],
+    is_detected: bool,
     rng: np.random.Generator,
     rig: StereoRig,
     robot: Robot,
 ) -> None:
     view = rig.view(home(robot)).left
     background = learned_from(lambda: drawn(rng, *learned), view)
-    (u, v, r), box = now[0], (60, 60, 260, 180)
+    u, v, r = current_discs[0]
+    box = (60, 60, 260, 180)
     seed = np.zeros((120, 200), bool)
     seed[v - 60 - r : v - 60 + r, u - 60 - r : u - 60 + r] = True
-    mask = StaticForeground(background, view, drawn(rng, *then), drawn(rng, *now)).moved_mask(seed, box)
-    assert (mask is not None) == seen
+    mask = StaticForeground(background, view, drawn(rng, *earlier_discs), drawn(rng, *current_discs)).moved_mask(
+        seed, box
+    )
+    assert (mask is not None) == is_detected
     if mask is not None:
         y, x = np.nonzero(mask)
         np.testing.assert_allclose((x.mean() + 60, y.mean() + 60), (u, v), atol=1.0)
@@ -157,7 +161,7 @@ def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig
 
 
 def behind(rng: np.random.Generator, edge: int, *discs: tuple[int, int, int]) -> np.ndarray:
-    """A faintly textured wall with grey discs (x, y, radius), of which what is left of `edge` (px) is hidden."""
+    """A faintly textured wall with grey discs (x, y, radius); pixels left of the column `edge` hide them."""
     wall = np.kron(np.random.default_rng(0).uniform(70, 100, (24, 32, 3)), np.ones((10, 10, 1)))
     y, x = np.mgrid[:240, :320]
     for u, v, r in discs:
@@ -166,7 +170,7 @@ def behind(rng: np.random.Generator, edge: int, *discs: tuple[int, int, int]) ->
 
 
 @pytest.mark.parametrize(
-    ("learned", "then", "now", "seen"),
+    ("learned", "earlier_discs", "current_discs", "is_detected"),
     [
         ([], [(96, 120, 20)], [(104, 120, 20)], True),  # it comes from behind what ends at 100
         ([], [(104, 120, 20)], [(104, 120, 20)], False),  # it rests there
@@ -176,9 +180,9 @@ def behind(rng: np.random.Generator, edge: int, *discs: tuple[int, int, int]) ->
 )
 def test_what_comes_from_behind_something_emerges(
     learned: list[tuple[int, int, int]],
-    then: list[tuple[int, int, int]],
-    now: list[tuple[int, int, int]],
-    seen: bool,
+    earlier_discs: list[tuple[int, int, int]],
+    current_discs: list[tuple[int, int, int]],
+    is_detected: bool,
     rng: np.random.Generator,
     rig: StereoRig,
     robot: Robot,
@@ -187,43 +191,46 @@ def test_what_comes_from_behind_something_emerges(
     background = learned_from(lambda: behind(rng, 100, *learned), view)
     seed = np.zeros((80, 80), bool)
     seed[20:60, 22:60] = True
-    change = StaticForeground(background, view, behind(rng, 100, *then), behind(rng, 100, *now))
+    change = StaticForeground(background, view, behind(rng, 100, *earlier_discs), behind(rng, 100, *current_discs))
     mask = change.disoccluded_mask(seed, (80, 80, 160, 160))
-    assert (mask is not None) == seen
+    assert (mask is not None) == is_detected
     if mask is not None:
         assert change.moved_mask(seed, (80, 80, 160, 160)) is None  # it has not uncovered anything
-        u, v, r = now[0]
+        u, v, r = current_discs[0]
         y, x = np.mgrid[80:160, 80:160]
         assert np.mean(mask == (((x - u) ** 2 + (y - v) ** 2 < r * r) & (x >= 100))) > 0.97
 
 
-@pytest.mark.parametrize(("u", "left", "seen"), [(20, 0, False), (40, 0, True), (40, 30, False)])
+@pytest.mark.parametrize(("u", "left", "is_detected"), [(20, 0, False), (40, 0, True), (40, 30, False)])
 def test_what_the_image_or_the_searched_region_cuts_off_does_not_emerge(
-    u: int, left: int, seen: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
+    u: int, left: int, is_detected: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
 ) -> None:
-    """A disc of 20 px radius that appears: at the image's border, inside, and across the border of what is searched."""
+    """A disc of 20 px that appears: at the image's border, inside, and across the border of the searched region."""
     view = rig.view(home(robot)).left
     background = learned_from(lambda: behind(rng, 0), view)
     seed = np.zeros((80, 80), bool)
     seed[35:45, u - left - 5 : u - left + 5] = True
     change = StaticForeground(background, view, behind(rng, 0), behind(rng, 0, (u, 120, 20)))
-    assert (change.disoccluded_mask(seed, (left, 80, left + 80, 160)) is not None) == seen
+    assert (change.disoccluded_mask(seed, (left, 80, left + 80, 160)) is not None) == is_detected
 
 
 def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(robot: Robot, rig: StereoRig) -> None:
     """A grey ball of 20 px comes from behind something that hides it from the left eye only."""
-    q, rng = home(robot), np.random.default_rng(4)
+    q = home(robot)
+    rng = np.random.default_rng(4)
     view = rig.view(q)
     search = Search(rig)
-    errors, shares = [], []
+    errors = []
+    shares = []
     for k in range(24):
         p = view.left.center + 0.4 * view.left.rays([90.0 + 3 * max(k - 8, 0), 120.0])
         (u, v), (x, y) = (np.rint(eye.project(p)).astype(int).tolist() for eye in (view.left, view.right))
         hidden = k < 9  # and out of the left eye's sight
-        left, right = behind(rng, 112, (u, v, 20)), behind(rng, 320 if hidden else 0, (x, y, 20))
-        one = StereoFrame(left, right, DT * k, DT * k, q, q)
-        pair = search.step(one, view)
-        search.learn(one, view)
+        left = behind(rng, 112, (u, v, 20))
+        right = behind(rng, 320 if hidden else 0, (x, y, 20))
+        stereo_frame = StereoFrame(left, right, DT * k, DT * k, q, q)
+        pair = search.step(stereo_frame, view)
+        search.learn(stereo_frame, view)
         if pair is not None:
             shares.append(pair[0].mask.sum() / pair[1].mask.sum())
             errors.append(pair[0].outline.center_px - (u, v))
@@ -235,7 +242,8 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
     rng: np.random.Generator, rig: StereoRig, robot: Robot
 ) -> None:
     """A red ball that begins to move before a red bar: the colour's region is both, and no object yet."""
-    view, red = rig.view(home(robot)).left, (200, 30, 30)
+    view = rig.view(home(robot)).left
+    red = (200, 30, 30)
     y, x = np.mgrid[:240, :320]
 
     def picture(u: int) -> np.ndarray:
@@ -245,13 +253,17 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
         return image
 
     background = learned_from(lambda: picture(100), view)
-    now, region = picture(124), Region2D((120, 100, 25, 30), np.ones((30, 25), bool), 1.0)
+    current_discs = picture(124)
+    region = Region2D((120, 100, 25, 30), np.ones((30, 25), bool), 1.0)
     optics = Optics(rig.left)
-    alone = segment(now, region, optics)
+    alone = segment(current_discs, region, optics)
     assert alone is not None
     assert alone.outline.box_px[3] > 55  # nothing but colour: the bar belongs to it
-    assert segment(now, region, optics, StaticForeground(background, view, picture(116), now)) is None
-    moved, place = picture(180), Region2D((170, 100, 25, 30), np.ones((30, 25), bool), 1.0)
+    assert (
+        segment(current_discs, region, optics, StaticForeground(background, view, picture(116), current_discs)) is None
+    )
+    moved = picture(180)
+    place = Region2D((170, 100, 25, 30), np.ones((30, 25), bool), 1.0)
     free = segment(moved, place, optics, StaticForeground(background, view, picture(172), moved))
     assert free is not None  # away from the bar
     assert free.by_color
@@ -260,20 +272,21 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
 
 def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whole(robot: Robot, rig: StereoRig) -> None:
     """A ball comes into the right image after the left one: its size is known from there."""
-    q, rng = home(robot), np.random.default_rng(3)
+    q = home(robot)
+    rng = np.random.default_rng(3)
     view = rig.view(q)
     search = Search(rig)
     errors = []
     for k in range(22):
         p = view.right.center + 0.4 * view.right.rays([-35.0 + 2 * k, 120.0])
-        one = frame(rig, q, [Sphere(p, 0.02, (210, 45, 40))], DT * k, rng)
-        pair = search.step(one, view)
-        search.learn(one, view)
+        stereo_frame = frame(rig, q, [Sphere(p, 0.02, (210, 45, 40))], DT * k, rng)
+        pair = search.step(stereo_frame, view)
+        search.learn(stereo_frame, view)
         if pair is not None:
             errors.append(pair[1].outline.center_px - view.right.project(p))
             assert pair[1].outline.box_px[0] < 0  # goes on beyond the image
     assert len(errors) >= 2
-    assert np.abs(errors).max() < 2.5  # of a ball of 22 px
+    assert np.abs(errors).max() < 2.5  # ball radius: 22 px
 
 
 @pytest.mark.parametrize(
@@ -290,7 +303,8 @@ def test_a_marker_is_compact_and_whole(
     green: tuple[int, int, int, int], taken: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
 ) -> None:
     """A square is a marker; a meadow that the image cuts and a bar are none, before eyes that move."""
-    view, (x0, y0, x1, y1) = rig.view(home(robot)), green
+    view = rig.view(home(robot))
+    x0, y0, x1, y1 = green
     image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
     image[y0:y1, x0:x1] = (25, 200, 40)
     counts = Search(rig).find_marker(StereoFrame(image, image, 0.0, 0.0, home(robot), home(robot)), view)
@@ -314,12 +328,13 @@ def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(
     side: int, shift: int, refused: str | None, rng: np.random.Generator, rig: StereoRig, robot: Robot
 ) -> None:
     """A square of 20 px in the left image; in the right one a larger, a smaller, or a lower one."""
-    view, images = rig.view(home(robot)), []
+    view = rig.view(home(robot))
+    images = []
     center = view.left.center + 0.4 * view.left.rays([160.0, 110.0])
-    for eye, one, down in ((view.left, 20, 0), (view.right, side, shift)):
-        u, v = np.rint(eye.project(center)).astype(int) - (one // 2, one // 2 - down)
+    for eye, side_px, down in ((view.left, 20, 0), (view.right, side, shift)):
+        u, v = np.rint(eye.project(center)).astype(int) - (side_px // 2, side_px // 2 - down)
         image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
-        image[v : v + one, u : u + one] = (25, 200, 40)
+        image[v : v + side_px, u : u + side_px] = (25, 200, 40)
         images.append(image)
     counts = Search(rig).find_marker(StereoFrame(*images, 0.0, 0.0, home(robot), home(robot)), view)
     assert (counts["candidates_left"], counts["candidates_right"]) == (1, 1)
@@ -329,20 +344,22 @@ def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(
     assert counts["rejected since it did not move"] == (refused is None)
 
 
-@pytest.mark.parametrize(("other", "is_one"), [((210, 45, 40), True), ((40, 60, 210), False)])
+@pytest.mark.parametrize(("right_color", "is_one"), [((210, 45, 40), True), ((40, 60, 210), False)])
 def test_what_has_another_colour_in_the_other_eye_is_another_object(
-    other: tuple[int, int, int], is_one: bool, robot: Robot, rig: StereoRig
+    right_color: tuple[int, int, int], is_one: bool, robot: Robot, rig: StereoRig
 ) -> None:
     """A red ball in the left image; at its place in the right one the same, or a blue one."""
-    q, pairs = home(robot), []
-    rng, view = np.random.default_rng(3), rig.view(q)
+    q = home(robot)
+    pairs = []
+    rng = np.random.default_rng(3)
+    view = rig.view(q)
     search = Search(rig)
     start = view.left.center + 0.4 * view.left.rays([160.0, 110.0])
     for k in range(8):
         p = start + 0.012 * max(k - 4, 0) * view.left.T_root_camera[:3, 1]
-        left, right = (frame(rig, q, [Sphere(p, 0.03, color)], DT * k, rng) for color in ((210, 45, 40), other))
-        one = StereoFrame(left.left, right.right, DT * k, DT * k, q, q)
-        pairs.append(search.step(one, view))
+        left, right = (frame(rig, q, [Sphere(p, 0.03, color)], DT * k, rng) for color in ((210, 45, 40), right_color))
+        stereo_frame = StereoFrame(left.left, right.right, DT * k, DT * k, q, q)
+        pairs.append(search.step(stereo_frame, view))
     assert any(pairs) == is_one
     assert search.counts["candidates_left"] > 0 < search.counts["candidates_right"]
     assert (search.counts["rejected by colour"] > 0) == (not is_one)
@@ -368,41 +385,47 @@ def test_of_what_the_images_border_cuts_the_size_is_unknown(
     view = rig.view(home(robot)).left
     image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
     image[box[1] : box[3], box[0] : box[2]] = (25, 200, 40)
-    camera, background = CameraFrame(image, view, 0.0, None), Background(EgoMotion(rig.left), 0.3)
-    found = moved_markers(MarkerParams(), camera, Optics(rig.left), background)
-    assert len(found) == taken
+    camera = CameraFrame(image, view, 0.0, None)
+    background = Background(EgoMotion(rig.left), 0.3)
+    detections = moved_markers(MarkerParams(), camera, Optics(rig.left), background)
+    assert len(detections) == taken
 
 
-def green(*boxes: tuple[int, int, int, int], of: tuple[int, int, int] = (25, 200, 40)) -> Image:
+def green(*boxes: tuple[int, int, int, int], color: tuple[int, int, int] = (25, 200, 40)) -> Image:
     image = np.random.default_rng(5).integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
     for x0, y0, x1, y1 in boxes:
-        image[y0:y1, x0:x1] = of
+        image[y0:y1, x0:x1] = color
     return image
 
 
 def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig: StereoRig, robot: Robot) -> None:
-    """Searched, or of the outlines that were found beforehand; before what has its hue, what differs from that."""
-    view, optics, params = rig.view(home(robot)).left, Optics(rig.left), MarkerParams()
-    resting, come = (60, 60, 80, 80), (150, 100, 170, 120)
+    """Detected in the image, or given as outlines; in front of a wall of its hue, by the foreground."""
+    view = rig.view(home(robot)).left
+    optics = Optics(rig.left)
+    params = MarkerParams()
+    resting = (60, 60, 80, 80)
+    come = (150, 100, 170, 120)
     background = learned_from(lambda: green(resting), view)
     camera = CameraFrame(green(resting, come), view, 1.0, None)
-    (found,) = moved_markers(params, camera, optics, background)
-    np.testing.assert_allclose(found.center_px, [159.5, 109.5], atol=0.3)
-    both = find_markers(params, camera.image, optics)
-    assert len(both) == 2
-    (again,) = moved_markers(params, camera._replace(outlines=both), optics, background)
+    (marker,) = moved_markers(params, camera, optics, background)
+    np.testing.assert_allclose(marker.center_px, [159.5, 109.5], atol=0.3)
+    outlines_of_both = find_markers(params, camera.image, optics)
+    assert len(outlines_of_both) == 2
+    (again,) = moved_markers(params, camera._replace(outlines=outlines_of_both), optics, background)
     np.testing.assert_allclose(again.center_px, [159.5, 109.5], atol=0.3)
-    wall = learned_from(lambda: green((0, 0, 320, 240), of=(60, 140, 75)), view)
-    before = green((0, 0, 320, 240), of=(60, 140, 75))
-    before[100:120, 150:170] = (25, 170, 40)
-    (found,) = moved_markers(params, camera._replace(image=before), optics, wall)
-    np.testing.assert_allclose(found.center_px, [159.5, 109.5], atol=0.5)
+    wall = learned_from(lambda: green((0, 0, 320, 240), color=(60, 140, 75)), view)
+    image = green((0, 0, 320, 240), color=(60, 140, 75))
+    image[100:120, 150:170] = (25, 170, 40)
+    (marker,) = moved_markers(params, camera._replace(image=image), optics, wall)
+    np.testing.assert_allclose(marker.center_px, [159.5, 109.5], atol=0.5)
 
 
 def test_what_the_search_has_met_is_counted(robot: Robot, rig: StereoRig) -> None:
     """A ball that moves from the fifth frame on."""
-    q, rng = home(robot), np.random.default_rng(3)
-    view, search = rig.view(q), Search(rig)
+    q = home(robot)
+    rng = np.random.default_rng(3)
+    view = rig.view(q)
+    search = Search(rig)
     for k in range(7):
         p = view.left.center + 0.4 * view.left.rays([160.0, 110.0 + 8 * max(k - 4, 0)])
         pair = search.step(frame(rig, q, [Sphere(p, 0.03, (210, 45, 40))], DT * k, rng), view)
@@ -421,15 +444,17 @@ def test_an_object_is_nearer_than_what_surrounds_it_from_a_fifth_on(
     nearness: float, is_nearer: bool, rig: StereoRig, robot: Robot
 ) -> None:
     """A sphere of spots about the left eye, beside that of an object at 0.3 m; of 0 the right eye sees another one."""
-    view, rng = rig.view(home(robot)), np.random.default_rng(7)
+    view = rig.view(home(robot))
+    rng = np.random.default_rng(7)
     p = view.left.center + 0.3 * view.left.rays([160.0, 110.0])
     left = cv2.GaussianBlur(rng.uniform(0, 255, (240, 320, 3)), (0, 0), 2.0)
     left = np.clip((left - 127.5) * 4 + 127.5, 0, 255).astype(np.uint8)
     rows, columns = np.mgrid[:240, :320].reshape(2, -1)
-    rays, base = view.right.rays(np.stack([columns, rows], axis=-1).astype(float)), view.right.center - view.left.center
+    rays = view.right.rays(np.stack([columns, rows], axis=-1).astype(float))
+    base = view.right.center - view.left.center
     along = rays @ base
-    far = -along + np.sqrt(along**2 - base @ base + (0.3 / max(nearness, 0.06)) ** 2)
-    at = view.left.project(view.right.center + far[:, None] * rays).astype(np.float32).reshape(240, 320, 2)
+    distance_m = -along + np.sqrt(along**2 - base @ base + (0.3 / max(nearness, 0.06)) ** 2)
+    at = view.left.project(view.right.center + distance_m[:, None] * rays).astype(np.float32).reshape(240, 320, 2)
     right = np.asarray(cv2.remap(left, at, np.empty(0, np.float32), cv2.INTER_LINEAR), np.uint8)
     if nearness == 0.0:
         right = right[::-1, ::-1].copy()

@@ -20,8 +20,10 @@ def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
 
 
 def test_a_color_only_the_object_has_is_the_object() -> None:
-    red, blue = np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8, 3), np.uint8)
-    red[..., 0], blue[..., 2] = 200, 200
+    red = np.zeros((8, 8, 3), np.uint8)
+    blue = np.zeros((8, 8, 3), np.uint8)
+    red[..., 0] = 200
+    blue[..., 2] = 200
     model = ColorModel(histogram(color_bins(red)), histogram(color_bins(blue)))
     table = model.table()
     assert table[color_bins(red)[0, 0]] > 0.9
@@ -45,7 +47,7 @@ def model(share: float) -> ColorModel:
 
 
 @pytest.mark.parametrize(
-    ("left", "right", "radius_m", "same"),
+    ("left", "right", "radius_m", "is_same"),
     [
         (0.9, 0.9, 0.03, True),
         (0.8, 0.95, 0.025, True),
@@ -55,9 +57,10 @@ def model(share: float) -> ColorModel:
         (0.9, 0.9, 0.04, False),
     ],
 )
-def test_colours_in_either_eye_and_size_must_agree(left: float, right: float, radius_m: float, same: bool) -> None:
-    known, found = (model(0.9), model(0.9)), (model(left), model(right))
-    assert is_same_object(known, 0.03, found, radius_m) == same
+def test_colours_in_either_eye_and_size_must_agree(left: float, right: float, radius_m: float, is_same: bool) -> None:
+    tracked = (model(0.9), model(0.9))
+    detected = (model(left), model(right))
+    assert is_same_object(tracked, 0.03, detected, radius_m) == is_same
 
 
 def test_a_marker_has_no_colours_to_compare() -> None:

@@ -52,7 +52,8 @@ def test_nothing_is_evidence_before_there_is_a_background(rng: np.random.Generat
 
 
 def test_a_box_is_a_part_of_the_whole_image(rng: np.random.Generator) -> None:
-    background, image = learned(rng), draw(rng, (60.0, 50.0, 70.0))
+    background = learned(rng)
+    image = draw(rng, (60.0, 50.0, 70.0))
     whole = background.evidence(image, VIEW, WHOLE)
     for x0, y0, x1, y1 in ((140, 90, 200, 140), (0, 0, 50, 40), (300, 220, 320, 240)):
         part = background.evidence(image, VIEW, (x0, y0, x1, y1))
@@ -139,12 +140,13 @@ def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_th
     was_learned: bool, rng: np.random.Generator
 ) -> None:
     """A disc was there when the background was learned, and has left; or it has come, and stays."""
-    background, place = Background(EgoMotion(LEFT_EYE), 10.0), np.s_[100:130, 155:185]
+    background = Background(EgoMotion(LEFT_EYE), 10.0)
+    place = np.s_[100:130, 155:185]
     for k in range(12):
         background.update(_textured(rng, was_learned), VIEW, DT * k, None)
-    now = _textured(rng, not was_learned)
-    mask = background.differs(now, VIEW, WHOLE)
-    share = background.learned_edge(now, VIEW, mask, WHOLE)
+    current = _textured(rng, not was_learned)
+    mask = background.differs(current, VIEW, WHOLE)
+    share = background.learned_edge(current, VIEW, mask, WHOLE)
     assert share is not None
     assert share > 0.8 if was_learned else share < 0.2
     for k in range(12, 21):
@@ -161,26 +163,28 @@ def _marked(rng: np.random.Generator, *corners: tuple[int, int]) -> np.ndarray:
 
 
 def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng: np.random.Generator) -> None:
-    """An object of 40 × 30 px, and what has changed within 80 px to its sides and 60 above and below; the rest of the
-    wall stays known."""
+    """An object of 40 × 30 px, and changes within 80 px to its sides and 60 px above and below; the other parts of
+    the wall stay known."""
     background = learned(rng)
-    near, far = ((75, 110), (255, 110), (165, 45), (165, 172)), ((40, 110), (285, 110), (165, 15), (165, 205))
-    background.invalidate_box(_marked(rng, *near, *far), VIEW, BOX)
+    near = ((75, 110), (255, 110), (165, 45), (165, 172))
+    distant = ((40, 110), (285, 110), (165, 15), (165, 205))
+    background.invalidate_box(_marked(rng, *near, *distant), VIEW, BOX)
     wall = background.differs(draw(rng), VIEW, WHOLE)
     for x, y in near:
         assert wall[y + 2 : y + 10, x + 2 : x + 10].all()
-    for x, y in far:
+    for x, y in distant:
         assert not wall[y + 2 : y + 10, x + 2 : x + 10].any()
     assert wall[100:130, 150:190].all()
     assert np.count_nonzero(wall) < 40 * 30 + 4 * 16**2
-    other = View(LEFT_EYE, transform(translation=(0.1, 0.0, 0.0)))
-    background.invalidate_box(draw(rng), other, (0.0, 0.0, 320.0, 240.0))  # not its background
+    other_view = View(LEFT_EYE, transform(translation=(0.1, 0.0, 0.0)))
+    background.invalidate_box(draw(rng), other_view, (0.0, 0.0, 320.0, 240.0))  # not its background
     assert not background.differs(draw(rng), VIEW, (0, 0, 60, 60)).any()
 
 
 def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: np.random.Generator) -> None:
-    """Its mask is known no more but for the part that differs; beside the mask what differs is known no more either."""
-    background, image = learned(rng), _marked(rng, (150, 100), (180, 100))
+    """Unknown afterwards: the part of the mask that equals the background, and foreground beside the mask."""
+    background = learned(rng)
+    image = _marked(rng, (150, 100), (180, 100))
     mask = np.zeros((40, 60), bool)
     mask[10:22, 10:30] = True  # the first mark, and 8 px of wall to its right
     background.invalidate(image, VIEW, mask, (140, 90, 200, 130))
@@ -193,7 +197,8 @@ def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: 
 
 def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator) -> None:
     """Two thirds as bright an image as that of the background: the patch is learned as bright as it would have been."""
-    background, patch = learned(rng), (160.0, 150.0, 170.0)
+    background = learned(rng)
+    patch = (160.0, 150.0, 170.0)
     dark = (draw(rng, patch) / 1.5).astype(np.uint8)
     mask = np.zeros((50, 60), bool)
     mask[10:40, 10:50] = True
@@ -212,14 +217,15 @@ def test_what_an_object_hides_at_first_is_unknown(
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     background.update(draw(rng, noise=0.0), VIEW, 0.0, box)
     hidden = np.zeros((240, 320), bool)
-    x, y, w, h = (int(one) for one in box)
+    x, y, w, h = (int(level) for level in box)
     hidden[max(y, 0) : y + h, max(x, 0) : x + w] = True
     np.testing.assert_array_equal(background.differs(draw(rng, noise=0.0), VIEW, WHOLE), hidden)
 
 
 def test_what_an_object_hides_at_first_is_what_the_moving_eye_had_learned_there(rng: np.random.Generator) -> None:
     """It knew the wall but for a corner of the box; from now on the eye rests."""
-    background, mean = Background(EgoMotion(LEFT_EYE), 0.3), np.full((240, 320, 3), WALL, np.float32)
+    background = Background(EgoMotion(LEFT_EYE), 0.3)
+    mean = np.full((240, 320, 3), WALL, np.float32)
     mean[100:110, 150:160] = -1
     background.moving.start(mean, VIEW, 0.0)
     patch = draw(rng, noise=0.0)

@@ -68,7 +68,7 @@ def _steps(params: TrackerParams, rig: StereoRig, frames: list[StereoFrame], siz
 def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(
     mode: str, color: tuple[float, float, float], rig: StereoRig, robot: Robot, rng: np.random.Generator
 ) -> None:
-    """With eyes that are not alike: the right one's lens is a fifth longer."""
+    """With different cameras: the right focal length is a fifth longer."""
     rig = replace(rig, right=replace(rig.right, fx=1.2 * rig.right.fx, fy=1.2 * rig.right.fy))
     params = TrackerParams(mode=mode)
     frames = _film(rig, robot, color, rng)
@@ -86,8 +86,8 @@ def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(
                 limit_m = 2e-4 if alone_step.observation else 1e-3
                 assert np.linalg.norm(alone_step.track.position - batch_step.track.position) < limit_m
                 assert batch_step.track.radius_m == pytest.approx(alone_step.track.radius_m, rel=0.01)
-    first, *rest = ([step.track.mean for step in steps] for steps in batched)
-    for means in rest:
+    first, *remaining = ([step.track.mean for step in steps] for steps in batched)
+    for means in remaining:
         assert np.allclose(means, first, rtol=0, atol=1e-7, equal_nan=True)
 
 

@@ -27,8 +27,8 @@ def test_mean_and_spread_are_those_of_the_posterior(measured_s: float, noise_s: 
     mean = posterior @ tau
     std = np.sqrt(posterior @ (tau - mean) ** 2)
     var = 1 / (noise_s**-2 + PRIOR_S**-2)  # of late joints alone
-    found = exact_or_late(measured_s * var / noise_s**2, var, PRIOR_S)
-    assert found == pytest.approx((mean, std), rel=2e-3, abs=2e-6)
+    estimate = exact_or_late(measured_s * var / noise_s**2, var, PRIOR_S)
+    assert estimate == pytest.approx((mean, std), rel=2e-3, abs=2e-6)
 
 
 def posed(angle: float) -> tuple[Array, Array]:
@@ -52,10 +52,10 @@ def test_poses_that_no_image_corrects_are_those_that_are_told() -> None:
     q = np.array([0.1])
     frame = StereoFrame(NO_IMAGE, NO_IMAGE, 0.0, 0.0, q, q)
     for poses in (PoseEstimator(TURNING, 0.0), PoseEstimator(TURNING, PRIOR_S)):
-        for found in (poses.nominal(frame), poses.step(frame)):
-            assert found.is_known
-            assert np.array_equal(found.view.left.T_root_camera, posed(0.1)[0])
-            assert np.array_equal(found.view.right.T_root_camera, posed(0.1)[1])
+        for estimate in (poses.nominal(frame), poses.step(frame)):
+            assert estimate.is_known
+            assert np.array_equal(estimate.view.left.T_root_camera, posed(0.1)[0])
+            assert np.array_equal(estimate.view.right.T_root_camera, posed(0.1)[1])
 
 
 @cache
@@ -86,27 +86,27 @@ def test_a_rig_said_to_be_fixed_turns_as_its_images_say(rng: np.random.Generator
     for k in range(6):
         turn = np.deg2rad([0.0, 0.5 * k, 0.1 * k])
         frame = StereoFrame(seen(turn, rng), seen(turn, rng), 0.1 * k, 0.1 * k)
-        found = poses.step(frame)
+        estimate = poses.step(frame)
         R = cv2.Rodrigues(turn)[0]
-        for eye, x in ((found.view.left, -0.03), (found.view.right, 0.03)):
+        for eye, x in ((estimate.view.left, -0.03), (estimate.view.right, 0.03)):
             np.testing.assert_allclose(eye.T_root_camera[:3, :3], R, atol=0.1 / 280)
             np.testing.assert_allclose(eye.center, R @ [x, 0.0, 0.0] + [0.03, 0.0, 0.0], atol=1e-4)
-        assert found.is_known
-        assert found.stamp_error_s == 0
+        assert estimate.is_known
+        assert estimate.stamp_error_s == 0
     motion = poses.motion
     np.testing.assert_allclose(motion.rotation_rad, turn, atol=0.1 / 280)
     step = np.linalg.norm(np.deg2rad([0.0, 0.5, 0.1]))
     # the mean of the last second weighs each frame with a tenth: 1 - 0.9⁵ of the rate after five of them
     assert motion.rate_rad_s == pytest.approx(step / 0.1 * (1 - 0.9**5), rel=0.05)
-    assert found.rotation_std_rad == pytest.approx(np.sqrt(step**2 / 6), rel=0.05)
+    assert estimate.rotation_std_rad == pytest.approx(np.sqrt(step**2 / 6), rel=0.05)
     assert math.isnan(motion.delay_std_s)
 
 
 def test_a_rig_that_rests_stays_where_it_is_told_to_be(rng: np.random.Generator) -> None:
     poses = PoseEstimator(FIXED, 0.0)
     for k in range(4):
-        found = poses.step(StereoFrame(seen(np.zeros(3), rng), seen(np.zeros(3), rng), 0.1 * k, 0.1 * k))
-        assert np.array_equal(found.view.left.T_root_camera, np.eye(4))
+        estimate = poses.step(StereoFrame(seen(np.zeros(3), rng), seen(np.zeros(3), rng), 0.1 * k, 0.1 * k))
+        assert np.array_equal(estimate.view.left.T_root_camera, np.eye(4))
     assert not poses.motion.rotation_rad.any()
     assert poses.motion.rate_rad_s == 0
 
@@ -116,39 +116,43 @@ def test_the_first_image_of_a_shaking_rig_is_not_at_the_told_pose(rng: np.random
     poses = PoseEstimator(FIXED, 0.0)
     turns = np.deg2rad(rng.normal(0, 0.3, (40, 3)))
     for k, turn in enumerate(turns):
-        found = poses.step(StereoFrame(seen(turn, rng), seen(turn, rng), k / 30, k / 30))
-    R_error = cv2.Rodrigues(turn)[0].T @ found.view.left.T_root_camera[:3, :3]
-    assert np.linalg.norm(cv2.Rodrigues(R_error)[0]) < 3.4 * found.rotation_std_rad  # 99 % quantile of three axes
-    assert found.rotation_std_rad == pytest.approx(np.deg2rad(0.3), rel=0.2)
+        estimate = poses.step(StereoFrame(seen(turn, rng), seen(turn, rng), k / 30, k / 30))
+    R_error = cv2.Rodrigues(turn)[0].T @ estimate.view.left.T_root_camera[:3, :3]
+    assert np.linalg.norm(cv2.Rodrigues(R_error)[0]) < 3.4 * estimate.rotation_std_rad  # 99 % quantile of three axes
+    assert estimate.rotation_std_rad == pytest.approx(np.deg2rad(0.3), rel=0.2)
 
 
 def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng: np.random.Generator) -> None:
     """By 0.4° about the vertical, 2 px; then a new scene, which is the reference half a second later."""
-    poses, still, apart = PoseEstimator(FIXED, 0.0), np.zeros(3), np.deg2rad([0.0, 0.4, 0.0])
+    poses = PoseEstimator(FIXED, 0.0)
+    still = np.zeros(3)
+    apart = np.deg2rad([0.0, 0.4, 0.0])
     poses.step(StereoFrame(seen(still, rng), seen(still, rng), 0.0, 0.0))
-    known = [poses.step(StereoFrame(seen(apart, rng), seen(-apart, rng), t, t)).is_known for t in (0.1, 0.2)]
-    assert known == [False, False]
+    is_known = [poses.step(StereoFrame(seen(apart, rng), seen(-apart, rng), t, t)).is_known for t in (0.1, 0.2)]
+    assert is_known == [False, False]
     assert poses.step(StereoFrame(seen(still, rng), seen(still, rng), 0.3, 0.3)).is_known
-    other = [np.ascontiguousarray(seen(still, rng)[::-1, ::-1]) for _ in range(2)]
-    known = [poses.step(StereoFrame(*other, t, t)).is_known for t in (0.4, 0.7, 0.85, 0.9)]
-    assert known == [False, False, False, True]
+    other_images = [np.ascontiguousarray(seen(still, rng)[::-1, ::-1]) for _ in range(2)]
+    is_known = [poses.step(StereoFrame(*other_images, t, t)).is_known for t in (0.4, 0.7, 0.85, 0.9)]
+    assert is_known == [False, False, False, True]
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.025])
 def test_the_delay_of_a_swaying_heads_joints_is_found(late_s: float, rng: np.random.Generator) -> None:
     """8° to each side every 1.6 s; the joints are told as late as that, to 2 ms and within their own uncertainty."""
-    poses, off_rad = PoseEstimator(TURNING, PRIOR_S), []
+    poses = PoseEstimator(TURNING, PRIOR_S)
+    off_rad = []
 
     def angle(t: float) -> float:
         return float(np.deg2rad(8) * np.sin(2 * np.pi * t / 1.6))
 
     for k in range(60):
         t = 0.04 * k
-        image, q = seen(np.array([0.0, angle(t), 0.0]), rng), np.array([angle(t - late_s)])
-        found = poses.step(StereoFrame(image, image, t, t, q, q))
-        off_rad.append(cv2.Rodrigues(found.view.left.T_root_camera[:3, :3])[0][1, 0] - angle(t))
+        image = seen(np.array([0.0, angle(t), 0.0]), rng)
+        q = np.array([angle(t - late_s)])
+        estimate = poses.step(StereoFrame(image, image, t, t, q, q))
+        off_rad.append(cv2.Rodrigues(estimate.view.left.T_root_camera[:3, :3])[0][1, 0] - angle(t))
     motion = poses.motion
     assert abs(motion.delay_s - late_s) < 0.002
     assert abs(motion.delay_s - late_s) < 4 * motion.delay_std_s + 1e-4
-    assert found.stamp_error_s == motion.delay_std_s
+    assert estimate.stamp_error_s == motion.delay_std_s
     assert np.abs(off_rad[-20:]).max() < 1.0 / 280  # a pixel; 25 ms too early or late is 4 of them

@@ -1,4 +1,4 @@
-"""One camera's tracker on drawn discs: where it expects its object, what it takes for it, and what it learns."""
+"""One camera's tracker on drawn discs: prediction, detection and learning."""
 
 from dataclasses import replace
 
@@ -19,8 +19,11 @@ from tracking.outline import Optics, Outline
 from tracking.particle_filter import Prior
 from tracking.stereo import CameraFrame
 
-OPTICS, VIEW = Optics(LEFT_EYE), View(LEFT_EYE, np.eye(4))
-BLUE, RED, GREEN = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0), (25.0, 200.0, 60.0)
+OPTICS = Optics(LEFT_EYE)
+VIEW = View(LEFT_EYE, np.eye(4))
+BLUE = (30.0, 60.0, 210.0)
+RED = (200.0, 40.0, 40.0)
+GREEN = (25.0, 200.0, 60.0)
 BOX = (132.0, 92.0, 37.0, 37.0)
 """Of a disc of 18 px at (150, 110)."""
 _V, _U = np.mgrid[:240, :320]
@@ -51,7 +54,8 @@ def of_size(size_px: float, center_px: tuple[float, float] = (150.0, 110.0)) -> 
     """The outline of a disc."""
     x, y = center_px
     box = (x - size_px / 2, y - size_px / 2, size_px, size_px)
-    angle, area = 0.5 * size_px / LEFT_EYE.focal_px, np.pi / 4 * size_px**2
+    angle = 0.5 * size_px / LEFT_EYE.focal_px
+    area = np.pi / 4 * size_px**2
     return Outline(np.array([x, y]), 0.01 * np.eye(2), angle, 1e-6, box, area, False)
 
 
@@ -66,12 +70,14 @@ def at(position: Array, stamp_s: float = 0.0, order: int = 2) -> Belief:
 def test_what_comes_nearer_is_expected_to_grow(
     before_m: float, now_m: float, growth: float, rng: np.random.Generator
 ) -> None:
-    """As the distance shrinks, by at most a quarter; as far beside the track's projection as it was seen before."""
-    ray, center = np.array([0.1, -0.05, 1.0]) / np.linalg.norm([0.1, -0.05, 1.0]), np.array([0.02, 0.0, 0.01])
-    view, state = View(LEFT_EYE, transform(translation=center)), CameraState(offset_px=(3.0, -2.0), size_px=30.0)
+    """The size follows the distance, by at most a quarter; the offset from the projected track is kept."""
+    ray = np.array([0.1, -0.05, 1.0]) / np.linalg.norm([0.1, -0.05, 1.0])
+    center = np.array([0.02, 0.0, 0.01])
+    view = View(LEFT_EYE, transform(translation=center))
+    state = CameraState(offset_px=(3.0, -2.0), size_px=30.0)
     for order in (1, 2):
-        last, now = (at(center + far * ray, order=order) for far in (before_m, now_m))
-        prior = camera_tracker(rng).predict(state, seen_from(picture(rng), view), last, now)
+        last, predicted = (at(center + distance_m * ray, order=order) for distance_m in (before_m, now_m))
+        prior = camera_tracker(rng).predict(state, seen_from(picture(rng), view), last, predicted)
         assert prior is not None
         assert prior.growth == pytest.approx(growth)
         np.testing.assert_allclose(prior.center_px, view.project(center + now_m * ray) + state.offset_px, atol=1e-6)
@@ -85,11 +91,14 @@ def test_a_place_is_as_uncertain_as_the_track_across_the_line_of_sight(
     std_m: tuple[float, float], std_px: float, rng: np.random.Generator
 ) -> None:
     """As many times 2 mm away as the focal length has pixels: 2 mm are a pixel; 0.7 px at least, 40 at most."""
-    far, cov = 2 * 1e-3 * LEFT_EYE.focal_px, np.zeros((6, 6))
-    cov[0, 0], cov[1, 1], cov[2, 2] = std_m[0] ** 2, std_m[1] ** 2, 1.0
+    distance_m = 2 * 1e-3 * LEFT_EYE.focal_px
+    cov = np.zeros((6, 6))
+    cov[0, 0] = std_m[0] ** 2
+    cov[1, 1] = std_m[1] ** 2
+    cov[2, 2] = 1.0
     cov[3:, 3:] = np.eye(3)
-    principal = VIEW.project(np.array([0.0, 0.0, far]))
-    belief = at(np.array([0.0, 0.0, far]))._replace(cov=cov)
+    principal = VIEW.project(np.array([0.0, 0.0, distance_m]))
+    belief = at(np.array([0.0, 0.0, distance_m]))._replace(cov=cov)
     prior = camera_tracker(rng).predict(CameraState(size_px=30.0), seen_from(picture(rng)), belief, belief)
     assert prior is not None
     np.testing.assert_allclose(prior.center_px, principal)
@@ -108,14 +117,15 @@ def test_an_object_is_in_view_if_a_part_of_it_is(u: float, is_seen: bool, rng: n
 
 
 def test_without_a_place_or_anything_known_of_it_nothing_is_found(rng: np.random.Generator) -> None:
-    camera, tracker = seen_from(picture(rng, (disc(150, 110, 18), BLUE))), camera_tracker(rng)
+    camera = seen_from(picture(rng, (disc(150, 110, 18), BLUE)))
+    tracker = camera_tracker(rng)
     target = tracker.image_tracker.start(camera.image, BOX)
     for state, prior in (
         (CameraState(target, size_px=36.0), None),
         (CameraState(size_px=36.0), Prior(np.array([150.0, 110.0]), 1.0, 1.0)),
     ):
-        again, found = tracker.find(state, camera, prior)
-        assert found is None
+        again, detection = tracker.find(state, camera, prior)
+        assert detection is None
         assert again is state
 
 
@@ -136,17 +146,18 @@ def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(
     off_px: tuple[float, float], size_px: float, is_it: bool, rng: np.random.Generator
 ) -> None:
     """Its centre within the object's radius, two standard deviations and 4 px: 26 px; its size within 3 %."""
-    tracker, one = camera_tracker(rng), of_size(size_px, (150.0 + off_px[0], 110.0 + off_px[1]))
-    camera = seen_from(picture(rng))._replace(outlines=[one])
+    tracker = camera_tracker(rng)
+    outline = of_size(size_px, (150.0 + off_px[0], 110.0 + off_px[1]))
+    camera = seen_from(picture(rng))._replace(outlines=[outline])
     state = CameraState(size_px=36.0)
-    _, found = tracker.find(state, camera, Prior(np.array([150.0, 110.0]), 2.0, 1.0))
-    assert (found is not None) == is_it
-    _, found = tracker.find(state._replace(size_px=30.0), camera, Prior(np.array([150.0, 110.0]), 3.5, 1.2))
-    assert (found is not None) == is_it
-    if found is not None:
-        assert found == ImageDetection(one, one.box_px, 1.0)
-    _, found = tracker.find(state._replace(by_background=True), camera, Prior(np.array([150.0, 110.0]), 2.0, 1.0))
-    assert found is None  # outlines are found by colours
+    _, detection = tracker.find(state, camera, Prior(np.array([150.0, 110.0]), 2.0, 1.0))
+    assert (detection is not None) == is_it
+    _, detection = tracker.find(state._replace(size_px=30.0), camera, Prior(np.array([150.0, 110.0]), 3.5, 1.2))
+    assert (detection is not None) == is_it
+    if detection is not None:
+        assert detection == ImageDetection(outline, outline.box_px, 1.0)
+    _, detection = tracker.find(state._replace(by_background=True), camera, Prior(np.array([150.0, 110.0]), 2.0, 1.0))
+    assert detection is None  # outlines are found by colours
 
 
 def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng: np.random.Generator) -> None:
@@ -155,12 +166,12 @@ def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng: np.ran
     camera = seen_from(picture(rng, (disc(120, 110, 18), GREEN), (disc(185, 110, 18), GREEN)))
     state = CameraState(size_px=36.0)
     for x, expected in ((145.0, 120), (160.0, 185)):
-        _, found = tracker.find(state, camera, Prior(np.array([x, 110.0]), 3.0, 1.0))
-        assert found is not None
-        assert np.linalg.norm(found.outline.center_px - [expected, 110]) < 0.3
+        _, detection = tracker.find(state, camera, Prior(np.array([x, 110.0]), 3.0, 1.0))
+        assert detection is not None
+        assert np.linalg.norm(detection.outline.center_px - [expected, 110]) < 0.3
     for x in (40.0, 120.0):
-        again, found = tracker.find(state, camera, Prior(np.array([x, 205.0]), 1.0, 1.0))
-        assert found is None
+        again, detection = tracker.find(state, camera, Prior(np.array([x, 205.0]), 1.0, 1.0))
+        assert detection is None
         assert again is state
 
 
@@ -169,13 +180,15 @@ def test_without_its_background_an_object_is_followed_by_its_colours_if_they_tel
     share: float, tell_it: bool, rng: np.random.Generator
 ) -> None:
     """Of its surroundings a share has its colour; the Bhattacharyya coefficient is the root of that, 0.74 or 0.84."""
-    tracker, camera = camera_tracker(rng), seen_from(picture(rng, (disc(150, 110, 18), BLUE)))
+    tracker = camera_tracker(rng)
+    camera = seen_from(picture(rng, (disc(150, 110, 18), BLUE)))
     target = tracker.image_tracker.start(camera.image, BOX, fill=np.pi / 4)
-    own, around = target.model.object, target.model.background
+    own = target.model.object
+    around = target.model.background
     target = replace(target, model=ColorModel(own, share * own + (1 - share) * around))
     state = CameraState(target, size_px=36.0, by_background=True)
-    again, found = tracker.find(state, camera, Prior(np.array([150.0, 110.0]), 1.0, 1.0))
-    assert (found is not None) == tell_it
+    again, detection = tracker.find(state, camera, Prior(np.array([150.0, 110.0]), 1.0, 1.0))
+    assert (detection is not None) == tell_it
     if tell_it:
         assert not again.by_background
     else:
@@ -192,7 +205,8 @@ def learned(rng: np.random.Generator, marker: MarkerParams | None = None) -> Cam
 
 def test_what_has_turned_abruptly_is_found_where_it_was(rng: np.random.Generator) -> None:
     """70 px from where it was expected, before a known background; not while something else touches it."""
-    image, prior = picture(rng, (disc(154, 112, 18), BLUE)), Prior(np.array([224.0, 110.0]), 1.0, 1.0)
+    image = picture(rng, (disc(154, 112, 18), BLUE))
+    prior = Prior(np.array([224.0, 110.0]), 1.0, 1.0)
     for tracker, touched, is_found in (
         (learned(rng), 0, True),
         (learned(rng), 3, False),
@@ -200,20 +214,21 @@ def test_what_has_turned_abruptly_is_found_where_it_was(rng: np.random.Generator
     ):
         target = tracker.image_tracker.start(picture(rng, (disc(150, 110, 18), BLUE)), BOX)
         state = CameraState(replace(target, touched=touched), size_px=36.0)
-        again, found = tracker.find(state, seen_from(image), prior)
-        assert (found is not None) == is_found
-        if found is not None:
-            assert np.linalg.norm(found.outline.center_px - [154, 112]) < 0.5
+        again, detection = tracker.find(state, seen_from(image), prior)
+        assert (detection is not None) == is_found
+        if detection is not None:
+            assert np.linalg.norm(detection.outline.center_px - [154, 112]) < 0.5
             assert again.view is VIEW
 
 
 def test_an_object_of_the_walls_colour_is_told_by_the_background(rng: np.random.Generator) -> None:
     """A disc of two colours of which one is the wall's: by its colours a half of it would be left."""
-    tracker, ball = learned(rng), disc(150, 110, 18)
+    tracker = learned(rng)
+    ball = disc(150, 110, 18)
     grey = (ball, (70.0, 70.0, 70.0)), (ball & (_U < 150), (165.0, 165.0, 165.0))
     target = tracker.image_tracker.start(picture(rng, *grey), BOX, fill=np.pi / 4)
     state = CameraState(target, size_px=36.0, by_background=True)
-    again, found = tracker.find(state, seen_from(picture(rng, *grey)), Prior(np.array([150.0, 110.0]), 1.0, 1.0))
-    assert found is not None
-    assert found.outline.area_px == pytest.approx(np.pi * 18**2, rel=0.1)
+    again, detection = tracker.find(state, seen_from(picture(rng, *grey)), Prior(np.array([150.0, 110.0]), 1.0, 1.0))
+    assert detection is not None
+    assert detection.outline.area_px == pytest.approx(np.pi * 18**2, rel=0.1)
     assert again.by_background

@@ -24,7 +24,8 @@ def exact(inverse_distance: float) -> Array:
 
 @pytest.mark.parametrize("inverse_distance", [0.0, 0.5, 2.0])
 def test_each_pixel_is_where_the_older_image_showed_it(inverse_distance: float) -> None:
-    maps, expected = EgoMotion(LENS).maps(THEN, NOW, inverse_distance), exact(inverse_distance)
+    maps = EgoMotion(LENS).maps(THEN, NOW, inverse_distance)
+    expected = exact(inverse_distance)
     off = np.linalg.norm(maps - expected, axis=-1)
     assert np.nanmax(off) < 0.05
     assert maps.shape == (LENS.height, LENS.width, 2)
@@ -33,7 +34,8 @@ def test_each_pixel_is_where_the_older_image_showed_it(inverse_distance: float) 
 @pytest.mark.parametrize("box", [(0, 0, 173, 131), (8, 16, 24, 40), (5, 3, 170, 129), (33, 47, 34, 48)])
 def test_a_box_is_a_part_of_the_whole(box: tuple[int, int, int, int]) -> None:
     motion = EgoMotion(LENS)
-    whole, (x0, y0, x1, y1) = motion.maps(THEN, NOW, 1.0), box
+    whole = motion.maps(THEN, NOW, 1.0)
+    x0, y0, x1, y1 = box
     np.testing.assert_allclose(motion.maps(THEN, NOW, 1.0, box), whole[y0:y1, x0:x1], atol=1e-3)
 
 
@@ -53,7 +55,8 @@ def test_a_warped_image_shows_what_the_older_one_showed_there() -> None:
 
     v, u = np.mgrid[: LENS.height, : LENS.width]
     image = np.rint(level(np.stack([u, v], axis=-1))).astype(np.uint8)
-    warped, expected = EgoMotion(LENS).warp(image, THEN, NOW, 0.5), exact(0.5)
+    warped = EgoMotion(LENS).warp(image, THEN, NOW, 0.5)
+    expected = exact(0.5)
     inside = ((expected > 1) & (expected < [LENS.width - 2, LENS.height - 2])).all(axis=-1)
     assert inside.mean() > 0.5
     assert np.abs(warped - level(expected))[inside].max() < 1.5
@@ -78,7 +81,8 @@ def test_still_is_what_moves_no_pixel() -> None:
 def test_parallax_is_the_images_shift_for_each_inverse_metre() -> None:
     """Aside by 1 cm: two points ahead, 1 m and 0.5 m away, are 1.5 px further apart than before."""
     pinhole = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
-    then, now = View(pinhole, np.eye(4)), View(pinhole, transform(translation=(0.01, 0.0, 0.0)))
-    far, near = (now.center + np.array([0.0, 0.0, z]) for z in (1.0, 0.5))
-    apart = np.linalg.norm(np.asarray(then.project(near)) - np.asarray(then.project(far)))
-    assert EgoMotion(pinhole).parallax_px_m(then, now) == pytest.approx(apart)
+    earlier = View(pinhole, np.eye(4))
+    current = View(pinhole, transform(translation=(0.01, 0.0, 0.0)))
+    distance_m, near = (current.center + np.array([0.0, 0.0, z]) for z in (1.0, 0.5))
+    apart = np.linalg.norm(np.asarray(earlier.project(near)) - np.asarray(earlier.project(distance_m)))
+    assert EgoMotion(pinhole).parallax_px_m(earlier, current) == pytest.approx(apart)

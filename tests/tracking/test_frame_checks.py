@@ -25,9 +25,9 @@ class Blindness:
         self._last: Fingerprints | None = None
 
     def step(self, frame: StereoFrame) -> bool:
-        before = self._last
+        previous = self._last
         self._last = fingerprints(frame)
-        return is_blind(self._last, before)
+        return is_blind(self._last, previous)
 
 
 def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not(rng: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""What the tracker makes of outlines that are given: exact, one-sided, jumping, of odd shape, at different stamps."""
+"""The tracker with given outlines: exact, one-sided, jumping, of odd shape, at different stamps."""
 
 from dataclasses import replace
 
@@ -28,8 +28,11 @@ CAMERA = Camera(64, 48, 220.0, 220.0, 31.5, 23.5)
 LOOKING = rotation_to([-1.0, 0.0, 0.0])  # level, the root frame's x pointing backward
 LEFT, RIGHT = (View(CAMERA, transform(LOOKING, 0.034 * sign * LOOKING[:, 0])) for sign in (-1, 1))
 RIG = StereoRig(CAMERA, CAMERA, lambda _: (LEFT.T_root_camera, RIGHT.T_root_camera))
-P, RADIUS_M, DT = np.array([-0.5, 0.0, 0.0]), 0.02, 0.05
-STD_PX, RADIUS_VAR = 0.05, (0.05 / 220) ** 2
+P = np.array([-0.5, 0.0, 0.0])
+RADIUS_M = 0.02
+DT = 0.05
+STD_PX = 0.05
+RADIUS_VAR = (0.05 / 220) ** 2
 
 
 def seen(eye: View, p: Array, radius_m: float = RADIUS_M) -> Outline:
@@ -48,12 +51,12 @@ def tracks(shapes: list[Pair], params: TrackerParams | None = None, right_later_
 
 
 def steps(shapes: list[Pair], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[TrackerStep]:
-    """The tracker's steps where detection, by search and by following, gives these outlines whatever the images."""
+    """Tracker steps for which search and image tracker return these outlines."""
     rng = np.random.default_rng(3)
     tracker = Tracker(params or TrackerParams(), RIG, rng)
     steps = []
     for k, pair in enumerate(shapes):
-        detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in pair)
+        detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in pair)
         images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(tracker, "_follow", lambda state, *_, detected=detected, **__: (state, detected))
@@ -72,14 +75,15 @@ def test_only_what_is_seen_three_times_in_a_row_is_tracked() -> None:
 def test_a_single_wild_pair_is_not_taken() -> None:
     """15 cm farther for one frame; 2 px more of disparity than there is room for."""
     wild = [both()] * 20 + [both(P - [0.15, 0, 0])] + [both()] * 3
-    found = tracks(wild)
-    assert [t.status for t in found[19:22]] == [Status.TRACKING, Status.COASTING, Status.TRACKING]
-    assert np.linalg.norm([t.position - P for t in found[19:]], axis=1).max() < 0.002
+    results = tracks(wild)
+    assert [t.status for t in results[19:22]] == [Status.TRACKING, Status.COASTING, Status.TRACKING]
+    assert np.linalg.norm([t.position - P for t in results[19:]], axis=1).max() < 0.002
 
 
 def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean() -> None:
     """At 0.2 m/s aside, 20 ms between the eyes would be 4 mm and 29 mm too near or too far."""
-    v, later = 0.2 * LOOKING[:, 0], 0.02  # along the baseline
+    v = 0.2 * LOOKING[:, 0]
+    later = 0.02  # along the baseline
     start = P - 0.5 * 30 * DT * v
     shapes: list[Pair] = [
         (seen(LEFT, start + DT * k * v), seen(RIGHT, start + (DT * k + later) * v)) for k in range(30)
@@ -104,11 +108,12 @@ def test_a_size_that_changes_is_followed() -> None:
 
 
 def test_a_place_that_turns_out_to_be_empty_is_background_and_no_object(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the right eye follows is the place of something that has left."""
-    rng, absorbed = np.random.default_rng(3), []
+    """The object in the right image is a ghost."""
+    rng = np.random.default_rng(3)
+    absorbed = []
     tracker = Tracker(TrackerParams(), RIG, rng)
-    detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in both())
-    monkeypatch.setattr(CameraTracker, "set_from", lambda self, camera, found: absorbed.append((self.name, found)))
+    detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in both())
+    monkeypatch.setattr(CameraTracker, "set_from", lambda self, camera, results: absorbed.append((self.name, results)))
     monkeypatch.setattr(tracker, "_acquire", lambda state, *_, **__: (state, detected))
     status = []
     for k in range(9):
@@ -124,11 +129,12 @@ def test_a_place_that_turns_out_to_be_empty_is_background_and_no_object(monkeypa
 
 def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew() -> None:
     """5 cm aside, where the search finds it in the frame in which it is not seen where it was predicted."""
-    rng, steps = np.random.default_rng(3), []
+    rng = np.random.default_rng(3)
+    steps = []
     tracker = Tracker(TrackerParams(), RIG, rng)
     for k in range(14):
-        here = both(P if k < 8 else P + 0.05 * LOOKING[:, 0])
-        detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in here)
+        pair = both(P if k < 8 else P + 0.05 * LOOKING[:, 0])
+        detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in pair)
         followed = (None, None) if k == 8 else detected
         images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
         with pytest.MonkeyPatch.context() as patch:
@@ -150,10 +156,10 @@ def statuses(shapes: list[Pair], **params: float) -> list[Status]:
 
 
 def test_what_was_seen_just_often_enough_is_an_object_that_may_hide() -> None:
-    found = statuses([both()] * 3 + [NOTHING] * 12)
-    hidden = found.count(Status.COASTING)
+    results = statuses([both()] * 3 + [NOTHING] * 12)
+    hidden = results.count(Status.COASTING)
     assert hidden in (9, 10)  # half a second
-    assert found[2 : 4 + hidden] == [Status.TRACKING, *[Status.COASTING] * hidden, Status.LOST]
+    assert results[2 : 4 + hidden] == [Status.TRACKING, *[Status.COASTING] * hidden, Status.LOST]
     assert statuses([both()] * 2, confirm_frames=1) == [Status.TRACKING] * 2
 
 
@@ -167,7 +173,7 @@ def frames(n: int, is_turning: bool = False) -> list[StereoFrame]:
 
 def given(tracker: Tracker, patch: pytest.MonkeyPatch, pair: Pair, cameras: tuple[CameraState, ...] = ()) -> None:
     """Let the tracker's search and its following find these outlines, with these states of its cameras."""
-    detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in pair)
+    detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in pair)
 
     def find(state: TrackerState, *_: object, **__: object) -> tuple[TrackerState, object]:
         return state._replace(cameras=cameras or state.cameras), detected
@@ -177,16 +183,17 @@ def given(tracker: Tracker, patch: pytest.MonkeyPatch, pair: Pair, cameras: tupl
 
 
 def test_a_frame_that_shows_nothing_does_not_break_a_confirmation(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither is what is found in it an observation."""
-    tracker, found = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), []
+    """Detections in a blank frame are no observations."""
+    tracker = Tracker(TrackerParams(), RIG, np.random.default_rng(3))
+    results = []
     given(tracker, monkeypatch, both())
     for k, frame in enumerate(frames(12)):
         dark = np.zeros_like(frame.left)
-        found.append(tracker.step(replace(frame, left=dark) if k in (2, 5) else frame))
-    status = [step.track.status for step in found]
+        results.append(tracker.step(replace(frame, left=dark) if k in (2, 5) else frame))
+    status = [step.track.status for step in results]
     assert status[:6] == [*[Status.SEARCHING] * 3, Status.TRACKING, Status.TRACKING, Status.COASTING]
-    assert [step.observation is None for step in found] == [k in (2, 5) for k in range(12)]
-    assert [len(step.detections) for step in found[4:7]] == [2, 0, 2]
+    assert [step.observation is None for step in results] == [k in (2, 5) for k in range(12)]
+    assert [len(step.detections) for step in results[4:7]] == [2, 0, 2]
 
 
 CENTER = np.array([0.1, 0.2, 0.05])
@@ -205,15 +212,17 @@ HEAD = StereoRig(CAMERA, CAMERA, turned)
 
 def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain() -> None:
     """Where a resting thing seems to be goes with the head: ω × (p - c) times the delay's standard deviation."""
-    film, found = frames(2, is_turning=True), {}
+    film = frames(2, is_turning=True)
+    results = {}
     for std_s in (0.0, 0.02):
         tracker = Tracker(TrackerParams(stamp_error_s=std_s), HEAD, np.random.default_rng(3))
         for frame in film:
             view = HEAD.view_of(frame)
             with pytest.MonkeyPatch.context() as patch:
                 given(tracker, patch, (seen(view.left, P), seen(view.right, P)))
-                found[std_s] = tracker.step(frame).observation
-    exact, late = found[0.0], found[0.02]
+                results[std_s] = tracker.step(frame).observation
+    exact = results[0.0]
+    late = results[0.02]
     assert exact is not None
     assert late is not None
     off_m = 0.02 * np.cross([0.0, 0.0, 0.02 / DT], P - CENTER)
@@ -223,9 +232,11 @@ def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain() ->
 
 def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight() -> None:
     """By δ × a, where a is the object from the middle between the cameras and δ the rotation's error."""
-    off, axes = np.array([0.3, -0.2, 0.5]), np.eye(3)
+    off = np.array([0.3, -0.2, 0.5])
+    axes = np.eye(3)
     eyes = [View(CAMERA, transform(translation=off) @ eye.T_root_camera) for eye in (LEFT, RIGHT)]
-    rig, covs = StereoRig(CAMERA, CAMERA, lambda _: (eyes[0].T_root_camera, eyes[1].T_root_camera)), []
+    rig = StereoRig(CAMERA, CAMERA, lambda _: (eyes[0].T_root_camera, eyes[1].T_root_camera))
+    covs = []
     for std_rad in (0.0, 0.01):
         tracker = Tracker(TrackerParams(), rig, np.random.default_rng(3))
         for frame in frames(4):
@@ -240,7 +251,7 @@ def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight(
 
 
 def test_a_derivative_that_is_not_modelled_is_zero() -> None:
-    """Of a filter of order 2: acceleration and jerk are 0."""
+    """Filter of order 2: acceleration and jerk are 0."""
     track = tracks([both()] * 6, TrackerParams(kalman=KalmanParams.of_order(2)))[-1]
     assert np.linalg.eigvalsh(track.cov[:6, :6]).min() > 0
     assert (np.diag(track.cov, -3)[:3] > 0).all()  # of position and velocity

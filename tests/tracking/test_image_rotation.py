@@ -35,7 +35,8 @@ def seen(wall: Image, rotation: Array, rng: np.random.Generator, noise: float = 
 
 def covered(image: Image, share: float) -> Image:
     """A plain board with a bright edge over the left part of the image."""
-    out, x = image.copy(), round(share * image.shape[1])
+    out = image.copy()
+    x = round(share * image.shape[1])
     out[:, :x] = (90, 60, 30)
     out[:, max(x - 2, 0) : x] = 255
     return out
@@ -48,21 +49,24 @@ def test_a_rotation_is_measured_to_a_twentieth_of_a_pixel(
     turn = np.deg2rad(degrees)
     reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
     image = seen(wall, turn, rng)
-    found = reference.misalignment(image, STILL, 1.2, np.zeros(3))
-    assert found is not None
-    assert np.abs(found.rotation - turn)[:2].max() < 0.05 / CAMERA.fx
-    assert abs(found.rotation[2] - turn[2]) < 0.1 / CAMERA.fx
+    misalignment = reference.misalignment(image, STILL, 1.2, np.zeros(3))
+    assert misalignment is not None
+    assert np.abs(misalignment.rotation - turn)[:2].max() < 0.05 / CAMERA.fx
+    assert abs(misalignment.rotation[2] - turn[2]) < 0.1 / CAMERA.fx
     assert not reference.is_still(image)
 
 
 def test_a_rotation_is_measured_in_large_images(wall: Image, rng: np.random.Generator) -> None:
     """Of 641×481 pixels, of which two by two are joined."""
-    camera, turn = Camera(641, 481, 560.0, 560.0, 319.5, 239.5), np.deg2rad([0.3, -0.6, 0.5])
+    camera = Camera(641, 481, 560.0, 560.0, 319.5, 239.5)
+    turn = np.deg2rad([0.3, -0.6, 0.5])
     reference = Reference(camera, seen(wall, np.zeros(3), rng, camera=camera), np.eye(4))
     assert reference.is_still(seen(wall, np.zeros(3), rng, camera=camera))
-    found = reference.misalignment(seen(wall, turn, rng, camera=camera), View(camera, np.eye(4)), 1.2, np.zeros(3))
-    assert found is not None
-    assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
+    misalignment = reference.misalignment(
+        seen(wall, turn, rng, camera=camera), View(camera, np.eye(4)), 1.2, np.zeros(3)
+    )
+    assert misalignment is not None
+    assert np.abs(misalignment.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
 
 
 def test_an_eye_that_rests_is_still_through_noise_and_a_change_of_light(wall: Image, rng: np.random.Generator) -> None:
@@ -84,38 +88,39 @@ def test_an_eye_is_still_where_corners_move_by_less_than_a_tenth_of_a_pixel(
 
 def test_a_rotation_is_measured_on_a_blurred_wall(wall: Image, rng: np.random.Generator) -> None:
     """Low contrast out of focus: corners are told by more pixels."""
-    soft, turn = cv2.GaussianBlur((64 + wall / 2).astype(np.uint8), (0, 0), 2.0), np.deg2rad([0.1, -0.2, 0.0])
+    soft = cv2.GaussianBlur((64 + wall / 2).astype(np.uint8), (0, 0), 2.0)
+    turn = np.deg2rad([0.1, -0.2, 0.0])
     reference = Reference(CAMERA, seen(soft, np.zeros(3), rng), np.eye(4))
     assert reference.has_corners
     assert reference.is_still(seen(soft, np.zeros(3), rng))
     image = seen(soft, turn, rng)
     assert not reference.is_still(image)
-    found = reference.misalignment(image, STILL, 1.2, np.zeros(3))
-    assert found is not None
-    assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
+    misalignment = reference.misalignment(image, STILL, 1.2, np.zeros(3))
+    assert misalignment is not None
+    assert np.abs(misalignment.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
 
 
 def test_a_told_rotation_is_no_error(wall: Image, rng: np.random.Generator) -> None:
     turn = np.deg2rad([0.4, -1.2, 0.2])
     reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
-    told = View(CAMERA, transform(cv2.Rodrigues(turn)[0]))
-    found = reference.misalignment(seen(wall, turn, rng), told, 1.2, np.zeros(3))
-    assert found is not None
-    assert np.abs(found.rotation[:2]).max() < 0.05 / CAMERA.fx
+    nominal = View(CAMERA, transform(cv2.Rodrigues(turn)[0]))
+    misalignment = reference.misalignment(seen(wall, turn, rng), nominal, 1.2, np.zeros(3))
+    assert misalignment is not None
+    assert np.abs(misalignment.rotation[:2]).max() < 0.05 / CAMERA.fx
 
 
 def test_what_covers_a_third_of_the_image_turns_nothing(wall: Image, rng: np.random.Generator) -> None:
     turn = np.deg2rad([0.0, 0.5, 0.0])
     reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
-    found = reference.misalignment(covered(seen(wall, turn, rng), 0.3), STILL, 1.2, np.zeros(3))
-    assert found is not None
-    assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
+    misalignment = reference.misalignment(covered(seen(wall, turn, rng), 0.3), STILL, 1.2, np.zeros(3))
+    assert misalignment is not None
+    assert np.abs(misalignment.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
 
 
 def test_another_scene_is_no_rotation(wall: Image, rng: np.random.Generator) -> None:
     reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
-    other = np.ascontiguousarray(seen(wall, np.zeros(3), rng)[::-1, ::-1])
-    assert reference.misalignment(other, STILL, 1.2, np.zeros(3)) is None
+    other_image = np.ascontiguousarray(seen(wall, np.zeros(3), rng)[::-1, ::-1])
+    assert reference.misalignment(other_image, STILL, 1.2, np.zeros(3)) is None
 
 
 def test_a_plain_wall_has_no_corners(rng: np.random.Generator) -> None:
@@ -126,23 +131,25 @@ def test_a_plain_wall_has_no_corners(rng: np.random.Generator) -> None:
 
 
 def test_the_stated_covariance_is_the_scatter_of_the_rotations(rng: np.random.Generator) -> None:
-    """Of 400 fits to directions with Gaussian noise; the weights of a robust fit cost a little, which is not stated."""
-    n, noise = 60, 1e-3
-    before = rng.standard_normal((n, 3)) * (0.3, 0.1, 0.0) + (0.2, 0.0, 1.0)
-    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    """400 fits to directions with Gaussian noise; the small efficiency loss of robust weights is not modelled."""
+    n = 60
+    noise = 1e-3
+    bearings = rng.standard_normal((n, 3)) * (0.3, 0.1, 0.0) + (0.2, 0.0, 1.0)
+    bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
     turn = np.array([0.02, -0.03, 0.01])
-    exact = before @ cv2.Rodrigues(turn)[0]  # exp(w)ᵀ turns each of them
-    found, stated = [], []
+    exact = bearings @ cv2.Rodrigues(turn)[0]  # exp(w)ᵀ turns each of them
+    misalignment = []
+    stated = []
     for _ in range(400):
         after = exact + noise * rng.standard_normal(exact.shape)
         after /= np.linalg.norm(after, axis=1, keepdims=True)
-        w, cov, _, agreeing = _fitted_rotation(before, after, np.zeros(3), np.zeros(3), (1e-4, 1e-2))
+        w, cov, _, agreeing = _fitted_rotation(bearings, after, np.zeros(3), np.zeros(3), (1e-4, 1e-2))
         assert agreeing > n / 2
-        found.append(w - turn)
+        misalignment.append(w - turn)
         stated.append(cov)
-    share = np.linalg.eigvals(np.linalg.solve(np.mean(stated, axis=0), np.cov(np.array(found).T)))
+    share = np.linalg.eigvals(np.linalg.solve(np.mean(stated, axis=0), np.cov(np.array(misalignment).T)))
     assert ((share > 0.7) & (share < 1.5)).all()
-    assert np.abs(np.mean(found, axis=0)).max() < 4 * np.sqrt(np.mean(stated, axis=0).diagonal().max() / 400)
+    assert np.abs(np.mean(misalignment, axis=0)).max() < 4 * np.sqrt(np.mean(stated, axis=0).diagonal().max() / 400)
 
 
 def test_a_rotation_is_measured_under_another_light(wall: Image, rng: np.random.Generator) -> None:
@@ -151,9 +158,9 @@ def test_a_rotation_is_measured_under_another_light(wall: Image, rng: np.random.
     reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
     for gain in (0.9, 1.1):
         image = np.clip(gain * seen(wall, turn, rng).astype(float), 0, 255).astype(np.uint8)
-        found = reference.misalignment(image, STILL, 1.2, np.zeros(3))
-        assert found is not None
-        assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
+        misalignment = reference.misalignment(image, STILL, 1.2, np.zeros(3))
+        assert misalignment is not None
+        assert np.abs(misalignment.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
 
 
 def test_where_too_few_corners_are_in_view_or_found_again_there_is_no_rotation(
@@ -169,12 +176,13 @@ def test_where_too_few_corners_are_in_view_or_found_again_there_is_no_rotation(
 
 
 def test_an_error_of_the_rooms_depth_turns_what_is_found_as_stated(wall: Image, rng: np.random.Generator) -> None:
-    """The reference is told to be 3 cm aside: the nearer the room, the more of that is a rotation."""
+    """The reference pose is off by 3 cm: the nearer the background, the larger the apparent rotation."""
     aside = transform(translation=(0.03, -0.01, 0.0))
-    reference, image = Reference(CAMERA, seen(wall, np.zeros(3), rng), aside), seen(wall, np.zeros(3), rng)
-    far, near = (reference.misalignment(image, STILL, 1 / inverse_m, np.zeros(3)) for inverse_m in (0.8, 0.9))
-    assert far is not None
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), aside)
+    image = seen(wall, np.zeros(3), rng)
+    distance_m, near = (reference.misalignment(image, STILL, 1 / inverse_m, np.zeros(3)) for inverse_m in (0.8, 0.9))
+    assert distance_m is not None
     assert near is not None
-    stated = 0.05 * (far.by_parallax + near.by_parallax)
+    stated = 0.05 * (distance_m.by_parallax + near.by_parallax)
     assert abs(stated[1]) > 2e-3
-    np.testing.assert_allclose(near.rotation - far.rotation, -stated, rtol=0.1, atol=2e-4)
+    np.testing.assert_allclose(near.rotation - distance_m.rotation, -stated, rtol=0.1, atol=2e-4)

@@ -1,4 +1,4 @@
-"""The image tracker of one camera: what it finds where, and what it does not take for its object."""
+"""The image tracker of one camera: detections and rejections."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,8 @@ from tracking.outline import Optics, Outline
 from tracking.particle_filter import Prior
 from tracking.stereo import CameraFrame
 
-BLUE, RED = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0)
+BLUE = (30.0, 60.0, 210.0)
+RED = (200.0, 40.0, 40.0)
 
 
 def _discs(rng: np.random.Generator, *discs: tuple[float, float, float], bar: bool = False) -> np.ndarray:
@@ -61,20 +62,22 @@ def test_two_alike_that_touch_are_told_apart_by_their_edge_and_the_prediction(rn
     """Before a known background: a disc of 18 px at its predicted place, which another passes; the other is not it."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
-    prior, found = Prior(np.array([152.3, 110.8]), 0.7, 1.0), []
+    prior = Prior(np.array([152.3, 110.8]), 0.7, 1.0)
+    result = []
     for apart in (34, 26, 18, -18, -26, -34):
         image = _discs(rng, (152, 111, 18), (152 + apart, 111, 16))
-        target, seen = eye.step(target, image, prior, partial(_is_blue, image))
+        target, detection = eye.step(target, image, prior, partial(_is_blue, image))
         assert target.touched
-        found += [] if seen is None else [seen.outline.center_px]
-    assert len(found) >= 4
-    assert np.abs(np.array(found) - [152, 111]).max() < 0.7
+        result += [] if detection is None else [detection.outline.center_px]
+    assert len(result) >= 4
+    assert np.abs(np.array(result) - [152, 111]).max() < 0.7
     hidden = _discs(rng, (158, 111, 16))
     assert eye.step(target, hidden, prior, partial(_is_blue, hidden))[1] is None
-    alone, touched = _discs(rng, (152, 111, 18)), []  # the other may hide it for so many images more
+    alone = _discs(rng, (152, 111, 18))
+    touched = []  # number of images for which the other disc may still hide it
     for _ in range(6):
-        target, seen = eye.step(target, alone, prior, partial(_is_blue, alone))
-        assert seen is not None
+        target, detection = eye.step(target, alone, prior, partial(_is_blue, alone))
+        assert detection is not None
         touched.append(target.touched)
     assert touched == [4, 3, 2, 1, 0, 0]
 
@@ -85,27 +88,30 @@ def _is_blue(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
 
 @pytest.mark.parametrize("edge", ["straight", "ragged"])
 def test_what_is_hidden_in_part_keeps_its_size(edge: str, rng: np.random.Generator) -> None:
-    """A disc of 18 px goes behind an edge, by 4 px an image; ragged: no disc is fitted to what is left of it."""
+    """A disc of 18 px goes behind an edge, by 4 px an image; behind a ragged edge no disc is fitted."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
-    before, partial_views = target.size, 0
+    initial = target.size
+    partial_views = 0
     v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
     for k in range(1, 6):
         x = 150 + 4 * k
         image = _discs(rng, (x, 110, 18))
         image[u >= 168 + (8 * np.sin(v / 2) if edge == "ragged" else 0)] = 120
-        target, seen = eye.step(target, image, Prior(np.array([float(x), 110.0]), 1.0, 1.0), partial(_is_blue, image))
-        assert seen is not None
-        partial_views += seen.outline.is_partial
+        target, detection = eye.step(
+            target, image, Prior(np.array([float(x), 110.0]), 1.0, 1.0), partial(_is_blue, image)
+        )
+        assert detection is not None
+        partial_views += detection.outline.is_partial
     assert partial_views >= 3
-    assert abs(target.size / before - 1) < 0.07
+    assert abs(target.size / initial - 1) < 0.07
 
 
 def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng: np.random.Generator) -> None:
-    seen = _seen(rng, _discs(rng, (150, 110, 18), bar=True), Prior(np.array([150.0, 110.0]), 3.0, 1.0))
-    assert seen is not None
-    assert np.linalg.norm(seen.outline.center_px - [150, 110]) < 0.5
-    assert abs(seen.outline.area_px / (np.pi * 18**2) - 1) < 0.03
+    detection = _seen(rng, _discs(rng, (150, 110, 18), bar=True), Prior(np.array([150.0, 110.0]), 3.0, 1.0))
+    assert detection is not None
+    assert np.linalg.norm(detection.outline.center_px - [150, 110]) < 0.5
+    assert abs(detection.outline.area_px / (np.pi * 18**2) - 1) < 0.03
 
 
 def test_outside_the_image_nothing_is_searched(rng: np.random.Generator) -> None:
@@ -116,19 +122,20 @@ def test_outside_the_image_nothing_is_searched(rng: np.random.Generator) -> None
 
 
 def test_where_nothing_has_its_colour_it_is_not_seen(rng: np.random.Generator) -> None:
-    """And what is known of it stays, about the place where it was expected."""
+    """Its state is kept; the particles stay around the predicted position."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
-    after, seen = eye.step(target, _discs(rng), Prior(np.array([160.0, 115.0]), 1.0, 1.0))
-    assert seen is None
+    after, detection = eye.step(target, _discs(rng), Prior(np.array([160.0, 115.0]), 1.0, 1.0))
+    assert detection is None
     assert after.model is target.model
     assert (after.size, after.shape, after.fill, after.touched) == (target.size, target.shape, target.fill, 0)
     np.testing.assert_allclose(after.particles.current[:, :2].mean(axis=0), [160, 115], atol=2)
 
 
 def test_a_target_covers_as_much_of_its_box_as_its_colours_show(rng: np.random.Generator) -> None:
-    """A disc of 18 px in a box of 37; a square; and nothing that is told from what is around it: as a disc."""
-    eye, square = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng)
+    """A disc of 18 px in a box of 37; a square; and no separable object, for which a disc is assumed."""
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    square = _discs(rng)
     square[92:129, 132:169] = BLUE
     fills = [eye.start(image, (132, 92, 37, 37)).fill for image in (_discs(rng, (150, 110, 18)), square, _discs(rng))]
     assert fills == [pytest.approx(np.pi * 18**2 / 37**2, rel=0.03), pytest.approx(1, abs=0.02), np.pi / 4]
@@ -149,43 +156,41 @@ def _is_no_grey(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray
 def test_by_the_background_alone_an_object_may_take_any_colour(rng: np.random.Generator) -> None:
     """A disc that has turned from blue to red: its colours do not show it."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
-    target, prior = (
-        eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0)),
-        Prior(np.array([152.0, 111.0]), 1, 1),
-    )
+    target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
+    prior = Prior(np.array([152.0, 111.0]), 1, 1)
     image = _discs(rng, (152, 111, 18))
     image[image[..., 0] < 75] = (200, 40, 40)
     assert eye.step(target, image, prior, partial(_is_no_grey, image))[1] is None
-    _, seen = eye.step(target, image, prior, partial(_is_no_grey, image), by_color=False)
-    assert seen is not None
-    assert np.linalg.norm(seen.outline.center_px - [152, 111]) < 0.5
-    assert seen.score > 0.9
+    _, detection = eye.step(target, image, prior, partial(_is_no_grey, image), by_color=False)
+    assert detection is not None
+    assert np.linalg.norm(detection.outline.center_px - [152, 111]) < 0.5
+    assert detection.score > 0.9
 
 
 def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_background(rng: np.random.Generator) -> None:
-    """A blue disc before a blue wall's edge: colours show both, what differs from the background the disc alone."""
-    eye, joined, asked = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng), []
+    """A blue disc before a blue wall's edge: colours show both, the foreground shows the disc alone."""
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    joined = _discs(rng)
+    requested_boxes = []
     joined[:, 165:260] = BLUE
     v, u = np.mgrid[:240, :320]
     disc = np.hypot(u - 150, v - 110) < 18
     joined[disc] = BLUE
-    target, prior = (
-        eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0)),
-        Prior(np.array([150.0, 110.0]), 1, 1),
-    )
+    target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
+    prior = Prior(np.array([150.0, 110.0]), 1, 1)
 
     def differs(box: tuple[int, int, int, int]) -> np.ndarray:
-        asked.append(box)
+        requested_boxes.append(box)
         return np.asarray(disc[box[1] : box[3], box[0] : box[2]])
 
-    _, seen = eye.step(target, joined, prior, if_joined=differs)
-    assert asked
-    assert seen is not None
-    assert np.linalg.norm(seen.outline.center_px - [150, 110]) < 0.5
-    asked.clear()
-    _, seen = eye.step(target, _discs(rng, (150, 110, 18)), prior, if_joined=differs)
-    assert seen is not None
-    assert not asked  # nothing is joined
+    _, detection = eye.step(target, joined, prior, if_joined=differs)
+    assert requested_boxes
+    assert detection is not None
+    assert np.linalg.norm(detection.outline.center_px - [150, 110]) < 0.5
+    requested_boxes.clear()
+    _, detection = eye.step(target, _discs(rng, (150, 110, 18)), prior, if_joined=differs)
+    assert detection is not None
+    assert not requested_boxes  # nothing is joined
 
 
 def test_a_long_object_is_followed_over_its_whole_length(rng: np.random.Generator) -> None:
@@ -193,9 +198,11 @@ def test_a_long_object_is_followed_over_its_whole_length(rng: np.random.Generato
     for image, x in zip(images, (100, 106), strict=True):
         image[105:115, x : x + 80] = BLUE
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
-    _, seen = eye.step(eye.start(images[0], (100, 105, 80, 10)), images[1], Prior(np.array([145.5, 109.5]), 2.0, 1.0))
-    assert seen is not None
-    np.testing.assert_allclose(seen.outline.box_px, (106, 105, 80, 10), atol=1)
+    _, detection = eye.step(
+        eye.start(images[0], (100, 105, 80, 10)), images[1], Prior(np.array([145.5, 109.5]), 2.0, 1.0)
+    )
+    assert detection is not None
+    np.testing.assert_allclose(detection.outline.box_px, (106, 105, 80, 10), atol=1)
 
 
 def _moved_at(box: tuple[int, int, int, int]) -> Region2D:
@@ -205,7 +212,8 @@ def _moved_at(box: tuple[int, int, int, int]) -> Region2D:
 def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng: np.random.Generator) -> None:
     """Blue among specks: as many as in the disc, half as many, or none."""
     v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
-    disc, optics = np.hypot(u - 150, v - 110) < 15, Optics(LEFT_EYE)
+    disc = np.hypot(u - 150, v - 110) < 15
+    optics = Optics(LEFT_EYE)
     taken = []
     for around in (0.0, 0.25, 0.6):
         blue = rng.random(disc.shape) < np.where(disc, 0.9, around)
@@ -216,7 +224,9 @@ def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng:
 
 def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random.Generator) -> None:
     """To another place, and a size that they would take for another object's."""
-    view, p, image = View(LEFT_EYE, np.eye(4)), np.array([0.06, 0.03, 0.4]), _discs(rng, (150, 110, 18))
+    view = View(LEFT_EYE, np.eye(4))
+    p = np.array([0.06, 0.03, 0.4])
+    image = _discs(rng, (150, 110, 18))
     x, y = view.project(p)
     tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
     belief = Belief(0.0, np.array([p, np.zeros(3)]), 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
@@ -225,13 +235,13 @@ def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random
     state = CameraState(tracker.image_tracker.start(image, (132.0, 92.0, 37.0, 37.0)))
     camera = CameraFrame(image, view, 0.0, None, [large])
     state = tracker.remember(state, camera, large, belief)
-    moved, found = tracker.find(state, camera, tracker.predict(state, camera, belief, belief))
-    assert found is not None
-    assert found.outline is large
+    moved, result = tracker.find(state, camera, tracker.predict(state, camera, belief, belief))
+    assert result is not None
+    assert result.outline is large
     assert moved.target is not None
-    _, seen = tracker.image_tracker.step(moved.target, _discs(rng, (x, y, 28)), Prior(np.array([x, y]), 1.0, 1.0))
-    assert seen is not None
-    assert np.linalg.norm(seen.outline.center_px - [x, y]) < 0.3
+    _, detection = tracker.image_tracker.step(moved.target, _discs(rng, (x, y, 28)), Prior(np.array([x, y]), 1.0, 1.0))
+    assert detection is not None
+    assert np.linalg.norm(detection.outline.center_px - [x, y]) < 0.3
 
 
 V = np.array([0.0, 0.5, 0.0])
@@ -254,32 +264,36 @@ def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
         return CameraFrame(image, view, stamp_s + late_s, None)
 
     belief = Belief(0.0, np.array([at(0.0), V]), 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
-    seen = Outline(view.project(at(late_s)), 0.01 * np.eye(2), 0.08, 1e-6, (100, 100, 35, 35), 900.0, False)
-    state = tracker.remember(CameraState(), camera(0.0), seen, belief)
-    now = predict(KalmanParams(order=2), belief, 0.05)
-    prior = tracker.predict(state, camera(0.05), belief, now)
+    detection = Outline(view.project(at(late_s)), 0.01 * np.eye(2), 0.08, 1e-6, (100, 100, 35, 35), 900.0, False)
+    state = tracker.remember(CameraState(), camera(0.0), detection, belief)
+    current = predict(KalmanParams(order=2), belief, 0.05)
+    prior = tracker.predict(state, camera(0.05), belief, current)
     assert prior is not None
     np.testing.assert_allclose(prior.center_px, view.project(at(0.05 + late_s)), atol=0.1)
     prior = prior._replace(std_px=2.0)
-    here, elsewhere = (replace(seen, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0))
-    for given, taken in (([elsewhere, here], here), ([elsewhere], None)):
-        found = tracker.find(state, camera(0.05)._replace(outlines=given), prior)[1]
-        assert (found and found.outline) is taken
+    near_outline, elsewhere = (
+        replace(detection, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0)
+    )
+    for outlines, taken in (([elsewhere, near_outline], near_outline), ([elsewhere], None)):
+        result = tracker.find(state, camera(0.05)._replace(outlines=outlines), prior)[1]
+        assert (result and result.outline) is taken
 
 
 def test_what_shows_in_an_objects_place_can_be_taken_for_background(rng: np.random.Generator) -> None:
     """A disc was there when the background was learned, and has left; another place that has changed stays changed."""
-    view, empty = View(LEFT_EYE, np.eye(4)), _discs(rng)
+    view = View(LEFT_EYE, np.eye(4))
+    empty = _discs(rng)
     tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
     for k in range(12):
         tracker.background.update(_discs(rng, (150, 110, 18), (60, 60, 12)), view, 0.05 * k, None)
-    one = Outline(np.array([150.0, 110.0]), 0.01 * np.eye(2), 0.08, 1e-6, (132.0, 92.0, 37.0, 37.0), 1000.0, False)
-    here, there = (135, 95, 166, 126), (55, 55, 66, 66)
-    assert tracker.background.differs(empty, view, here).mean() > 0.8
-    tracker.set_from(CameraFrame(empty, view, 1.0, None), ImageDetection(one, one.box_px, 1.0))
-    assert tracker.background.differs(empty, view, here).mean() < 0.01
+    outline = Outline(np.array([150.0, 110.0]), 0.01 * np.eye(2), 0.08, 1e-6, (132.0, 92.0, 37.0, 37.0), 1000.0, False)
+    near_outline = (135, 95, 166, 126)
+    distant_box = (55, 55, 66, 66)
+    assert tracker.background.differs(empty, view, near_outline).mean() > 0.8
+    tracker.set_from(CameraFrame(empty, view, 1.0, None), ImageDetection(outline, outline.box_px, 1.0))
+    assert tracker.background.differs(empty, view, near_outline).mean() < 0.01
     assert tracker.background.differs(empty, view, (0, 0, 320, 240))[90:131, 130:171].mean() < 0.02
-    assert tracker.background.differs(empty, view, there).mean() > 0.8
+    assert tracker.background.differs(empty, view, distant_box).mean() > 0.8
 
 
 def _before_spots(rng: np.random.Generator, disc: bool) -> np.ndarray:
@@ -299,18 +313,20 @@ def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_b
 
     Evidence adds up while the place rests.
     """
-    view, now = View(LEFT_EYE, np.eye(4)), _before_spots(rng, not was_learned)
+    view = View(LEFT_EYE, np.eye(4))
+    current = _before_spots(rng, not was_learned)
     tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 10.0, rng)
     for k in range(12):
         tracker.background.update(_before_spots(rng, was_learned), view, 0.05 * k, None)
-    target = tracker.image_tracker.start(now, (132.0, 92.0, 37.0, 37.0), fill=np.pi / 4)
-    state, prior = CameraState(target, size_px=36.0, by_background=True), Prior(np.array([150.0, 110.0]), 1.0, 1.0)
+    target = tracker.image_tracker.start(current, (132.0, 92.0, 37.0, 37.0), fill=np.pi / 4)
+    state = CameraState(target, size_px=36.0, by_background=True)
+    prior = Prior(np.array([150.0, 110.0]), 1.0, 1.0)
     evidence = []
     for k in range(12, 16):
         camera = CameraFrame(_before_spots(rng, not was_learned), view, 0.05 * k, None)
-        state, found = tracker.find(state, camera, prior)
-        assert found is not None
-        assert np.linalg.norm(found.outline.center_px - [150, 110]) < 2
+        state, result = tracker.find(state, camera, prior)
+        assert result is not None
+        assert np.linalg.norm(result.outline.center_px - [150, 110]) < 2
         evidence.append(state.ghost_score)
     assert state.is_ghost == was_learned
     steps = np.diff([0.0, *evidence])
@@ -326,12 +342,13 @@ def _eye(rng: np.random.Generator) -> ImageTracker:
 
 def test_colours_are_taken_from_well_inside_a_box_and_well_outside(rng: np.random.Generator) -> None:
     """A disc of 40 px: not from the ring of 0.9 to 1.2 of its size, nor from farther than 1.2 sizes and 4 px from its
-    middle.  Its particles are half a pixel apart, and moved as it is told."""
+    middle.  Its particles have a spread of half a pixel and the given shift."""
     v, u = np.mgrid[:240, :320]
-    far, colors = np.hypot(u - 149.5, v - 109.5), ((200, 30, 30), (30, 200, 30), (30, 30, 200), (200, 200, 30))
+    offset_px = np.hypot(u - 149.5, v - 109.5)
+    colors = ((200, 30, 30), (30, 200, 30), (30, 30, 200), (200, 200, 30))
     image = np.full((240, 320, 3), 120, np.uint8)
-    image[far < 17] = colors[0]
-    image[(far >= 18.1) & (far < 23.9)] = colors[1]
+    image[offset_px < 17] = colors[0]
+    image[(offset_px >= 18.1) & (offset_px < 23.9)] = colors[1]
     image[:, :97] = colors[2]
     image[:, 200:203] = colors[3]
     target = _eye(rng).start(image, (130.0, 90.0, 40.0, 40.0), shift_px=np.array([3.0, -2.0]))
@@ -348,7 +365,7 @@ def test_colours_are_taken_from_well_inside_a_box_and_well_outside(rng: np.rando
 
 
 def test_an_outline_that_is_followed_sets_place_and_size(rng: np.random.Generator) -> None:
-    """Of a thing that fills 0.6 of its box, 1500 px are a box of 2500."""
+    """An object that fills 0.6 of its box: 1500 px are a box of 2500 px."""
     eye = _eye(rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0), fill=0.6)
     outline = Outline(np.array([90.0, 70.0]), np.eye(2), 0.1, 1e-6, (65.0, 45.0, 50.0, 50.0), 1500.0, False)

@@ -68,7 +68,7 @@ def test_steps_are_those_of_the_textbook(order: int, rng: np.random.Generator) -
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_a_measured_velocity_counts_as_a_measurement_of_it(order: int) -> None:
-    """The next position against Gauss's combination of what the start predicts and what is measured."""
+    """The next position against Gauss's combination of the prediction and the measurement."""
     params = replace(KalmanParams.of_order(order), **EXACT)
     R = np.diag([1e-6, 4e-6, 9e-6])
     V = np.array([[4e-4, 1e-4, 0], [1e-4, 9e-4, 2e-4], [0, 2e-4, 1e-4]])
@@ -168,9 +168,9 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
     params = replace(KalmanParams.of_order(order), white_share=0.5)
     R = np.diag([1e-6, 2e-6, 3e-6])
     params = replace(params, gate_chi2=9.0, jump_chi2=16.0)
-    before = _moving(params, 12, R)
+    initial = _moving(params, 12, R)
     dt = 0.05 * (1 + missed)
-    ahead = predict(params, before, before.stamp_s + dt)
+    ahead = predict(params, initial, initial.stamp_s + dt)
     assert ahead.noise_scale < 1
     F = matrices(params, dt)[0]
     std = [0.0, *params.prior_std[: order - 1]]
@@ -203,7 +203,7 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
     outside = update(params, ahead, at(16.01, loose), R)
     assert outside.rejections == 1
     _close(outside, x, ahead.cov, 1e-12)
-    assert (outside.updated_s, outside.noise_scale) == (before.updated_s, ahead.noise_scale)
+    assert (outside.updated_s, outside.noise_scale) == (initial.updated_s, ahead.noise_scale)
 
 
 @pytest.mark.parametrize("most", [1, 2, 3])
@@ -236,7 +236,7 @@ def test_outliers_are_forgotten_when_it_is_seen_where_predicted() -> None:
 
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_thousands_of_steps_leave_the_covariance_sound(order: int, rng: np.random.Generator) -> None:
-    """Nearly exact measurements and rare gaps: symmetric, positive, and settled to what it was long before."""
+    """Nearly exact measurements and rare gaps: symmetric, positive, and converged."""
     params = replace(KalmanParams.of_order(order), adaptation_rate=0)
     R = np.diag([1e-12, 1e-10, 1e-6])
     belief = start(params, 0.0, np.zeros(3), R)

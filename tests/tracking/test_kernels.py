@@ -1,4 +1,4 @@
-"""What is compiled, against the same in whole arrays of doubles: filters of SciPy, least squares and sums of NumPy."""
+"""Compiled functions against the same in whole arrays of doubles: filters of SciPy, least squares and sums of NumPy."""
 
 import numpy as np
 import pytest
@@ -28,13 +28,13 @@ def _textbook(image: Image, mask: Mask, band: int) -> tuple[Array, Array]:
         mean = np.where(counts > 0, sums / np.maximum(counts, 1), colors.sum(axis=(0, 1)) / count)
         layers.append(np.concatenate([mean, bound], axis=-1)[edge])
     mixed = np.concatenate([image, bound], axis=-1)[edge]
-    (F, B) = layers
+    F, B = layers
     alpha = inner.astype(float)
     variance = np.zeros(mask.shape)
     shares = np.array([np.linalg.lstsq(np.stack([f, b], axis=1), i)[0] for f, b, i in zip(F, B, mixed, strict=True)])
     a, b = np.maximum(shares.reshape(-1, 2).T, 0)
-    rest = (mixed - a[:, None] * F - b[:, None] * B)[:, :3]
-    mixed_precision = np.sum((F - B) ** 2, axis=1) / (np.mean(rest**2, axis=1) + 1)
+    remainder = (mixed - a[:, None] * F - b[:, None] * B)[:, :3]
+    mixed_precision = np.sum((F - B) ** 2, axis=1) / (np.mean(remainder**2, axis=1) + 1)
     variance[edge] = 1 / (mixed_precision + 12)
     alpha[edge] = variance[edge] * (mixed_precision * a / np.maximum(a + b, 1e-6) + 12 * mask[edge])
     return alpha, variance

@@ -96,7 +96,7 @@ def test_an_ellipse_has_its_width_height_and_centre() -> None:
 
 
 def test_solidity_is_the_share_of_the_convex_hull() -> None:
-    """Of a square all, of three of its quarters 6/7; a pixel is solid."""
+    """A square is solid, three of its quarters fill 6/7 of the hull; a pixel is solid."""
     square = rectangle(10, 5, 60, 55)
     quarter = rectangle(35, 5, 60, 30)
     assert masks.solidity(square) == pytest.approx(1, abs=0.05)

@@ -209,7 +209,7 @@ def test_an_eye_that_shifts_fast_compares_a_younger_image() -> None:
         assert regions[8] == expected
 
 
-# Flow confirms what the gates leave.
+# Confirmation by flow.
 
 
 def textured(rng: np.random.Generator, level: float = 100.0) -> np.ndarray:
@@ -239,7 +239,7 @@ def test_what_the_object_uncovers_is_refuted_and_the_object_measured() -> None:
 
 
 def test_a_plain_object_is_confirmed_though_little_of_it_has_a_match() -> None:
-    """Without texture only its edge shows flow; most of what it covers and uncovers has no match, the rest is at
+    """Without texture only its edge shows flow; covered and uncovered pixels mostly have no match, others are at
     rest."""
     detected = []
     for seed in range(2):
@@ -337,7 +337,7 @@ def changed(old: np.ndarray, new: np.ndarray, shift_m: float) -> np.ndarray:
 
 @pytest.mark.parametrize("shift_m", [0.003, 0.006])
 def test_what_is_near_and_at_rest_has_no_residual_and_what_is_too_near_has(shift_m: float) -> None:
-    """Through a window in a wall 1.2 m away another plane shows; the window's sides hide and uncover some of it."""
+    """Through a window in a wall 1.2 m away another plane shows, parts of which the window's sides cover."""
     window = np.zeros((240, 320), bool)
     window[90:150, 120:200] = True
     for distance in (0.11, 0.22, 0.25, 0.3, 0.36, 0.45, 0.6, 0.9, 1.2, 3.0, 1e6):

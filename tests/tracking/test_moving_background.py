@@ -12,7 +12,9 @@ from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.moving_background import MovingBackground
 
-DT, RADIUS, WHOLE = 0.1, 16, (0, 0, 320, 240)
+DT = 0.1
+RADIUS = 16
+WHOLE = (0, 0, 320, 240)
 WALL_M = 1.2
 _SPOTS = np.random.default_rng(1).uniform(60, 190, (40, 60, 3)).astype(np.float32)
 WALL = np.clip(cv2.resize(_SPOTS, (900, 600), interpolation=cv2.INTER_CUBIC), 0, 255)
@@ -20,7 +22,7 @@ _V, _U = np.mgrid[:240, :320]
 
 
 def turned(k: int, deg: float = 1.0) -> View:
-    """An eye that turns by so much from one image to the next."""
+    """View k of an eye that turns by `deg` from one image to the next."""
     return View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, np.deg2rad(deg) * k, 0.0]))[0]))
 
 
@@ -28,7 +30,8 @@ def seen(view: View, rng: np.random.Generator, disc_px: tuple[float, float] | No
     """The wall as seen from a view, with a white disc about a pixel; and where the disc is."""
     rays = view.rays(np.stack([_U, _V], axis=-1).reshape(-1, 2).astype(float)).reshape(240, 320, 3)
     at = (rays[..., :2] / rays[..., 2:] * 400 + (450, 300)).astype(np.float32)
-    image, mask = cv2.remap(WALL, at, np.empty(0, np.float32), cv2.INTER_LINEAR), np.zeros((240, 320), bool)
+    image = cv2.remap(WALL, at, np.empty(0, np.float32), cv2.INTER_LINEAR)
+    mask = np.zeros((240, 320), bool)
     if disc_px is not None:
         mask = (_U - disc_px[0]) ** 2 + (_V - disc_px[1]) ** 2 < RADIUS**2
         image[mask] = (235.0, 235.0, 225.0)
@@ -36,8 +39,8 @@ def seen(view: View, rng: np.random.Generator, disc_px: tuple[float, float] | No
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8), np.asarray(mask)
 
 
-def overlap(found: Mask, true: Mask) -> float:
-    return float(np.count_nonzero(found & true) / np.count_nonzero(found | true))
+def overlap(mask: Mask, true: Mask) -> float:
+    return float(np.count_nonzero(mask & true) / np.count_nonzero(mask | true))
 
 
 def learned(rng: np.random.Generator, n: int, start: tuple[float, float] | None = None) -> Background:
@@ -61,7 +64,7 @@ def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng: n
 
 
 def test_nothing_moves_and_nothing_differs(rng: np.random.Generator) -> None:
-    """But for what comes into view from the side."""
+    """Except at the side where new background comes into view."""
     background = learned(rng, 12)
     image, _ = seen(turned(12), rng)
     assert background.moving.differs(image, turned(12), (40, 10, 280, 230)).mean() < 1e-3
@@ -78,13 +81,15 @@ def test_the_place_that_an_object_has_left_becomes_background(rng: np.random.Gen
     """A disc is in view from the first image on; a second later its first place is none, and the disc still one."""
     background = learned(rng, 14, (150.0, 30.0))
     image, disc = seen(turned(14), rng, (150.0, 30.0 + 8 * 14))
-    found = background.moving.differs(image, turned(14), (20, 5, 280, 235))
-    assert overlap(found, disc[5:235, 20:280]) > 0.75
+    mask = background.moving.differs(image, turned(14), (20, 5, 280, 235))
+    assert overlap(mask, disc[5:235, 20:280]) > 0.75
 
 
 @pytest.mark.parametrize("is_object", [True, False])
 def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object: bool, rng: np.random.Generator) -> None:
-    background, view, at = Background(EgoMotion(LEFT_EYE), 0.3), turned(3), (150.0, 120.0)
+    background = Background(EgoMotion(LEFT_EYE), 0.3)
+    view = turned(3)
+    at = (150.0, 120.0)
     background.moving.update(seen(turned(0), rng, None if is_object else at)[0], turned(0), 0.0, None)
     u, v = view.project(view.center + WALL_M * turned(0).rays(at))
     place = (_U - u) ** 2 + (_V - v) ** 2 < RADIUS**2
@@ -95,7 +100,7 @@ def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object: bo
 
 
 def test_the_tracked_object_s_place_is_kept(rng: np.random.Generator) -> None:
-    """An object that rests for seconds before a turning eye is no background as long as it is tracked."""
+    """An object that rests for seconds before a turning eye is not learned while it is tracked."""
     background = learned(rng, 12)
     direction = turned(12).rays([150.0, 120.0])
     for k in range(12, 40):
@@ -105,15 +110,17 @@ def test_the_tracked_object_s_place_is_kept(rng: np.random.Generator) -> None:
         background.update(image, view, DT * k, (u - RADIUS, v - RADIUS, 2 * RADIUS, 2 * RADIUS))
         if k > 30:
             break
-    x0, y0 = int(u) - 30, int(v) - 30
-    found = background.moving.differs(image, view, (x0, y0, x0 + 60, y0 + 60))
-    assert overlap(found, disc[y0 : y0 + 60, x0 : x0 + 60]) > 0.75
+    x0 = int(u) - 30
+    y0 = int(v) - 30
+    mask = background.moving.differs(image, view, (x0, y0, x0 + 60, y0 + 60))
+    assert overlap(mask, disc[y0 : y0 + 60, x0 : x0 + 60]) > 0.75
 
 
 def still(rng: np.random.Generator, *images: tuple[float, bool]) -> tuple[MovingBackground, float]:
-    """What an eye at rest has learned of images at these stamps, some with a disc in their middle; and the share of
-    the disc that differs from it."""
-    background, at = MovingBackground(EgoMotion(LEFT_EYE)), (160.0, 120.0)
+    """Background of an eye at rest learned from images at these stamps, some with a disc in the middle; and the share
+    of the disc that is foreground."""
+    background = MovingBackground(EgoMotion(LEFT_EYE))
+    at = (160.0, 120.0)
     for stamp_s, with_disc in images:
         background.update(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s, None)
     image, disc = seen(turned(0), rng, at)
@@ -128,7 +135,7 @@ def still(rng: np.random.Generator, *images: tuple[float, bool]) -> tuple[Moving
         (((0.0, False), (0.5, True), (1.0, True)), False),  # it was there half a second ago
         (((0.0, False), (0.4, True), (0.9, True)), True),  # an image before its time is left out
         (((0.0, False), (1.0, True)), True),
-        (((0.0, False), (1.1, True)), False),  # so long after the last one nothing is known any more
+        (((0.0, False), (1.1, True)), False),  # the background is too old and is reset
     ],
 )
 def test_what_looks_the_same_half_a_second_later_rests(
@@ -148,7 +155,8 @@ def test_what_is_said_to_rest_is_background_at_once(rng: np.random.Generator) ->
 
 def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> None:
     """Then everything may be an object, and nothing is evidence of one; the same once it has been forgotten."""
-    background, box = MovingBackground(EgoMotion(LEFT_EYE)), (10, 10, 60, 40)
+    background = MovingBackground(EgoMotion(LEFT_EYE))
+    box = (10, 10, 60, 40)
     image, _ = seen(turned(0), rng)
     for _ in range(2):
         assert not background.is_known
@@ -171,11 +179,13 @@ def test_an_error_of_a_pixel_is_no_difference(shift_px: int, differs: bool) -> N
 
 
 def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rng: np.random.Generator) -> None:
-    background, at, rest = learned(rng, 12), (150.0, 120.0), turned(11)
+    background = learned(rng, 12)
+    at = (150.0, 120.0)
+    share = turned(11)
     box = (at[0] - 20, at[1] - 20, 40.0, 40.0)
     for k in (12, 13):
-        background.update(seen(rest, rng, at)[0], rest, DT * k, box)
-    assert background.is_known(rest)
-    image, disc = seen(rest, rng, at)
-    assert (background.evidence(image, rest, WHOLE) > 0.5)[disc].mean() > 0.9, "it is still no background"
-    assert (background.evidence(seen(rest, rng)[0], rest, WHOLE) > 0.5)[disc].mean() < 0.05, "the wall behind it is"
+        background.update(seen(share, rng, at)[0], share, DT * k, box)
+    assert background.is_known(share)
+    image, disc = seen(share, rng, at)
+    assert (background.evidence(image, share, WHOLE) > 0.5)[disc].mean() > 0.9, "it is still no background"
+    assert (background.evidence(seen(share, rng)[0], share, WHOLE) > 0.5)[disc].mean() < 0.05, "the wall behind it is"

@@ -50,7 +50,7 @@ def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.
     """Balls of 5–30 px lit from above: mean squared normalised errors of centre and radius.
 
     Across, the stated variance is that of the errors.  Down the image light from above shifts both cameras' outlines
-    alike (`Association.shared_var_px2`); the radius is stated twice as uncertain as it is.
+    equally (`Association.shared_var_px2`); the radius's standard deviation is overestimated twofold.
     """
     camera = Camera(100, 100, 220.0, 220.0, 49.5, 49.5)
     optics = Optics(camera)
@@ -75,7 +75,7 @@ def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.
 
 
 def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng: np.random.Generator) -> None:
-    """Pixels that err two and two alike, in two opposite quarters of a disc's edge: entry by entry."""
+    """Pairs of pixels with a common error in two opposite quarters of a disc's edge: entry by entry."""
     camera = Camera(60, 60, 220.0, 220.0, 29.5, 29.5)
     optics = Optics(camera)
     box = (0, 0, 60, 60)
@@ -94,7 +94,7 @@ def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng:
         shape = outline(Coverage((alpha + noise).astype(np.float32), 0 * variance, box), optics)
         assert shape is not None
         samples[k] = *shape.center_px, shape.angular_radius_rad
-    sampled = 2 * np.cov(samples.T)  # two pixels that err alike are worth one
+    sampled = 2 * np.cov(samples.T)  # two pixels with a common error count as one
     bound = 5 * np.sqrt((np.outer(np.diag(sampled), np.diag(sampled)) + sampled**2) / (n - 1))
     np.testing.assert_array_less(np.abs(stated.cov_px - plain.cov_px - sampled[:2, :2]), bound[:2, :2])
     assert stated.angular_radius_var - plain.angular_radius_var == pytest.approx(sampled[2, 2], abs=bound[2, 2])
@@ -205,8 +205,8 @@ def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one() -> None:
 def test_what_reaches_the_image_s_border_is_cut_off(corner: tuple[int, int], size: tuple[int, int]) -> None:
     """The left, upper, right and lower border; a pixel away from it, it is whole."""
     camera = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
-    (x, y) = corner
-    (w, h) = size
+    x, y = corner
+    w, h = size
     toward = np.sign([160 - x - w / 2, 120 - y - h / 2]) * (np.abs([160 - x - w / 2, 120 - y - h / 2]) > 104)
     for (dx, dy), partial in (((0, 0), True), (toward.astype(int), False)):
         mask = np.zeros((240, 320), bool)
@@ -219,17 +219,17 @@ def test_what_reaches_the_image_s_border_is_cut_off(corner: tuple[int, int], siz
         assert shape.area_px == pytest.approx(w * h, rel=0.02)
 
 
-@pytest.mark.parametrize(("given", "missing"), [(True, 0.5), (False, 0.3)])
-def test_what_is_hidden_of_no_disc_may_lie_to_any_side(given: bool, missing: float) -> None:
-    """Half a disc's centroid is 4/(3π) of its radius off; a half of a square is so doubtful, and in proportion what is
-    cut off by the border, which is taken to be three tenths."""
+@pytest.mark.parametrize(("expected_px", "missing"), [(True, 0.5), (False, 0.3)])
+def test_what_is_hidden_of_no_disc_may_lie_to_any_side(expected_px: bool, missing: float) -> None:
+    """Half a disc's centroid is 4/(3π) of its radius off; half a square gets that variance, and a part cut off by
+    the border a proportional one, for an assumed hidden share of three tenths."""
     camera = Camera(320, 240, 2000.0, 2000.0, 159.5, 119.5)
     mask = np.zeros((240, 320), bool)
-    mask[100:160, 140:170] = given
-    mask[100:160, :30] |= not given
+    mask[100:160, 140:170] = expected_px
+    mask[100:160, :30] |= not expected_px
     image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
     visible = outline(cover(image, mask, FULL), Optics(camera))
-    result = fit_outline(image, mask, FULL, Optics(camera), 3600.0 if given else None)
+    result = fit_outline(image, mask, FULL, Optics(camera), 3600.0 if expected_px else None)
     assert visible is not None
     assert result is not None
     assert result.is_partial
@@ -240,7 +240,7 @@ def test_what_is_hidden_of_no_disc_may_lie_to_any_side(given: bool, missing: flo
 
 
 def test_a_disc_is_completed_where_most_of_its_edge_shows(optics: Optics) -> None:
-    """Two thirds of a disc that end at its centre; of a cross of as large an area two thirds of the edge lie within."""
+    """Two thirds of a disc that end at its centre; a cross of equal area has two thirds of its edge inside the disc."""
     v, u = np.mgrid[:240, :320]
     angle = np.arctan2(v - 120, u - 160)
     disc = np.hypot(u - 160, v - 120) < 30

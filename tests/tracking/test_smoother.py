@@ -126,9 +126,9 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator)
     tracks = [step.track for step in smoothed_steps(KalmanParams(), steps)]
     assert [t.status for t in tracks] == [s.track.status for s in steps]
     tracked = [k for k, track in enumerate(tracks) if track.is_known]
-    before = np.array([steps[k].track.position - truth[k] for k in tracked])
+    earlier = np.array([steps[k].track.position - truth[k] for k in tracked])
     after = np.array([tracks[k].position - truth[k] for k in tracked])
-    assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(before**2))
+    assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(earlier**2))
     for k in tracked:
         assert np.trace(tracks[k].cov[:3, :3]) <= np.trace(steps[k].track.cov[:3, :3]) * (1 + 1e-9)
         assert np.linalg.eigvalsh(tracks[k].cov).min() > 0
@@ -142,13 +142,13 @@ def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng: np.random.Gene
     with the one before it."""
     steps, _ = _steps(rng)
     elsewhere = Observation3D(-0.1, np.array([0.2, 0.3, 0.1]), np.diag([4e-6, 4e-6, 1e-5]), 0.03, 1e-6, 0.1)
-    before = [
+    earlier = [
         TrackerStep(Track3D.unknown(t), (), observation, np.zeros(3))
         for t, observation in ((-0.1, elsewhere), (-0.05, None))
     ]
     alone = list(smoothed_steps(KalmanParams(), steps))
     later = [replace(step, track=replace(step.track, stamp_s=step.track.stamp_s + 2.0)) for step in steps]
-    for more, part in (([*before, *steps], slice(2, None)), ([*steps, *later], slice(0, len(steps)))):
+    for more, part in (([*earlier, *steps], slice(2, None)), ([*steps, *later], slice(0, len(steps)))):
         smoothed = list(smoothed_steps(KalmanParams(), more))
         assert len(smoothed) == len(more)
         for step, expected in zip(smoothed[part], alone, strict=True):
@@ -212,7 +212,7 @@ def test_a_long_track_is_smoothed_as_by_all_later_measurements(order: int) -> No
 
 
 def test_a_long_track_comes_while_it_goes_on() -> None:
-    """So that what is held back is bounded."""
+    """The number of buffered steps is bounded."""
     taken = 0
 
     def steps() -> Iterator[TrackerStep]:

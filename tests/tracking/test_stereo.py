@@ -1,5 +1,4 @@
-"""What pairs tell of the calibration's error and of their outlines': nothing beyond their noise, the error where it is
-more; and what is stated of objects that are no balls."""
+"""Calibration and outline errors estimated from pairs, and the covariance of objects that are not balls."""
 
 from dataclasses import replace
 from typing import Any
@@ -45,10 +44,10 @@ def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibrat
         association = association.learned(
             VIEW, replace(SEEN, residual_px=0.5 * abs(STD_PX * rng.standard_normal())), SHAPE, SHAPE
         )
-    before = association.error_px
+    untrained = association.error_px
     for _ in range(10):
         association = association.learned(VIEW, replace(SEEN, residual_px=2.5), half, SHAPE)
-    assert association.error_px == before < 2 * STD_PX
+    assert association.error_px == untrained < 2 * STD_PX
 
 
 P = np.array([0.12, 0.08, 0.4])
@@ -56,7 +55,7 @@ RADIUS_M = 0.02
 
 
 def exact_outline(eye: View, angular_var: float = 1e-9, **changes: Any) -> Outline:
-    """The ball at P as it is seen without error."""
+    """The ball's exact outline at P."""
     radius = float(np.arcsin(RADIUS_M / np.linalg.norm(P - eye.center)))
     exact = replace(SHAPE, center_px=eye.project(P), angular_radius_rad=radius, angular_radius_var=angular_var)
     return replace(exact, **changes)
@@ -64,9 +63,8 @@ def exact_outline(eye: View, angular_var: float = 1e-9, **changes: Any) -> Outli
 
 @pytest.mark.parametrize("angular_var", [1e-12, 1e-5], ids=["distance decides", "size decides"])
 def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: float, rng: np.random.Generator) -> None:
-    """Outlines that err as stated, and a calibration that errs by what is believed of it before anything is known.
-    A radius that errs with the distance errs alike in both eyes; what they err by each on its own is halved, and
-    stated as that of one of them."""
+    """Outlines that err as stated, and a calibration error with its prior variance.  The distance's error of the
+    radius is common to both eyes; the eyes' independent errors are halved and stated as one eye's."""
     n = 1500
     calibration_px = 0.2
     left = exact_outline(VIEW.left, angular_var)
@@ -166,8 +164,8 @@ def test_parameters_outside_their_range_are_refused(
 
 
 def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts() -> None:
-    """All pairs' outlines erred by 0.04 px² beyond what they state, the last ones' by 0.01: of 0.06 px² that are stated
-    the difference is a half, which lasts and comes on top."""
+    """All pairs' outlines erred by 0.04 px² beyond their stated variance, the last ones by 0.01: the difference is half
+    of the stated 0.06 px², which is added as a correlated error."""
     outlines = [replace(exact_outline(eye), cov_px=0.02 * np.eye(2)) for eye in (VIEW.left, VIEW.right)]
     association = Association(StereoParams(), 1.0, -1.0, outline_var_px2=0.01, mean_outline_var_px2=0.04)
     result = association.observe(VIEW, *outlines, 0.0)
@@ -211,8 +209,8 @@ def rough(eye: View, center: Array, radius_m: float, edge: Array, optics: Optics
 
 
 def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng: np.random.Generator) -> None:
-    """Edges of 28 px radius that err by 1.5 px independently every 9 px, or alike in both eyes; nothing is told of it.
-    The position is as uncertain as is stated, but for the depth where both eyes err alike."""
+    """Edges of 28 px radius that err by 1.5 px independently every 9 px, or equally in both eyes; the outlines do not
+    state it.  The position's covariance is right, except for the depth where both eyes have the same error."""
     optics = Optics(CAMERA)
     center = np.array([0.034, 0.0, 0.5])
     for alike in (False, True):
@@ -281,11 +279,11 @@ def test_a_turning_neck_carries_a_point_like_a_rigid_body(robot: Robot, rig: Ste
     q = home(robot)
     rate = 0.4
     dt = 1e-4
-    before = rig.view(q)
+    untrained = rig.view(q)
     current = rig.view(set_gaze(robot, q, yaw=rate * dt))
-    point_of_head = move_points(before.left.T_camera_root, SEEN_AT)
+    point_of_head = move_points(untrained.left.T_camera_root, SEEN_AT)
     expected = (move_points(current.left.T_root_camera, point_of_head) - SEEN_AT) / dt
-    np.testing.assert_allclose(apparent_velocity(before, current, SEEN_AT, dt), expected, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(apparent_velocity(untrained, current, SEEN_AT, dt), expected, rtol=1e-3, atol=1e-5)
     assert np.linalg.norm(expected) > 0.15  # 0.4 rad/s at 0.45 m from the eyes
 
 

@@ -17,7 +17,8 @@ from tracking.marker import MarkerParams
 from tracking.stereo import StereoParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
-RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
+RED = (210.0, 45.0, 40.0)
+GREEN = (25.0, 200.0, 60.0)
 DT = 0.05
 
 
@@ -111,8 +112,8 @@ def _patch(world: BallScene, across: float) -> Sphere:
     ahead = world.rig.view(world.q(0.0)).left.T_root_camera
     direction = ahead[:3, :3] @ np.array([across, -0.1, 1.0])
     k = int(np.abs(direction).argmax())
-    far = (np.copysign(ROOM_M, direction[k]) - ahead[k, 3]) / direction[k]
-    return Sphere(ahead[:3, 3] + far * direction, 0.06, GREEN)
+    distance_m = (np.copysign(ROOM_M, direction[k]) - ahead[k, 3]) / direction[k]
+    return Sphere(ahead[:3, 3] + distance_m * direction, 0.06, GREEN)
 
 
 def test_a_patch_of_the_wall_is_no_marker(world: BallScene, rng: np.random.Generator) -> None:
@@ -129,9 +130,11 @@ def test_a_marker_that_rests_before_the_wall_is_found(world: BallScene, rng: np.
 def test_a_marker_that_rests_from_the_first_image_on_is_found_whole_once_it_moves(
     robot: Robot, rig: StereoRig, rng: np.random.Generator
 ) -> None:
-    """Before eyes at rest it is background until then; what it was before is forgotten where it was."""
-    tracker, q = Tracker(TrackerParams(mode="marker"), rig, rng), home(robot)
-    ahead, tracks = rig.view(q).left.T_root_camera, []
+    """Before eyes at rest it is background until then; the background is reset at its place."""
+    tracker = Tracker(TrackerParams(mode="marker"), rig, rng)
+    q = home(robot)
+    ahead = rig.view(q).left.T_root_camera
+    tracks = []
     for k in range(9):
         p = (ahead @ np.array([0.02 + 0.006 * max(k - 3, 0), 0.02, 0.4, 1.0]))[:3]
         tracks.append(tracker.step(frame(rig, q, [Sphere(p, 0.015, GREEN)], DT * k, rng)).track)
@@ -144,9 +147,9 @@ def test_a_marker_that_rests_from_the_first_image_on_is_found_whole_once_it_move
 
 def test_of_two_things_of_its_hue_the_marker_is_the_one_that_moves(world: BallScene, rng: np.random.Generator) -> None:
     steps = _marker_tracks(world, rng, lambda t: [_patch(world, -0.2), Sphere(world.position(t), 0.01, GREEN)])
-    known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
-    assert len(known) >= 20
-    assert max(known) < 0.005
+    is_known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
+    assert len(is_known) >= 20
+    assert max(is_known) < 0.005
 
 
 def test_a_marker_before_something_large_of_its_hue_is_told_by_its_colours(
@@ -156,13 +159,13 @@ def test_a_marker_before_something_large_of_its_hue_is_told_by_its_colours(
 
     def balls(t: float) -> list[Sphere]:
         ahead = world.rig.view(world.q(0.0)).left.T_root_camera
-        far = (ahead @ np.array([0.05, 0.0, 1.0, 1.0]))[:3]
-        return [Sphere(far, 0.3, (60.0, 140.0, 70.0)), Sphere(world.position(t), 0.012, GREEN)]
+        distance_m = (ahead @ np.array([0.05, 0.0, 1.0, 1.0]))[:3]
+        return [Sphere(distance_m, 0.3, (60.0, 140.0, 70.0)), Sphere(world.position(t), 0.012, GREEN)]
 
     steps = _marker_tracks(world, rng, balls)
-    known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
-    assert len(known) >= 20
-    assert max(known) < 0.006
+    is_known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
+    assert len(is_known) >= 20
+    assert max(is_known) < 0.006
 
 
 def test_hidden_it_coasts_is_lost_and_comes_back(world: BallScene, rng: np.random.Generator) -> None:
@@ -196,8 +199,8 @@ def _black(f: StereoFrame, _: StereoFrame) -> StereoFrame:
     return replace(f, right=np.zeros_like(f.right))
 
 
-def _frozen(f: StereoFrame, before: StereoFrame) -> StereoFrame:
-    return replace(f, right=before.right)
+def _frozen(f: StereoFrame, previous: StereoFrame) -> StereoFrame:
+    return replace(f, right=previous.right)
 
 
 @pytest.mark.parametrize("spoil", [_black, _frozen])
@@ -206,9 +209,9 @@ def test_a_failed_eye_loses_the_track_and_invents_none(
 ) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     _run(world, tracker, 12, rng)
-    before = world.frame(12, rng)
-    assert tracker.step(before).track.status is Status.TRACKING
-    steps = [tracker.step(spoil(world.frame(k, rng), before)) for k in range(13, 27)]
+    previous = world.frame(12, rng)
+    assert tracker.step(previous).track.status is Status.TRACKING
+    steps = [tracker.step(spoil(world.frame(k, rng), previous)) for k in range(13, 27)]
     status = [step.track.status for step in steps]
     coasting = status.count(Status.COASTING)
     assert coasting in (9, 10)  # half a second
@@ -239,7 +242,8 @@ def test_a_marker_hidden_by_something_larger_of_its_hue_is_not_claimed_elsewhere
     tracker = Tracker(TrackerParams(mode="marker", marker=MarkerParams(hue_deg=0.0)), world.rig, rng)
     errors = []
     for k in range(34):
-        q, p = world.q(DT * k), world.position(DT * k)
+        q = world.q(DT * k)
+        p = world.position(DT * k)
         eyes = world.rig.view(q)
         middle = 0.5 * (eyes.left.center + eyes.right.center)
         down = eyes.left.T_root_camera[:3, 1]
@@ -268,7 +272,9 @@ def test_eyes_at_rest_track_what_no_single_colour_separates(
     """A grey, a black and a striped ball, which rest in view for half a second and then move."""
     q = home(robot)
     ahead = rig.view(q).left.T_root_camera
-    tracker, off, radii = Tracker(TrackerParams(), rig, rng), [], []
+    tracker = Tracker(TrackerParams(), rig, rng)
+    off = []
+    radii = []
     for k in range(40):
         position = (ahead @ np.array([-0.05 + 0.008 * max(k - 10, 0), 0.02, 0.45, 1.0]))[:3]
         step = tracker.step(frame(rig, q, [Sphere(position, 0.03, color, stripes)], DT * k, rng))
@@ -299,7 +305,8 @@ def test_eyes_that_look_one_after_the_other(world: BallScene, rng: np.random.Gen
 
 
 def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world: BallScene, rng: np.random.Generator) -> None:
-    tracker, good = Tracker(TrackerParams(), world.rig, rng), world.frame(0, rng)
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    good = world.frame(0, rng)
     small = np.zeros((120, 160, 3), np.uint8)
     for changes, says in (
         ({"right": small}, r"right image \(120, 160, 3\) uint8; expected \(240, 320, 3\) uint8"),
@@ -310,23 +317,24 @@ def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world: BallSc
         ({"joints_right_rad": np.zeros(3)}, "3"),
         ({"joints_left_rad": None}, "joints"),
     ):
-        before = tracker.state
+        previous = tracker.state
         with pytest.raises(ValueError, match=says):
             tracker.step(replace(good, **changes))  # type: ignore[arg-type]
-        assert tracker.state is before
+        assert tracker.state is previous
     assert tracker.step(good).track.status is Status.SEARCHING
 
 
 @pytest.mark.parametrize("mode", ["generic", "marker"])
 def test_what_one_eye_alone_sees_is_still_reported(robot: Robot, rig: StereoRig, mode: str) -> None:
     """From frame 20 the right eye no longer sees the ball."""
-    rng, world = np.random.default_rng(5), BallScene(robot, rig, color=GREEN)
+    rng = np.random.default_rng(5)
+    world = BallScene(robot, rig, color=GREEN)
     tracker = Tracker(TrackerParams(mode=mode), rig, rng)  # type: ignore[arg-type]
     for k in range(24):
         hidden = world.frame(k, rng, visible=False).right
         step = tracker.step(replace(world.frame(k, rng), **({"right": hidden} if k >= 20 else {})))
     assert step.track.status is Status.COASTING
-    assert [seen.camera for seen in step.detections] == ["left"]
+    assert [is_visible.camera for is_visible in step.detections] == ["left"]
     truth = rig.view(world.q(DT * 23)).left.project(world.position(DT * 23))
     np.testing.assert_allclose(step.detections[0].center_px, truth, atol=1.0)
 
