@@ -1,4 +1,4 @@
-"""One command from several controllers, each of which moves joints of its own."""
+"""One command from several controllers, which move disjoint sets of joints."""
 
 import numpy as np
 import pytest

@@ -58,7 +58,7 @@ def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot: Robot) -> Non
     wrist = robot.indices(("left_wrist_pitch", "left_wrist_yaw"))
     q[wrist] = (-30 * DEG, 15 * DEG)
     first = rates(robot, q, MovingPoint("left_lower_arm", (0, 0, 0), np.zeros(3)))
-    np.testing.assert_allclose(first[wrist], (30 * DEG, -15 * DEG), atol=1e-4)  # what is left, per second
+    np.testing.assert_allclose(first[wrist], (30 * DEG, -15 * DEG), atol=1e-4)  # remaining, per second
     for _ in range(100):
         q = q + DT * rates(robot, q, MovingPoint("left_lower_arm", (0, 0, 0), np.zeros(3)))
     np.testing.assert_allclose(q[wrist], 0.0, atol=1 * DEG)
@@ -182,7 +182,7 @@ def test_points_that_disagree_count_by_their_weights(robot: Robot) -> None:
 
 @pytest.mark.parametrize(("free_across", "share"), [(False, 0.5), (True, 2.0)])
 def test_a_point_that_is_free_across_moves_along_at_full_speed(robot: Robot, free_across: bool, share: float) -> None:
-    """Asked to move 60° off the only way that it can: at half the speed, or at twice it, so that all of it is along."""
+    """Asked to move 60° off the only way that it can: at half the speed, or at twice it, so that none is across."""
     params, q, pitch, point, along = beside_the_shoulder(robot, 0.2)
     axis = robot.at(q).jacobian("left_upper_arm")[3:, pitch]
     velocity = 0.02 * (0.5 * along + np.sqrt(0.75) * axis)

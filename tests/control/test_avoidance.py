@@ -1,4 +1,4 @@
-"""R eq. 6 by hand, what an arm responds to, and balls that never touch it (pure kinematics, 20 Hz)."""
+"""R eq. 6 by hand, the response of an arm, and balls that never touch it (pure kinematics, 20 Hz)."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -128,7 +128,7 @@ def test_an_idle_arm_stays_where_it_is(robot: Robot) -> None:
 
 
 def test_short_activation_is_not_confirmed_and_a_new_one_is_followed_at_once(robot: Robot) -> None:
-    """Three frames are too short; during a response or a return, activation of any taxel needs no more."""
+    """Three frames are too short; during a response or a return, activation of any taxel is enough."""
     on = activations_of(FOREARM, left_forearm_27=1.0)
     on_other = activations_of(FOREARM, left_forearm_87=1.0)
     off = 0 * on

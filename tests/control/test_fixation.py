@@ -28,7 +28,7 @@ def random_gaze(robot: Robot, rng: np.random.Generator) -> Array:
 
 
 def move(robot: Robot, q: Array, dq: Array) -> Array:
-    """One control period; checks what the head promises."""
+    """One control period; checks the head's limits."""
     neck = robot.indices(NECK)
     eyes = robot.indices(EYES)
     assert np.abs(dq[neck]).max() <= 60 * DEG + 1e-6

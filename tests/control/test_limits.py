@@ -1,4 +1,4 @@
-"""The last stage of every command, held for as long as it is valid; distances by coal at many points of the way."""
+"""The last stage of every command, held throughout its validity; distances by coal at many points of the way."""
 
 from dataclasses import replace
 
@@ -244,7 +244,7 @@ def test_an_arm_pressed_against_the_chest_stops_20_mm_before_it(robot: Robot, bo
 def test_before_the_chest_the_arm_brakes_within_its_acceleration_limit(
     robot: Robot, rng: np.random.Generator, bodies: SelfCollision
 ) -> None:
-    """Commands that change at random: what the next one asks for is not free, the way of the last one is."""
+    """Commands that change at random: the next one is not proven free, the way of the last one is."""
     arm = robot.indices(robot.names.arm("left"))
     dt = 0.01
     q = near_the_chest(robot, bodies, 0.03)

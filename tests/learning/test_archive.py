@@ -1,4 +1,4 @@
-"""Archives of arrays: what is written is read, and nothing else is."""
+"""Archives of arrays: exact copies are read, anything else is refused."""
 
 from importlib.metadata import version
 from pathlib import Path
@@ -13,11 +13,11 @@ from pps_vision.errors import InputError
 def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path: Path) -> None:
     file = tmp_path / "a.npz"
     write_archive(file, "map", 2, {"x": np.arange(3.0), "names": np.array(["a", "b"])})
-    found = read_archive(file, "map", 2, ("x", "names"))
-    assert found["x"].tolist() == [0, 1, 2]
-    assert found["names"].tolist() == ["a", "b"]
+    arrays = read_archive(file, "map", 2, ("x", "names"))
+    assert arrays["x"].tolist() == [0, 1, 2]
+    assert arrays["names"].tolist() == ["a", "b"]
     assert list(tmp_path.iterdir()) == [file]
-    assert found["written_by"] == version("pps-vision")
+    assert arrays["written_by"] == version("pps-vision")
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,11 +32,6 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path, mon
         write_archive(file, "map", 2, {"x": 2.0})
     assert list(tmp_path.iterdir()) == [file]
     assert read_archive(file, "map", 2, ("x",))["x"] == 1
-
-
-def test_a_file_that_says_nothing_of_who_wrote_it_is_read(tmp_path: Path) -> None:
-    np.savez(tmp_path / "old.npz", kind="map", version=2, x=1.0)
-    assert read_archive(tmp_path / "old.npz", "map", 2, ("x",))["written_by"] == "unknown"
 
 
 @pytest.mark.parametrize(
@@ -69,3 +64,8 @@ def test_more_than_256_mib_are_refused(tmp_path: Path) -> None:
     write_archive(file, "map", 2, {"x": np.zeros(most, np.uint8)})
     with pytest.raises(InputError, match=f"of arrays; expected map of at most {most}"):
         read_archive(file, "map", 2, ("x",))
+
+
+def test_a_file_that_says_nothing_of_who_wrote_it_is_read(tmp_path: Path) -> None:
+    np.savez(tmp_path / "old.npz", kind="map", version=2, x=1.0)
+    assert read_archive(tmp_path / "old.npz", "map", 2, ("x",))["written_by"] == "unknown"

@@ -1,4 +1,4 @@
-"""What was learned, asked on a torch device: the same answers as without, whatever the portions."""
+"""Learned memories and maps give the same results on a torch device, in portions of any size."""
 
 import numpy as np
 import pytest
@@ -36,9 +36,10 @@ def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.rando
     memory = PPSMemory(("a", "b", "c"), np.zeros(3, np.intp), counts, params)
     D, TTC = rng.uniform(-0.15, 0.25, (50, 3)), rng.uniform(-0.5, 3.5, (50, 3))
     D[3, 1] = np.nan
-    plain, found = activation(memory, D, TTC), activation(memory, D, TTC, device=device)
+    plain = activation(memory, D, TTC)
+    by_torch = activation(memory, D, TTC, device=device)
     assert 0.3 < (plain > 0).mean() < 0.9
-    assert np.allclose(found, plain, rtol=0, atol=1e-12)
+    assert np.allclose(by_torch, plain, rtol=0, atol=1e-12)
     assert activation(memory, 0.05, 0.5, device=device) == pytest.approx(activation(memory, 0.05, 0.5), abs=1e-12)
 
 
@@ -52,19 +53,19 @@ def test_reachability(device: str | None, rows: int, rng: np.random.Generator) -
     gaze = rng.uniform(limits.lower, limits.upper, (40, 3))
     gaze[0], gaze[1] = limits.lower, limits.upper
     gaze[2, 0] = limits.upper[0] + 0.01
-    found = reachable_map.query(gaze, 0.4, device)
+    prediction = reachable_map.query(gaze, 0.4, device)
     to_log = np.array([gaze[:, 0], gaze[:, 1], np.log(np.tan(gaze[:, 2] / 2))]).T
     ends = [np.r_[end[:2], np.log(np.tan(end[2] / 2))] for end in (limits.lower, limits.upper)]
     axes = [np.linspace(low, high, n) for low, high, n in zip(*ends, shape, strict=True)]
-    signed, good, bad = (RegularGridInterpolator(axes, one, bounds_error=False)(to_log) for one in values)
+    signed, good, bad = (RegularGridInterpolator(axes, field, bounds_error=False)(to_log) for field in values)
     inside = np.arange(40) != 2
     expected = 1 / (1 + np.exp(-signed / 0.05))
-    assert np.allclose(found.probability[inside], expected[inside], atol=1e-9)
+    assert np.allclose(prediction.probability[inside], expected[inside], atol=1e-9)
     degree = np.where(signed > 0, 0.5 + 0.5 * good, 0.5 - 0.5 * bad / 0.2)
-    assert np.allclose(found.degree[inside], degree[inside], atol=1e-9)
-    assert np.array_equal(found.within_limits, inside)
-    assert np.array_equal(found.reachable, inside & (expected > 0.4))
-    assert np.isnan(found.probability[2])
-    assert np.isnan(found.degree[2])
+    assert np.allclose(prediction.degree[inside], degree[inside], atol=1e-9)
+    assert np.array_equal(prediction.within_limits, inside)
+    assert np.array_equal(prediction.reachable, inside & (expected > 0.4))
+    assert np.isnan(prediction.probability[2])
+    assert np.isnan(prediction.degree[2])
     assert len(reachable_map.query(np.zeros((0, 3)), device=device).reachable) == 0
     assert reachable_map.query(gaze[4:5], device=device).degree == pytest.approx(degree[4:5], abs=1e-9)

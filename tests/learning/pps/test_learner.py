@@ -1,4 +1,4 @@
-"""One learning iteration a contact, whatever the touches' order and length."""
+"""One learning iteration a contact, for touches of any order and length."""
 
 from dataclasses import replace
 
@@ -95,7 +95,7 @@ def test_a_touch_by_an_unseen_object_teaches_nothing_and_is_counted():
 
 
 def test_a_reset_clock_ends_a_contact():
-    before = run([[]] * 10 + [[0]], start=20.0)
-    assert before.contact is not None
-    after = run([[]] * 10 + [[1], []], before, start=1.0)
+    touching = run([[]] * 10 + [[0]], start=20.0)
+    assert touching.contact is not None
+    after = run([[]] * 10 + [[1], []], touching, start=1.0)
     assert samples(after) == [[0, 11], [11, 0], [0, 11], [0, 11]]

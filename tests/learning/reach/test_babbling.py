@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.reach.babbling import Babbled, babble, crossing, gaze_at
+from learning.reach.babbling import Babbled, babble
 from learning.reach.params import ArmLimits
 from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits, fixation_points
@@ -37,12 +37,6 @@ def test_limits_decide_what_can_be_fixated(babbled):
 def test_an_unknown_side_is_refused():
     with pytest.raises(ValueError, match="side 'third': expected left or right"):
         babble(ROBOT, "third", 10, np.random.default_rng(0))
-
-
-def test_gaze_and_crossing_are_inverse():
-    limits = GazeLimits()
-    gaze = np.random.default_rng(2).uniform(limits.lower, limits.upper, (50, 3))
-    np.testing.assert_allclose(gaze_at(crossing(gaze)), gaze, atol=1e-9)
 
 
 def test_postures_without_an_answer_are_counted_apart():

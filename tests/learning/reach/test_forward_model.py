@@ -43,10 +43,11 @@ def test_where_babbling_never_was_it_knows_too(model):
     arm = np.random.default_rng(32).uniform(ArmLimits().lower_rad, ArmLimits().upper_rad, (400, 4))
     hand = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm").positions(arm)[0]
     wide = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.02, 2.0))
-    seen, never = gaze_for_points(ROBOT, hand, wide), np.isnan(gaze_for_points(ROBOT, hand)).any(axis=1)
-    known = never & np.isfinite(seen).all(axis=1)
-    assert known.sum() > 50
-    assert np.rad2deg(np.abs(model.gaze(model.forward(arm[known])[0], wide) - seen[known])).max() < 0.1
+    wide_gaze = gaze_for_points(ROBOT, hand, wide)
+    never = np.isnan(gaze_for_points(ROBOT, hand)).any(axis=1)
+    new = never & np.isfinite(wide_gaze).all(axis=1)
+    assert new.sum() > 50
+    assert np.rad2deg(np.abs(model.gaze(model.forward(arm[new])[0], wide) - wide_gaze[new])).max() < 0.1
 
 
 def test_samples_in_any_portions_teach_the_same(model, babbled):
@@ -72,7 +73,7 @@ def test_what_was_fixated_wrongly_is_left_out(babbled):
 
 @pytest.mark.parametrize("noise_deg", [1.0, 3.0])
 def test_noisy_fixation_averages_out(babbled, noise_deg):
-    """1100 samples for 247 numbers: what is left of the noise is less than a third."""
+    """1100 samples for 247 numbers: less than a third of the noise remains."""
     train, rng = babbled[0], np.random.default_rng(35)
     noisy = train.gaze_rad + np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
     learned = RevoluteArm()
@@ -111,8 +112,9 @@ def bent():
     """A robot whose gears have an error: sin 2q of a degree in every joint, so that no structure of Φ holds it."""
     arm = np.random.default_rng(36).uniform(ArmLimits().lower_rad, ArmLimits().upper_rad, (4000, 4))
     gaze = gaze_at_hand(ROBOT, "right", arm + np.deg2rad(1) * np.sin(2 * arm))
-    seen = np.isfinite(gaze).all(axis=1)
-    arm, gaze = arm[seen], gaze[seen]
+    fixated = np.isfinite(gaze).all(axis=1)
+    arm = arm[fixated]
+    gaze = gaze[fixated]
     learned = RevoluteArm()
     learned.learn(arm[:800], gaze[:800])
     with pytest.MonkeyPatch.context() as patch:
@@ -165,7 +167,9 @@ def test_inverse_kinematics_on_what_was_learned_says_what_it_says_on_the_robot(m
     rng = np.random.default_rng(33)
     gaze = rng.uniform(LIMITS.lower, LIMITS.upper, (600, 3))
     hand = HandModel(model.forward, model.points, model.gaze)
-    learned, own = (ReachOracle(ROBOT, "right", MapParams(), rng, of).label(gaze) for of in (hand, None))
+    learned, own = (
+        ReachOracle(ROBOT, "right", MapParams(), rng, model_of_hand).label(gaze) for model_of_hand in (hand, None)
+    )
     assert np.mean(learned.reachable == own.reachable) > 0.995
 
 

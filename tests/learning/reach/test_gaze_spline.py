@@ -15,10 +15,10 @@ def gaze(n, seed=0):
 
 
 def test_nodes_are_met_and_between_them_it_follows_a_smooth_function():
-    nodes, asked = gaze(3000), gaze(200, 1) * 0.8 + 0.1 * (LIMITS.lower + LIMITS.upper)
+    nodes, queries = gaze(3000), gaze(200, 1) * 0.8 + 0.1 * (LIMITS.lower + LIMITS.upper)
     spline = GazeSpline(nodes, np.sin(3 * nodes).sum(axis=1))
     np.testing.assert_allclose(spline(nodes[:50]), np.sin(3 * nodes[:50]).sum(axis=1), atol=1e-9)
-    assert np.sqrt(np.mean((spline(asked) - np.sin(3 * asked).sum(axis=1)) ** 2)) < 3e-3
+    assert np.sqrt(np.mean((spline(queries) - np.sin(3 * queries).sum(axis=1)) ** 2)) < 3e-3
     assert spline(np.zeros((0, 3))).shape == (0,)
 
 
@@ -33,14 +33,14 @@ def test_of_repeated_nodes_the_first_counts_and_repeated_queries_are_answered_al
     nodes = gaze(100)
     values = isotropic(nodes) @ [1.0, 2.0, 3.0]
     repeated = GazeSpline(np.concatenate([nodes, nodes]), np.concatenate([values, -values]))
-    asked = np.repeat(gaze(5, 1), 3, axis=0)
-    np.testing.assert_allclose(repeated(asked), isotropic(asked) @ [1.0, 2.0, 3.0], atol=1e-6)
+    queries = np.repeat(gaze(5, 1), 3, axis=0)
+    np.testing.assert_allclose(repeated(queries), isotropic(queries) @ [1.0, 2.0, 3.0], atol=1e-6)
 
 
 def test_nodes_on_a_plane_say_nothing_across():
     nodes = gaze(100) * [1, 1, 0] + [0, 0, 0.5]
-    spline, asked = GazeSpline(nodes, 1 + nodes[:, 0]), gaze(50, 1) * 0.5 + [0, 0, 0.2]
-    on = asked * [1, 1, 0] + [0, 0, 0.5]
+    spline, queries = GazeSpline(nodes, 1 + nodes[:, 0]), gaze(50, 1) * 0.5 + [0, 0, 0.2]
+    on = queries * [1, 1, 0] + [0, 0, 0.5]
     np.testing.assert_allclose(spline(on), 1 + on[:, 0], atol=0.05)
     across = np.array([0, 0, 0.1])
     above, below = isotropic(on) + across, isotropic(on) - across
