@@ -10,7 +10,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 from tracking import masks
-from tracking.background_edge import ASIDE_PX, GHOST_EDGE, MIN_GHOST_PX, edge_of_background
+from tracking.background_edge import ASIDE_PX, edge_of_background, ghosts
 from tracking.ego_motion import Box, EgoMotion
 from tracking.moving_background import MovingBackground, beyond, most, smoothed
 
@@ -156,7 +156,8 @@ class Background:
         layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
         _learn(current, *layers, gain, self._threshold, stamp_s, self.memory_s, excluded)
         if bottom == height:
-            self._set_ghosts(image, view, stamp_s)
+            for mask, box in ghosts(self._rests.view(np.uint8), image, self._mean, gain, margin=2):
+                self.set_from(image, view, stamp_s, masks.dilated(mask, 2), box)
 
     def _behind(self, view: View, box: Box, image: Image) -> Pixels | float:
         """The moving camera's background of a box that an object hides."""
@@ -166,25 +167,6 @@ class Background:
         expected = self.moving.seen(view, box)
         expected[expected < 0] = _UNKNOWN
         return expected
-
-    def _set_ghosts(self, image: Image, view: View, stamp_s: float) -> None:
-        """Set the background at ghosts from the image."""
-        rests = self._rests.view(np.uint8)
-        left, top, width, height = cv2.boundingRect(rests)
-        if not width:
-            return
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(rests[top : top + height, left : left + width])
-        for k in range(1, count):
-            x, y, w, h, area = (int(value) for value in stats[k])
-            if area >= MIN_GHOST_PX:
-                mask = np.pad(np.asarray(labels[y : y + h, x : x + w] == k), 2)
-                x += left
-                y += top
-                box = max(x - 2, 0), max(y - 2, 0), min(x + w + 2, image.shape[1]), min(y + h + 2, len(image))
-                mask = mask[box[1] - y + 2 : box[3] - y + 2, box[0] - x + 2 : box[2] - x + 2]
-                edge = edge_of_background(image, self._mean, self._gain_of(image), mask, box)
-                if edge is not None and edge > GHOST_EDGE:
-                    self.set_from(image, view, stamp_s, masks.dilated(mask, 2), box)
 
     def invalidate(self, image: Image, view: View, mask: Mask, box: Box) -> None:
         """Mark the background as unknown where an object, a mask (h, w) of the region `box`, equals it, and in other

@@ -112,7 +112,7 @@ class _FixedRig:
         if rotation is None:
             if stamp_s - self._known_s > _RENEWED_S:
                 self._renew(images, nominal, stamp_s)
-            return CameraPoses(self._corrected(nominal), is_known=False)
+            return CameraPoses(_turned(nominal, self.rotation), is_known=False)
         dt_s = stamp_s - self._known_s
         if dt_s > 0:
             share = min(dt_s / _JITTER_MEMORY_S, 1.0)
@@ -123,7 +123,7 @@ class _FixedRig:
         self._known_s = stamp_s
         first_rad2 = self._changes_rad2 / max(self._n_changes, 1) / 6  # a change is of two images, about three axes
         std_rad = math.sqrt(first_rad2 + self._error_rad2)
-        return CameraPoses(self._corrected(nominal), rotation_std_rad=std_rad)
+        return CameraPoses(_turned(nominal, self.rotation), rotation_std_rad=std_rad)
 
     def _renew(self, images: tuple[Image, Image], nominal: StereoView, stamp_s: float) -> None:
         """Make the current images the last reference."""
@@ -156,10 +156,6 @@ class _FixedRig:
                 self._error_rad2 = error_rad2 / len(rotations) ** 2
                 return rotation if math.hypot(*rotation) > _REST_PX / focal_px else np.zeros(3)
         return None
-
-    def _corrected(self, nominal: StereoView) -> StereoView:
-        """The nominal view turned by the rig's current rotation."""
-        return _turned(nominal, self.rotation)
 
 
 def _turned(nominal: StereoView, rotation: Array) -> StereoView:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import View
 from pps_vision.types import Image, Mask
 from tracking import masks
-from tracking.background_edge import GHOST_EDGE, MIN_GHOST_PX, edge_of_background
+from tracking.background_edge import ghosts
 from tracking.ego_motion import ROOM_M, Box, EgoMotion, color_difference
 
 # Chosen on independent films of seeds 7000-7005 (a grey ball before moving eyes).
@@ -134,7 +134,8 @@ class MovingBackground:
             inside = np.s_[y : y + h, x : x + w]
             changed_since, _ = self._beyond(current[inside], self._recent, view, (x, y, x + w, y + h))
             moved[inside][changed_since <= self._threshold] = 0
-            _drop_empty_places(image, mean, moved)
+            for ghost, (x0, y0, x1, y1) in ghosts(moved, image, mean, 1.0):
+                moved[y0:y1, x0:x1][ghost] = 0
         if empty is not None:
             mask, (x0, y0, x1, y1) = empty
             moved[y0:y1, x0:x1][mask] = 0
@@ -192,18 +193,6 @@ class MovingBackground:
     def _warped(self, image: NDArray[np.uint8], view: View, box: Box) -> NDArray[np.uint8]:
         """Box of an image of the anchor, warped to a view."""
         return self._ego.warp(image, self._anchor, view, self._nearness, box)
-
-
-def _drop_empty_places(image: Image, mean: Pixels, moved: NDArray[np.uint8]) -> None:
-    """Clear ghosts from the foreground `moved`."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(moved)
-    for k in range(1, count):
-        x, y, w, h, area = (int(value) for value in stats[k])
-        if area >= MIN_GHOST_PX:
-            mask = np.asarray(labels[y : y + h, x : x + w] == k)
-            edge = edge_of_background(image, mean, 1.0, mask, (x, y, x + w, y + h))
-            if edge is not None and edge > GHOST_EDGE:
-                moved[y : y + h, x : x + w][mask] = 0
 
 
 def beyond(current: Pixels, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.uint8]:

@@ -10,7 +10,7 @@ from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 @pytest.fixture(scope="module", params=[0, 1])
 def steps(request: pytest.FixtureRequest) -> dict[int, TrackerStep]:
-    """What the tracker says on each frame, by the frame's number; nobody shows it the ball."""
+    """Tracker steps by frame number; the tracker has to find the ball by itself."""
     recording = baseball(shared_data("baseball"))
     tracker = Tracker(TrackerParams(), recording.rig, np.random.default_rng(request.param))
     return {number: tracker.step(frame) for number, frame in enumerate(recording.frames, start=FIRST)}
@@ -30,10 +30,11 @@ def test_the_ball_is_followed_in_both_views(steps: dict[int, TrackerStep]) -> No
 
 
 def test_the_path_is_smooth(steps: dict[int, TrackerStep]) -> None:
-    known = [s.track for s in steps.values() if s.track.is_known]
-    assert len(known) >= 24
-    stamps, path = np.array([t.stamp_s for t in known]), np.array([t.position for t in known])
+    tracks = [s.track for s in steps.values() if s.track.is_known]
+    assert len(tracks) >= 24
+    stamps = np.array([t.stamp_s for t in tracks])
+    path = np.array([t.position for t in tracks])
     flight = np.polynomial.Polynomial.fit
-    for axis, allowed_m in ((0, 0.05), (1, 0.08), (2, 0.25)):  # depth is what a wrong calibration spoils
+    for axis, allowed_m in ((0, 0.05), (1, 0.08), (2, 0.25)):  # a wrong calibration mostly affects the depth
         smooth = flight(stamps, path[:, axis], 3)(stamps)
         assert np.sqrt(np.mean((path[:, axis] - smooth) ** 2)) < allowed_m

@@ -62,7 +62,7 @@ def test_a_calibration_made_here_from_chessboards_is_read(tmp_path) -> None:
         ]
         for frame in recording
     ]
-    corners = [both for both in corners if both[0] is not None and both[1] is not None]
+    corners = [pair for pair in corners if pair[0] is not None and pair[1] is not None]
     assert len(corners) >= 10
     left_px, right_px = zip(*corners, strict=True)
     boards = [board] * len(corners)

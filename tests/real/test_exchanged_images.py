@@ -31,4 +31,4 @@ def test_a_calibration_that_hardly_fits() -> None:
     every = list(open_stereo_images([str(folder / "1L*.jpg")], [str(folder / "1R*.jpg")], fps=30.0))
     frames = [frame for frame in every[::7] if isinstance(frame, StereoFrame)]
     assert list(exchanged(frames, rig)) == []
-    assert len(list(exchanged([replace(one, left=one.right, right=one.left) for one in frames], rig))) == 1
+    assert len(list(exchanged([replace(frame, left=frame.right, right=frame.left) for frame in frames], rig))) == 1

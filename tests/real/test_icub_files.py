@@ -48,15 +48,16 @@ def test_a_map_goes_through_our_memory_and_back(name: str, tmp_path: Path) -> No
 
 
 def test_a_map_learned_on_the_robot_expects_here_what_it_expected_there(tmp_path: Path) -> None:
-    """Its forearm expects more of what is near and soon than of what is far and late."""
+    """The forearm's activation is higher for near, imminent contacts than for distant, late ones."""
     file = shared_data("icub_files", "taxels", MAPS[2])
     main(["convert-taxels", str(file), str(tmp_path / "m.npz")])
     memory = load_memory(tmp_path / "m.npz")
     assert memory.params.ttc_range_s == (0.0, 1.2)
     forearm = [i for i, name in enumerate(memory.taxel_ids) if name.startswith("left_forearm")]
     n = len(memory.taxel_ids)
-    near, far = (activation(memory, np.full(n, D), np.full(n, TTC))[forearm] for D, TTC in ((0.03, 0.1), (0.19, 1.1)))
-    assert near.mean() > 1.3 * far.mean()
+    near = activation(memory, np.full(n, 0.03), np.full(n, 0.1))[forearm]
+    distant = activation(memory, np.full(n, 0.19), np.full(n, 1.1))[forearm]
+    assert near.mean() > 1.3 * distant.mean()
 
 
 def test_skin_events_touch_the_virtual_taxels_they_should() -> None:

@@ -16,7 +16,7 @@ def test_it_is_read_whole_and_paired_by_stamp(skew_s: float, pairs: int) -> None
     recording = open_recording(shared_data("yarp_dump"), max_skew_s=skew_s)
     frames = list(recording)
     assert (len(recording), len(frames), recording.image_size) == (pairs, pairs, (320, 240))
-    # 40 images an eye: what is not paired is named, and nothing else is amiss
+    # 40 images an eye: the only problems are unpaired images
     assert {problem.kind for problem in recording.problems} <= {ProblemKind.UNPAIRED}
     assert sum(problem.count for problem in recording.problems) == 2 * (40 - pairs)
     assert all(abs(frame.stamp_left_s - frame.stamp_right_s) <= skew_s for frame in frames)

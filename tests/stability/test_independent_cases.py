@@ -25,6 +25,11 @@ USUAL = (
     "1 m/s, instant reversal",
     "rig rotates, declared fixed",
     "rig shakes, declared fixed",
+    "flicker and gain drift",  # gain of the learned background
+    "grey, in view from the start",  # ghost of an object learned as background
+    "head moves, grey",  # background of a moving camera
+    "head moves, 20 ms stale",  # delay of the joints
+    "marker, flicker and gain drift",
 )
 FURTHER = (*(name for name in BY_NAME if name not in USUAL), LARGE.name)
 

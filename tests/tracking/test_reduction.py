@@ -33,12 +33,12 @@ def test_positions_and_pixels_are_those_of_the_whole_images(film: Film, reductio
     assert np.median(offs_m) < 0.003 * reduction
     off_px = []
     for step, truth in later:
-        for full, enlarged in zip(step.detections, (truth.left_px, truth.right_px), strict=True):
-            off_px.append(full.center_px - enlarged)
-            x, y, w, h = full.box_px
-            assert x < enlarged[0] < x + w
-            assert y < enlarged[1] < y + h
-            across_px = 2 * film.rig.left.focal_px * np.tan(full.angular_radius_rad)
+        for detection, true_px in zip(step.detections, (truth.left_px, truth.right_px), strict=True):
+            off_px.append(detection.center_px - true_px)
+            x, y, w, h = detection.box_px
+            assert x < true_px[0] < x + w
+            assert y < true_px[1] < y + h
+            across_px = 2 * film.rig.left.focal_px * np.tan(detection.angular_radius_rad)
             assert across_px == pytest.approx(0.5 * (w + h), rel=0.25)
     assert np.sqrt(np.mean(np.square(off_px))) < 0.4 * reduction
     mean_px = np.mean(off_px, axis=0)
@@ -50,9 +50,9 @@ def test_batches_reduce_alike(film: Film) -> None:
 
     tracker = Tracker(TrackerParams(reduction=2), film.rig, np.random.default_rng(SEED))
     batched = BatchTracker(tracker, torch.device("cpu")).steps(list(film))
-    for full_step, reduced_step in list(zip(track(film, 2), batched, strict=True))[20:]:
-        for full, again in zip(full_step.detections, reduced_step.detections, strict=True):
-            assert np.abs(full.center_px - again.center_px).max() < 0.1
+    for step, batched_step in list(zip(track(film, 2), batched, strict=True))[20:]:
+        for detection, batched_detection in zip(step.detections, batched_step.detections, strict=True):
+            assert np.abs(detection.center_px - batched_detection.center_px).max() < 0.1
 
 
 def test_what_cannot_be_averaged_is_refused(film: Film) -> None:
