@@ -61,14 +61,3 @@ def test_colours_in_either_eye_and_size_must_agree(left: float, right: float, ra
     tracked = (model(0.9), model(0.9))
     detected = (model(left), model(right))
     assert is_same_object(tracked, 0.03, detected, radius_m) == is_same
-
-
-def test_a_marker_has_no_colours_to_compare() -> None:
-    assert is_same_object((None, model(0.9)), 0.03, (model(0.1), None), 0.03)
-
-
-def test_pixels_count_by_their_weights() -> None:
-    counted = histogram(np.array([[3, 3, 5]], np.uint8), np.array([[1.0, 2.0, 1.0]], np.float32))
-    np.testing.assert_allclose(counted[[3, 5]], [0.75, 0.25])
-    assert counted.sum() == pytest.approx(1)
-    np.testing.assert_allclose(histogram(np.array([3, 3, 5, 7], np.uint8))[[3, 5, 7]], [0.5, 0.25, 0.25])

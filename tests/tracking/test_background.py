@@ -51,16 +51,6 @@ def test_nothing_is_evidence_before_there_is_a_background(rng: np.random.Generat
     assert not background.evidence(draw(rng), VIEW, WHOLE).any()
 
 
-def test_a_box_is_a_part_of_the_whole_image(rng: np.random.Generator) -> None:
-    background = learned(rng)
-    image = draw(rng, (60.0, 50.0, 70.0))
-    whole = background.evidence(image, VIEW, WHOLE)
-    for x0, y0, x1, y1 in ((140, 90, 200, 140), (0, 0, 50, 40), (300, 220, 320, 240)):
-        part = background.evidence(image, VIEW, (x0, y0, x1, y1))
-        inner = np.s_[2:-2, 2:-2]  # at a border there are fewer neighbours to compare with
-        np.testing.assert_array_equal(part[inner], whole[y0:y1, x0:x1][inner])
-
-
 def test_what_rests_for_long_enough_becomes_background(rng: np.random.Generator) -> None:
     """An image is taken in band by band, so that every pixel is visited in every fourth frame."""
     background = learned(rng)

@@ -22,7 +22,6 @@ from tracking.stereo import CameraFrame
 OPTICS = Optics(LEFT_EYE)
 VIEW = View(LEFT_EYE, np.eye(4))
 BLUE = (30.0, 60.0, 210.0)
-RED = (200.0, 40.0, 40.0)
 GREEN = (25.0, 200.0, 60.0)
 BOX = (132.0, 92.0, 37.0, 37.0)
 """Of a disc of 18 px at (150, 110)."""
@@ -114,19 +113,6 @@ def test_an_object_is_in_view_if_a_part_of_it_is(u: float, is_seen: bool, rng: n
         state = CameraState(offset_px=offset, size_px=30.0)
         prior = camera_tracker(rng).predict(state, seen_from(picture(rng)), belief, belief)
         assert (prior is not None) == is_seen
-
-
-def test_without_a_place_or_anything_known_of_it_nothing_is_found(rng: np.random.Generator) -> None:
-    camera = seen_from(picture(rng, (disc(150, 110, 18), BLUE)))
-    tracker = camera_tracker(rng)
-    target = tracker.image_tracker.start(camera.image, BOX)
-    for state, prior in (
-        (CameraState(target, size_px=36.0), None),
-        (CameraState(size_px=36.0), Prior(np.array([150.0, 110.0]), 1.0, 1.0)),
-    ):
-        again, detection = tracker.find(state, camera, prior)
-        assert detection is None
-        assert again is state
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array, Status, StereoFrame, Track3D
 from tracking.camera_pose import CameraPoses
-from tracking.camera_tracker import CameraState, CameraTracker
+from tracking.camera_tracker import CameraState
 from tracking.image_tracker import ImageDetection
 from tracking.kalman import KalmanParams
 from tracking.outline import Outline
@@ -105,26 +105,6 @@ def test_what_errs_alike_in_every_frame_does_not_average_out() -> None:
 def test_a_size_that_changes_is_followed() -> None:
     shapes = [both()] * 100 + [both(radius_m=1.1 * RADIUS_M)] * 100
     assert abs(tracks(shapes)[-1].radius_m / RADIUS_M - 1.1) < 0.01
-
-
-def test_a_place_that_turns_out_to_be_empty_is_background_and_no_object(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The object in the right image is a ghost."""
-    rng = np.random.default_rng(3)
-    absorbed = []
-    tracker = Tracker(TrackerParams(), RIG, rng)
-    detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in both())
-    monkeypatch.setattr(CameraTracker, "set_from", lambda self, camera, results: absorbed.append((self.name, results)))
-    monkeypatch.setattr(tracker, "_acquire", lambda state, *_, **__: (state, detected))
-    status = []
-    for k in range(9):
-        cameras = tuple(CameraState(ghost_score=1.0 * (k == 6 and eye == 1)) for eye in (0, 1))
-        follow = lambda state, *_, cameras=cameras, **__: (state._replace(cameras=cameras), detected)  # noqa: E731
-        monkeypatch.setattr(tracker, "_follow", follow)
-        images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
-        status.append(tracker.step(StereoFrame(*images, DT * k, DT * k)).track.status)
-    assert status[2:6] == [Status.TRACKING] * 4
-    assert status[6:] == [Status.LOST, *[Status.SEARCHING] * 2]  # it is to be confirmed anew, by three frames
-    assert absorbed == [("left", detected[0]), ("right", detected[1])]
 
 
 def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew() -> None:

@@ -1,26 +1,21 @@
 """The image tracker of one camera: detections and rejections."""
 
-from dataclasses import replace
 from functools import partial
 
 import cv2
 import numpy as np
 import pytest
 
-from pps_vision.geometry.camera import StereoRig, View
-from pps_vision.robot.icub import LEFT_EYE, home
-from pps_vision.robot.model import Robot
-from pps_vision.types import Array
+from pps_vision.geometry.camera import View
+from pps_vision.robot.icub import LEFT_EYE
 from tracking.acquisition import segment
-from tracking.appearance import color_bins
 from tracking.camera_tracker import CameraState, CameraTracker
 from tracking.image_tracker import (
     ImageDetection,
     ImageTracker,
     ImageTrackerParams,
 )
-from tracking.kalman import Belief, KalmanParams, predict
-from tracking.marker import MarkerParams
+from tracking.kalman import Belief
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics, Outline
 from tracking.particle_filter import Prior
@@ -132,17 +127,6 @@ def test_where_nothing_has_its_colour_it_is_not_seen(rng: np.random.Generator) -
     np.testing.assert_allclose(after.particles.current[:, :2].mean(axis=0), [160, 115], atol=2)
 
 
-def test_a_target_covers_as_much_of_its_box_as_its_colours_show(rng: np.random.Generator) -> None:
-    """A disc of 18 px in a box of 37; a square; and no separable object, for which a disc is assumed."""
-    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
-    square = _discs(rng)
-    square[92:129, 132:169] = BLUE
-    fills = [eye.start(image, (132, 92, 37, 37)).fill for image in (_discs(rng, (150, 110, 18)), square, _discs(rng))]
-    assert fills == [pytest.approx(np.pi * 18**2 / 37**2, rel=0.03), pytest.approx(1, abs=0.02), np.pi / 4]
-    assert max(fills) <= 1
-    assert eye.start(square, (132, 92, 37, 37), fill=0.6).fill == 0.6
-
-
 def test_fewer_than_two_particles_are_refused() -> None:
     with pytest.raises(ValueError, match="1 particles"):
         ImageTrackerParams(particles=1)
@@ -244,41 +228,6 @@ def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random
     assert np.linalg.norm(detection.outline.center_px - [x, y]) < 0.3
 
 
-V = np.array([0.0, 0.5, 0.0])
-
-
-@pytest.mark.parametrize("late_s", [-0.02, 0.0, 0.02])
-def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
-    robot: Robot, rig: StereoRig, rng: np.random.Generator, late_s: float
-) -> None:
-    """50 cm/s across at 40 cm is 5 px in 20 ms; the eye's image is always as late as that."""
-    view = rig.view(home(robot)).left
-    start = (view.T_root_camera @ [0.0, 0.05, 0.4, 1.0])[:3]
-    tracker = CameraTracker("left", Optics(rig.left), ImageTrackerParams(), MarkerParams(), 0.3, rng)
-    image = np.zeros((240, 320, 3), np.uint8)
-
-    def at(stamp_s: float) -> Array:
-        return start + V * stamp_s
-
-    def camera(stamp_s: float) -> CameraFrame:
-        return CameraFrame(image, view, stamp_s + late_s, None)
-
-    belief = Belief(0.0, np.array([at(0.0), V]), 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
-    detection = Outline(view.project(at(late_s)), 0.01 * np.eye(2), 0.08, 1e-6, (100, 100, 35, 35), 900.0, False)
-    state = tracker.remember(CameraState(), camera(0.0), detection, belief)
-    current = predict(KalmanParams(order=2), belief, 0.05)
-    prior = tracker.predict(state, camera(0.05), belief, current)
-    assert prior is not None
-    np.testing.assert_allclose(prior.center_px, view.project(at(0.05 + late_s)), atol=0.1)
-    prior = prior._replace(std_px=2.0)
-    near_outline, elsewhere = (
-        replace(detection, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0)
-    )
-    for outlines, taken in (([elsewhere, near_outline], near_outline), ([elsewhere], None)):
-        result = tracker.find(state, camera(0.05)._replace(outlines=outlines), prior)[1]
-        assert (result and result.outline) is taken
-
-
 def test_what_shows_in_an_objects_place_can_be_taken_for_background(rng: np.random.Generator) -> None:
     """A disc was there when the background was learned, and has left; another place that has changed stays changed."""
     view = View(LEFT_EYE, np.eye(4))
@@ -334,43 +283,3 @@ def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_b
     for k in range(16, 40):
         state, _ = tracker.find(state, camera._replace(stamp_s=0.05 * k), prior)
     assert state.ghost_score >= -3  # so that a thing that leaves later can still be noticed
-
-
-def _eye(rng: np.random.Generator) -> ImageTracker:
-    return ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
-
-
-def test_colours_are_taken_from_well_inside_a_box_and_well_outside(rng: np.random.Generator) -> None:
-    """A disc of 40 px: not from the ring of 0.9 to 1.2 of its size, nor from farther than 1.2 sizes and 4 px from its
-    middle.  Its particles have a spread of half a pixel and the given shift."""
-    v, u = np.mgrid[:240, :320]
-    offset_px = np.hypot(u - 149.5, v - 109.5)
-    colors = ((200, 30, 30), (30, 200, 30), (30, 30, 200), (200, 200, 30))
-    image = np.full((240, 320, 3), 120, np.uint8)
-    image[offset_px < 17] = colors[0]
-    image[(offset_px >= 18.1) & (offset_px < 23.9)] = colors[1]
-    image[:, :97] = colors[2]
-    image[:, 200:203] = colors[3]
-    target = _eye(rng).start(image, (130.0, 90.0, 40.0, 40.0), shift_px=np.array([3.0, -2.0]))
-    red, green, blue, yellow = (int(color_bins(np.array([[c]], np.uint8)).item()) for c in colors)
-    assert target.model.object[red] > 0.85
-    assert target.model.object[green] == target.model.background[green] == target.model.background[red] == 0
-    assert target.model.background[blue] == 0
-    assert target.model.background[yellow] > 0
-    np.testing.assert_allclose(target.particles.current[:, :2].std(axis=0), 0.5, rtol=0.25)
-    np.testing.assert_allclose(
-        (target.particles.current - target.particles.previous)[:, :2], np.tile([3.0, -2.0], (120, 1))
-    )
-    assert (target.size, target.shape) == (40, (1, 1))
-
-
-def test_an_outline_that_is_followed_sets_place_and_size(rng: np.random.Generator) -> None:
-    """An object that fills 0.6 of its box: 1500 px are a box of 2500 px."""
-    eye = _eye(rng)
-    target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0), fill=0.6)
-    outline = Outline(np.array([90.0, 70.0]), np.eye(2), 0.1, 1e-6, (65.0, 45.0, 50.0, 50.0), 1500.0, False)
-    moved = eye.follow(target, outline)
-    assert moved.size == pytest.approx(50)
-    np.testing.assert_allclose(moved.particles.current.mean(axis=0), [90, 70, 50])
-    np.testing.assert_allclose(moved.particles.current[:, :2].std(axis=0), target.particles.current[:, :2].std(axis=0))
-    assert (moved.model, moved.shape, moved.fill) == (target.model, target.shape, 0.6)

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Image
 from tracking.marker import MarkerParams, find_markers, find_vivid_markers, threshold
@@ -49,14 +48,6 @@ def test_a_hue_or_tolerance_that_is_none_is_refused(change: tuple[float, float])
     with pytest.raises(ValueError, match="expected a hue in"):
         MarkerParams(*change)
     assert MarkerParams(0.0, 90.0).hue_deg == 0
-
-
-@pytest.mark.parametrize("share", [-0.01, 1.01, 50.0, np.nan])
-@pytest.mark.parametrize("name", ["min_saturation", "min_value"])
-def test_a_saturation_or_value_that_is_no_share_is_refused(name: str, share: float) -> None:
-    with pytest.raises(InputError, match=f"{share}.*expected shares from 0 to 1"):
-        MarkerParams(**{name: share})
-    assert MarkerParams(min_saturation=0.0, min_value=1.0).ranges
 
 
 def test_the_largest_comes_first_and_at_most_four() -> None:
@@ -110,19 +101,6 @@ def test_what_does_not_differ_from_the_background_is_left_out() -> None:
     (marker,) = find_markers(MarkerParams(), image, OPTICS, near=(100, 60, 70), differs=differs)
     assert marker.center_px == pytest.approx([110, 60], abs=0.1)
     assert boxes == [(0, 0, 160, 120), (30, 0, 160, 120)]
-
-
-def test_candidates_are_judged_by_their_box_in_the_image() -> None:
-    image = drawn((40, 60, 6), (110, 70, 9))
-    boxes = []
-
-    def is_candidate(x: int, y: int, width: int, height: int) -> bool:
-        boxes.append((x, y, width, height))
-        return width < 15
-
-    (marker,) = find_markers(MarkerParams(), image, OPTICS, near=(80, 65, 50), is_candidate=is_candidate)
-    assert marker.center_px == pytest.approx([40, 60], abs=0.1)
-    assert boxes == [(101, 61, 19, 19), (34, 54, 13, 13)]
 
 
 def _common_hue(rng: np.random.Generator, more: float, share: float) -> Image:

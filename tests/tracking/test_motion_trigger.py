@@ -84,14 +84,6 @@ def test_an_image_that_is_filled_anew_changes_nothing_that_was_remembered() -> N
     assert all(regions[5:])
 
 
-def test_an_image_from_long_ago_is_forgotten(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
-    view = rig.view(home(robot)).left
-    trigger = MotionTrigger(TriggerParams(), LEFT_EYE)
-    trigger.step(look(view, [], rng), view, 0.0)
-    center = (view.T_root_camera @ np.array([0.0, 0.0, 0.5, 1.0]))[:3]
-    assert trigger.step(look(view, [Sphere(center, 0.03, RED)], rng), view, 10.0) == []
-
-
 # The gates, on drawn images: a still eye, a textured wall, patches (x, y, width, height, level).
 
 FIXED = View(LEFT_EYE, transform())

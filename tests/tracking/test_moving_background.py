@@ -145,14 +145,6 @@ def test_what_looks_the_same_half_a_second_later_rests(
     assert share > 0.95 if is_object else share < 0.05
 
 
-def test_what_is_said_to_rest_is_background_at_once(rng: np.random.Generator) -> None:
-    background, share = still(rng, (0.0, False), (0.5, True))
-    assert share > 0.95
-    image, disc = seen(turned(0), rng, (160.0, 120.0))
-    background.set_from(image, turned(0), 0.6, disc[80:160, 120:200], (120, 80, 200, 160))
-    assert background.differs(image, turned(0), WHOLE)[disc].mean() < 0.05
-
-
 def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> None:
     """Then everything may be an object, and nothing is evidence of one; the same once it has been forgotten."""
     background = MovingBackground(EgoMotion(LEFT_EYE))
@@ -165,17 +157,6 @@ def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> No
         background.update(image, turned(0), 0.0, None)
         assert not background.differs(image, turned(0), box).any()
         background.invalidate()
-
-
-@pytest.mark.parametrize(("shift_px", "differs"), [(1, False), (2, True)])
-def test_an_error_of_a_pixel_is_no_difference(shift_px: int, differs: bool) -> None:
-    """Bars of 60 and 160 levels before an eye at rest."""
-    bars = np.where(np.arange(340) // 20 % 2, 160, 60).astype(np.uint8)
-    background = MovingBackground(EgoMotion(LEFT_EYE))
-    images = [np.broadcast_to(bars[at : at + 320, None], (240, 320, 3)).copy() for at in (0, shift_px)]
-    for k in range(3):
-        background.update(images[0], turned(0), 0.5 * k, None)
-    assert background.differs(images[1], turned(0), (10, 10, 310, 230)).any() == differs
 
 
 def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rng: np.random.Generator) -> None:
