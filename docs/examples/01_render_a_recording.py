@@ -12,7 +12,7 @@ with TemporaryDirectory() as folder:
     print(f"{len(recording)} stereo pairs of {recording.image_size} pixels, {recording.fps:.0f} a second")
     offsets_px = []
     for frame, truth in zip(recording, recording.truth, strict=True):
-        view = recording.rig.view_of(frame)  # both cameras as they were when the images were taken
+        view = recording.rig.view_of(frame)  # both cameras at the time of the images
         offsets_px.append(np.linalg.norm(view.left.project(truth.position) - truth.left_px))
     print(f"the true position projects {max(offsets_px):.4f} px from the true pixel, at most")
     print(f"at {frame.stamp_s:.2f} s the ball is {np.linalg.norm(truth.position - view.left.center):.3f} m away")

@@ -20,10 +20,10 @@ with TemporaryDirectory() as folder:
     truth = np.array([row.velocity for row in recording.truth])
     figure, axis = plt.subplots()
     for name, path in paths.items():
-        known = path.status == "tracking"
+        tracking = path.status == "tracking"
         error = np.linalg.norm(path.velocity - truth, axis=1)
         axis.plot(path.stamps_s, error, label=name)
-        print(f"{name}: velocity error {1000 * np.sqrt(np.mean(error[known] ** 2)):.1f} mm/s RMS")
+        print(f"{name}: velocity error {1000 * np.sqrt(np.mean(error[tracking] ** 2)):.1f} mm/s RMS")
     axis.set(xlabel="time (s)", ylabel="velocity error (m/s)")
     axis.legend()
     figure.savefig(Path(folder) / "velocity.png")

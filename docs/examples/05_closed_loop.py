@@ -29,10 +29,10 @@ with open_scene(noise_sigma=2.0, seed=0) as scene:
         pipeline = pv.Pipeline(PipelineParams(), scene.robot, scene.skin, tracker, cautious(scene.skin), rng)
         episode = replace(episode, seconds=episode.seconds / 2)  # until it withdraws
         steps = []
-        for one in simulate(scene, episode, pipeline.step, avoid):  # one.step: track, activation, command
-            steps.append(one)
-            if one.touched.any():
+        for result in simulate(scene, episode, pipeline.step, avoid):  # result.step: track, activation, command
+            steps.append(result)
+            if result.touched.any():
                 break
         log = log_of(scene, episode, steps, avoid)
-        what = "touched" if log.was_touched else "not touched"
-        print(f"avoidance {'on' if avoid else 'off'}: {what}, smallest gap {100 * log.surface_gap_m.min():.1f} cm")
+        outcome = "touched" if log.was_touched else "not touched"
+        print(f"avoidance {'on' if avoid else 'off'}: {outcome}, smallest gap {100 * log.surface_gap_m.min():.1f} cm")

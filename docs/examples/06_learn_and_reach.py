@@ -19,10 +19,10 @@ with TemporaryDirectory() as folder:
     memory = pv.learn([recording])
     taxel = memory.taxel_ids.index("left_forearm:3")
     touch, no_touch = memory.counts[taxel].sum(axis=(0, 1))
-    each = np.ones(len(memory.taxel_ids))  # distance and time to contact are given for every taxel
-    near, far = activation(memory, 0.05 * each, 0.4 * each)[taxel], activation(memory, 0.18 * each, 2.5 * each)[taxel]
+    near = activation(memory, 0.05, 0.4)[taxel]  # one distance and time to contact for all taxels
+    distant = activation(memory, 0.18, 2.5)[taxel]
     print(f"left_forearm:3 learned {touch:.0f} samples of touch, {no_touch:.0f} of no touch")
-    print(f"activation at 5 cm and 0.4 s to contact {near:.2f}, at 18 cm and 2.5 s {far:.2f}")
+    print(f"activation at 5 cm and 0.4 s to contact {near:.2f}, at 18 cm and 2.5 s {distant:.2f}")
 
     params = replace(MapParams(), n_labels=600, round_labels=300, n_babble=20_000, lattice=0.15, n_test=500)
     train_reachable_map(recording.robot, "left", np.random.default_rng(7), params).save(place / "reach.npz")

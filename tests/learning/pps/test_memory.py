@@ -105,10 +105,6 @@ def test_the_order_of_samples_and_taxels_does_not_matter():
     )
 
 
-def test_an_empty_memory_predicts_no_touch():
-    assert not activation(PPSMemory.empty(FOREARMS), np.full(N, 0.05), np.full(N, 0.5)).any()
-
-
 def test_outside_the_ranges_the_activation_is_0():
     memory = replace(random_memory(), counts=np.ones((N, 8, 4, 2), np.int64))
     ones = np.ones(N)
@@ -127,16 +123,6 @@ def test_interpolation_agrees_with_an_independent_gaussian_filter():
     for i, j in ((20, 15), (13, 14), (26, 16)):
         D, TTC = -0.1 + 0.3 * (i + 0.5) / 40, 3 * (j + 0.5) / 30
         np.testing.assert_allclose(activation(memory, np.full(N, D), np.full(N, TTC)), smooth[:, i, j], atol=1e-6)
-
-
-def test_the_default_window_has_a_standard_deviation_of_one_bin():
-    """A single bin of touches, seen from the centre of its neighbour: R's σ, weights of all bins adding up to 1."""
-    memory = PPSMemory.empty(FOREARMS)
-    memory.counts[:, 4, 1, 0] = 1
-    neighbour = activation(memory, np.full(N, -0.1 + 0.3 * 3.5 / 8), np.full(N, 3 * 1.5 / 4))
-    np.testing.assert_allclose(
-        neighbour, norm.pdf(1) / norm.pdf(np.arange(8) - 3).sum() * norm.pdf(0) / norm.pdf([-1, 0, 1, 2]).sum()
-    )
 
 
 def test_leading_axes_are_moments():
@@ -287,12 +273,6 @@ def test_a_single_bin_may_stand_for_all_times():
     np.testing.assert_array_equal(expected[:, 0], expected[0, 0])
     with pytest.raises(ValueError, match="a finite range where there is more than one bin"):
         MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 2))
-
-
-def test_a_window_far_narrower_than_a_bin_is_the_bin_itself():
-    memory = random_memory(4, MemoryParams(sigma_bins=1e-6))
-    at = -0.1 + 0.3 * 2.9 / 8, 3 * 1.2 / 4
-    np.testing.assert_allclose(activation(memory, *(np.full(N, x) for x in at)), memory.frequency[:, 2, 1])
 
 
 def test_counts_of_up_to_two_to_the_53_are_whole():

@@ -314,8 +314,8 @@ def test_both_hands_have_the_worse_of_every_number():
         assert (pair.max_error_m, pair.softness, pair.unanswered) == (2.0, 0.03, 12)
         assert pair.expected_error == pytest.approx(0.05)
         assert pair.error_bound == 1.0
-    bounded = [replace(one, error_bound=bound) for one, bound in ((left, 0.01), (right, 0.02))]
-    assert both(bounded[0], bounded[1]).error_bound == pytest.approx(0.03)
+    bounded = both(replace(left, error_bound=0.01), replace(right, error_bound=0.02))
+    assert bounded.error_bound == pytest.approx(0.03)
 
 
 def test_the_bound_of_the_error_is_that_of_the_binomial_distribution():
