@@ -1,6 +1,6 @@
 """Tracking of one object in stereo images; `tracking.tracker` joins the parts.
 
-This module holds the names that a user chooses from; importing them loads nothing else.
+This module holds the option names of the command line, to be imported without the tracker's dependencies.
 """
 
 from typing import Literal

@@ -16,10 +16,10 @@ from tracking.moving_background import MovingBackground, beyond, most, smoothed
 
 CHANGED = 0.3  # least foreground share of an object's image
 _PERIOD_S = 0.2  # in which every row is updated once
-_RATE = 0.1  # of the running mean
+_RATE = 0.1  # update rate of the running mean
 _NOISE_FACTOR = 5.0  # foreground threshold: standard deviations
 _MIN_CONTRAST = 3.5  # its minimum, grey levels
-_SAMPLES = 20  # per row and column, for gain and noise
+_SAMPLES = 20  # samples per row and column for gain and noise
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _LIT = 20.0  # grey levels: darker pixels do not determine the gain
 _UNKNOWN = -1e4  # mean of a pixel that has always been hidden

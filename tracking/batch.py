@@ -22,7 +22,7 @@ from tracking.outline import Optics
 from tracking.stereo import Outlines
 from tracking.tracker import Appearance, Tracker, TrackerStep
 
-_BLUR_PX = (2 * np.log(2)) ** -0.5  # its three weights are ¼, ½, ¼, as those of `ImageTracker`
+_BLUR_PX = (2 * np.log(2)) ** -0.5  # kernel ¼, ½, ¼, the same as in `ImageTracker`
 
 
 class BatchTracker:

@@ -19,21 +19,21 @@ from tracking.particle_filter import SHARPNESS, Particles, Prior, likelihoods, p
 Evidence = Callable[[Box], NDArray[np.float32] | Mask]
 """Box → probability (h, w) that a pixel is foreground, or a foreground mask."""
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-_WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
-_GAP = 0.05  # of the object's size: half the width of gaps that are closed in a foreground mask
-_THIN = 0.22  # of the object's size: radius of the disc that opens its mask
+_WIDE_PRIOR = 0.5  # standard deviation, in object sizes, above which too few particles would fall on the object
+_GAP = 0.05  # half the width, in object sizes, of gaps that are closed in a foreground mask
+_THIN = 0.22  # radius, in object sizes, of the disc that opens its mask
 MIN_SCORE = 0.4  # below which the object is not detected
-_LEARN_RATE = 0.03  # of the object's colours
-_BACKGROUND_RATE = 0.2  # of the colours of its surroundings
-_SIZE_RATE = 0.3  # of its size and aspect ratio
-_MIN_AREA_PX = 10  # of the smallest object
+_LEARN_RATE = 0.03  # update rate of the object's colours
+_BACKGROUND_RATE = 0.2  # the same for the colours around it
+_SIZE_RATE = 0.3  # the same for its size and aspect ratio
+_MIN_AREA_PX = 10  # area of the smallest object
 # Share of a mask without its thin parts below which these belong to the object (octopus 0.6, leaks 0.9).
 _CORE = 0.75
 _REACH = 1.25  # largest mask, as a multiple of the expected size
 # Chosen on independent films of two equal balls and of fast reversals, seeds 4107 and 4129-4141.
 _TOUCHING = 0.25  # area beyond the reach, relative to the object's, from which another object touches it
 _PASSING = 5  # images for which the two may occlude each other
-_BESIDE = 0.05  # of its size: tolerance of the prediction then, beside three standard deviations
+_BESIDE = 0.05  # tolerance of the prediction then, in object sizes, added to three standard deviations
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class ImageTracker:
         Args:
             target: In the last image.
             image: RGB (H, W, 3).
-            prior: Predicted position; None: the last motion goes on.
+            prior: Predicted position; None: constant velocity.
             evidence: Foreground, which contains the object; None: the background is unknown.
             by_color: Whether the likelihood is that of the object's colours; else it is the evidence.
             if_joined: Evidence to use, if `evidence` is None, where another object has the colours and touches.
@@ -269,7 +269,7 @@ class ImageTracker:
 
 
 def _is_off(outline: Outline, prior: Prior, size: float) -> bool:
-    """Whether an outline is that of the other one of two touching objects."""
+    """Whether an outline belongs to the other of two touching objects."""
     off_px = math.dist(outline.center_px.tolist(), prior.center_px.tolist())
     return off_px > 3 * prior.std_px + _BESIDE * size
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pps_vision.types import Array
 
 # Noise of the second-order autoregression x ← 2x₁ − x₂ + noise.  `bench imagetracker` shows the result.
-_STD_POSITION = 0.25  # of the object's size, without a prior
-_MIN_STD_POSITION = 0.05  # of the object's size, with a prior
+_STD_POSITION = 0.25  # in object sizes, without a prior
+_MIN_STD_POSITION = 0.05  # in object sizes, with a prior
 _STD_SCALE = 0.04  # relative
 SHARPNESS = 12.0
 """Factor of the log-likelihood."""

@@ -36,8 +36,8 @@ residual, or distance in baselines."""
 
 
 class CameraFrame(NamedTuple):
-    """One camera's image, pose and stamp, the robot's joints at the stamp (None: no robot), and the outlines that were
-    found in the image beforehand."""
+    """One camera's image, pose and stamp, the robot's joints at the stamp (None: no robot), and precomputed
+    outlines (`batch`)."""
 
     image: Image
     view: View
