@@ -105,10 +105,8 @@ class Background:
         if not self.moving.is_known:
             return None
         m = int(2 * ASIDE_PX) + 1
-        left, top, right, bottom = wide = (
-            *(max(box[0] - m, 0), max(box[1] - m, 0)),
-            *(min(box[2] + m, image.shape[1]), min(box[3] + m, image.shape[0])),
-        )
+        wide = masks.clipped((box[0] - m, box[1] - m, box[2] + m, box[3] + m), image.shape[1], len(image))
+        left, top, right, bottom = wide
         inside = box[0] - left, box[1] - top, box[2] - left, box[3] - top
         return edge_of_background(image[top:bottom, left:right], self.moving.seen(view, wide), 1.0, mask, inside)
 

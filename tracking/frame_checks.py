@@ -61,7 +61,8 @@ class Fingerprint(NamedTuple):
         sums = _sums(self.image, 1)
         if _is_plain(sums) or not _is_black(sums):
             return _is_plain(sums)
-        return _is_even(_sums(np.asarray(cv2.medianBlur(self.image, _HOT_PX), dtype=np.uint8), 1))
+        filtered = np.asarray(cv2.medianBlur(self.image, _HOT_PX), dtype=np.uint8)
+        return bool((_variances(_sums(filtered, 1)) < _DARK_STD**2).all())
 
     def repeats(self, previous: "Fingerprint") -> bool:
         """Whether both images are identical."""
@@ -86,11 +87,6 @@ def is_blind(images: Fingerprints, previous: Fingerprints | None) -> bool:
 def _is_black(sums: Sums) -> bool:
     """Whether the mean of the pixels is black."""
     return all(total < sums[0] * _BLACK for total in sums[1:4])
-
-
-def _is_even(sums: Sums) -> bool:
-    """Whether the pixels differ by no more than the noise of a dark sensor."""
-    return bool((_variances(sums) < _DARK_STD**2).all())
 
 
 def _is_plain(sums: Sums) -> bool:

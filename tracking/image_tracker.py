@@ -223,8 +223,9 @@ class ImageTracker:
     def region(self, center: Array, half_w: float, half_h: float) -> Box:
         """Region of the image up to `half_w` and `half_h` (px) from a centre (2,)."""
         camera = self.optics.camera
-        x0, y0 = max(int(center[0] - half_w), 0), max(int(center[1] - half_h), 0)
-        return x0, y0, min(int(center[0] + half_w) + 2, camera.width), min(int(center[1] + half_h) + 2, camera.height)
+        x, y = center
+        box = (int(x - half_w), int(y - half_h), int(x + half_w) + 2, int(y + half_h) + 2)
+        return masks.clipped(box, camera.width, camera.height)
 
     def _mask(
         self,

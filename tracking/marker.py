@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
 from pps_vision.types import Array, Image, Mask
+from tracking import masks
 from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
 
@@ -80,12 +81,7 @@ def find_markers(
     box = (0, 0, width, height)
     if near is not None:
         x, y, half = near
-        box = (
-            max(int(x - half), 0),
-            max(int(y - half), 0),
-            min(int(x + half) + 2, width),
-            min(int(y + half) + 2, height),
-        )
+        box = masks.clipped((int(x - half), int(y - half), int(x + half) + 2, int(y + half) + 2), width, height)
     x0, y0, x1, y1 = box
     if x1 - x0 < 3 or y1 - y0 < 3:
         return []

@@ -60,12 +60,8 @@ def is_nearer_than_surroundings(
     if observation is None:
         return False
     x, y, w, h = left.box_px
-    box = (
-        max(int(x - w), 0),
-        max(int(y - h), 0),
-        min(int(x + 2 * w) + 1, view.left.camera.width),
-        min(int(y + 2 * h) + 1, view.left.camera.height),
-    )
+    around = (int(x - w), int(y - h), int(x + 2 * w) + 1, int(y + 2 * h) + 1)
+    box = masks.clipped(around, view.left.camera.width, view.left.camera.height)
     rows, columns = np.nonzero(~masks.ellipse(box, left.center_px, _RING_SIZE * w, _RING_SIZE * h))
     step = len(rows) // _RING_POINTS + 1
     rows = rows[::step] + box[1]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
+from tracking.ego_motion import Box
 
 SOLID = 0.9  # solidity below which a moving region may be an object and its holder
 _SMALL_HOLE = 0.01  # share of the mask; smaller holes are noise
@@ -140,3 +141,9 @@ def _ellipse(box: tuple[int, int, int, int], center: tuple[float, float], width:
         for column in range(len(across)):
             inside[row, column] = across[column] + along <= 1
     return inside
+
+
+def clipped(box: Box, width: int, height: int) -> Box:
+    """Intersection of a box with an image of that size (px)."""
+    x0, y0, x1, y1 = box
+    return max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
