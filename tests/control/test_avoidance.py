@@ -175,7 +175,8 @@ def test_the_return_ends_at_home_or_after_six_seconds(
 
 def test_the_way_home_takes_three_times_the_angle_left_per_second_after_easing_in(robot: Robot) -> None:
     """A degree from home, where no speed limit counts; slower where a link may not come nearer to the object."""
-    q, (elbow,) = home(robot), robot.indices(("left_elbow",))
+    q = home(robot)
+    (elbow,) = robot.indices(("left_elbow",))
     q[elbow] += 1 * DEG
     arm = arm_input(robot, q)
     for elapsed_s, share in ((0.0, 0.0), (0.15, 0.5), (0.3, 1.0), (2.0, 1.0)):
@@ -192,7 +193,8 @@ def test_the_way_home_takes_three_times_the_angle_left_per_second_after_easing_i
 
 def test_a_joint_stops_before_its_limit_within_the_holding_time(robot: Robot) -> None:
     """The elbow, 2 mrad from its limit, may turn faster if the command is held for a shorter time."""
-    q, (elbow,) = home(robot), robot.indices(("left_elbow",))
+    q = home(robot)
+    (elbow,) = robot.indices(("left_elbow",))
     q[elbow] = robot.upper_rad[elbow] - 0.002
     params = replace(ANY_ACTIVATION, confirmation_s=0.0)
     fastest = {}
@@ -246,9 +248,12 @@ class Encounter:
     """
 
     def __init__(self, robot: Robot, skin: Skin, taxel: int, rng: np.random.Generator, speed_m_s: float) -> None:
-        self.robot, self.skin, self.speed = robot, skin, speed_m_s
+        self.robot = robot
+        self.skin = skin
+        self.speed = speed_m_s
         positions, normals = skin.at(robot.at(home(robot)))
-        self.aim, self.taxel = positions[taxel], taxel
+        self.aim = positions[taxel]
+        self.taxel = taxel
         aside = np.cross(normals[taxel], rng.normal(size=3))
         cosine = rng.uniform(np.cos(45 * DEG), 1)
         self.way = cosine * normals[taxel] + np.sqrt(1 - cosine**2) * aside / np.linalg.norm(aside)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from control import differential_kinematics
 from control.differential_kinematics import rate_limits, solve_rates
 
 
@@ -57,9 +56,3 @@ def test_bounds_slow_a_joint_before_its_limit_and_drive_it_back_behind() -> None
     np.testing.assert_allclose(slowest, [-2.0, -2.0, -2.0])
     np.testing.assert_allclose(fastest, [2.0, 0.1, -2.0])
     assert fastest[2] == pytest.approx(slowest[2])  # beyond its limit there is one way: back
-
-
-def test_the_robot_rests_as_far_as_limits_allow_where_there_are_no_rates(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(differential_kinematics, "solve_qp", lambda *_, **__: None)
-    x = solve_rates(np.eye(2), np.ones(2), np.zeros(2), 0.1, (np.array([-1.0, 0.2]), np.array([1.0, 1.0])))
-    assert x.tolist() == [0.0, 0.2]

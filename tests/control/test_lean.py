@@ -16,7 +16,8 @@ AT_ONCE = LeanParams(torso_rad_s=10.0)
 MODEL = GazeModel(ROBOT)
 LIMITS = GazeLimits()
 TORSO = ROBOT.indices(ROBOT.names.torso)
-CENTER, RADIUS = np.array([-0.32, 0.08, 0.25]), 0.10  # the reachable space of an upright torso
+CENTER = np.array([-0.32, 0.08, 0.25])
+RADIUS = 0.10  # the reachable space of an upright torso
 ASIDE = CENTER + np.array([0.0, 0.18, 0.0])
 FAR = CENTER - np.array([0.35, 0.0, 0.0])
 START = ROBOT.clamp(np.zeros(ROBOT.n_joints))

@@ -209,7 +209,11 @@ def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot: Robot, dam
     """Through the last stage, 0.7 s of approach and 2 s of waiting; with little damping alone the arm is too slow."""
     skin = icub_skin(("right_forearm", "right_palm"))
     bodies = SelfCollision(robot)
-    q, state, last, last_q, gaps = np.deg2rad(BESIDE_CHEST_DEG), ArmState(), None, None, []
+    q = np.deg2rad(BESIDE_CHEST_DEG)
+    state = ArmState()
+    last = None
+    last_q = None
+    gaps = []
     home_rad = tuple(q[robot.indices(robot.names.arm("right"))])
     params = ReachingParams(home_rad, "right", min_approach_m=0.0, damping_m=damping_m)
     for i in range(54):
@@ -243,7 +247,9 @@ def test_an_arm_reaches_with_the_damping_that_touches_first(
             changes.append(change_rad)
             return shares[len(changes) - 1]
 
-    posture, part, (pitch,) = robot.at(home(robot)), SKIN.parts[0], robot.indices(("left_shoulder_pitch",))
+    posture = robot.at(home(robot))
+    part = SKIN.parts[0]
+    (pitch,) = robot.indices(("left_shoulder_pitch",))
     skin = Skin((SkinPart("forearm", part.frame, (0,), part.positions_m[:1], part.normals[:1]),))
     moves = posture.jacobian(part.frame, part.positions_m[0])[:3, pitch]
     at = skin.at(posture)[0][0] + 0.2 * moves / np.linalg.norm(moves)

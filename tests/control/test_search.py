@@ -146,11 +146,3 @@ def test_a_goal_is_neared_at_eight_times_the_angle_left_until_a_degree_is(
     assert np.array_equal(after.goal, goal) == (rate is not None)
     if rate is not None:
         assert command.dq_rad_s[robot.indices(("neck_yaw",))[0]] == pytest.approx(rate * DEG)
-
-
-def test_neck_and_eyes_turn_by_thirty_degrees_a_second_at_most(robot: Robot) -> None:
-    """Both eyes, so that the vergence changes twice as fast."""
-    posture = robot.at(home(robot))
-    goal = gaze_of(posture) + np.array([20.0, 20.0, 10.0, 20.0]) * DEG
-    dq = step(RANDOM, SearchState(goal, goal), posture, DT, np.random.default_rng(0))[1].dq_rad_s
-    np.testing.assert_allclose(dq[robot.indices(robot.names.gaze_joints)] / DEG, [30, 30, 30, 30, -30])

@@ -60,7 +60,8 @@ def test_only_named_arrays_count_and_must_be_numbers_or_text(tmp_path: Path) -> 
 
 
 def test_more_than_256_mib_are_refused(tmp_path: Path) -> None:
-    file, most = tmp_path / "a.npz", 2**28
+    file = tmp_path / "a.npz"
+    most = 2**28
     write_archive(file, "map", 2, {"x": np.zeros(most, np.uint8)})
     with pytest.raises(InputError, match=f"of arrays; expected map of at most {most}"):
         read_archive(file, "map", 2, ("x",))

@@ -32,9 +32,11 @@ def rows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int
 @pytest.mark.parametrize("bins", [(8, 4), (8, 1)])
 def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.random.Generator) -> None:
     """As without torch, 0 outside the ranges and for NaN."""
-    counts, params = rng.integers(0, 20, (3, *bins, 2)), MemoryParams(bins=bins, sigma_bins=1.5)
+    counts = rng.integers(0, 20, (3, *bins, 2))
+    params = MemoryParams(bins=bins, sigma_bins=1.5)
     memory = PPSMemory(("a", "b", "c"), np.zeros(3, np.intp), counts, params)
-    D, TTC = rng.uniform(-0.15, 0.25, (50, 3)), rng.uniform(-0.5, 3.5, (50, 3))
+    D = rng.uniform(-0.15, 0.25, (50, 3))
+    TTC = rng.uniform(-0.5, 3.5, (50, 3))
     D[3, 1] = np.nan
     plain = activation(memory, D, TTC)
     by_torch = activation(memory, D, TTC, device=device)
@@ -46,12 +48,14 @@ def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.rando
 @pytest.mark.parametrize("device", [None, *DEVICES])
 def test_reachability(device: str | None, rows: int, rng: np.random.Generator) -> None:
     """Against SciPy's interpolation in yaw, pitch and ln tan(vergence/2)."""
-    limits, shape = GazeLimits(), (5, 6, 7)
+    limits = GazeLimits()
+    shape = (5, 6, 7)
     values = rng.uniform(-0.3, 0.3, shape), rng.uniform(0, 1, shape), rng.uniform(0, 0.2, shape)
     none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     reachable_map = ReachableMap("left", limits, *values, 0.2, 0.05, 0.01, none, 0)
     gaze = rng.uniform(limits.lower, limits.upper, (40, 3))
-    gaze[0], gaze[1] = limits.lower, limits.upper
+    gaze[0] = limits.lower
+    gaze[1] = limits.upper
     gaze[2, 0] = limits.upper[0] + 0.01
     prediction = reachable_map.query(gaze, 0.4, device)
     to_log = np.array([gaze[:, 0], gaze[:, 1], np.log(np.tan(gaze[:, 2] / 2))]).T

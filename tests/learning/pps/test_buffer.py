@@ -44,7 +44,8 @@ def test_grid_of_50_ms_back_from_the_last_sample(step_s):
 
 def test_between_two_samples_a_series_is_a_straight_line():
     """Up and down, at any steps: NumPy's own interpolation."""
-    stamps, rng = np.cumsum([0.0, 0.03, 0.08, 0.11, 0.02, 0.14, 0.05, 0.07]), np.random.default_rng(2)
+    stamps = np.cumsum([0.0, 0.03, 0.08, 0.11, 0.02, 0.14, 0.05, 0.07])
+    rng = np.random.default_rng(2)
     heights = rng.uniform(0.0, 0.2, len(stamps))
     D, _ = series(filled(stamps, lambda t: np.interp(t, stamps, heights)))
     assert len(D) == 11

@@ -15,7 +15,8 @@ from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, SkinPart, icub_skin, touched_taxels
 from pps_vision.types import Array
 
-ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
+ROBOT = load_icub()
+SKIN = icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
 RADIUS_M = 0.035
 
@@ -74,7 +75,9 @@ def test_a_ball_is_located_from_the_taxels_that_it_touches() -> None:
     assert 0.012**2 < cov[2, 2] < cov[0, 0] < 0.05**2, "it may be further aside than off the plane"
     between, _ = felt_position(plane, np.isin(np.arange(16), (5, 6)), 0.005)
     np.testing.assert_allclose(between[:2], positions[5:7, :2].mean(axis=0), atol=0.003)
-    rng, missed, sigmas = np.random.default_rng(SEED), [], []
+    rng = np.random.default_rng(SEED)
+    missed = []
+    sigmas = []
     for _ in range(40):
         ball = np.append(rng.uniform(0, 0.06, 2), RADIUS_M + rng.uniform(0, 0.015))
         mean, cov = felt_position(plane, touched_taxels(positions, ball, RADIUS_M), RADIUS_M)
@@ -106,7 +109,8 @@ def test_one_outlier_changes_little() -> None:
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
     trials = seen(off, lying(20, SEED))
     wild = replace(trials[3], positions=trials[3].positions + np.array([0.1, 0.2, -0.1]))
-    without, with_it = off.calibrated(trials), off.calibrated([*trials[:3], wild, *trials[4:]])
+    without = off.calibrated(trials)
+    with_it = off.calibrated([*trials[:3], wild, *trials[4:]])
     others = lying(10, SEED + 1)
     assert miss_mm(with_it, others) < miss_mm(without, others) + 4
 

@@ -54,7 +54,8 @@ def test_counts_land_in_equal_bins():
 
 
 def test_only_the_touched_body_part_learns():
-    D, TTC = np.full((3, N), 0.1), np.ones((3, N))
+    D = np.full((3, N), 0.1)
+    TTC = np.ones((3, N))
     memory = count_samples(PPSMemory.empty(FOREARMS), D, TTC, touched(2, 5))
     samples = memory.counts.sum(axis=(1, 2))
     left = FOREARMS.part_index == 0
@@ -73,12 +74,16 @@ def test_learning_needs_a_touch_and_samples():
 
 
 def test_learning_counts_the_resampled_buffer():
-    rng, buffer = np.random.default_rng(3), EventBuffer()
+    rng = np.random.default_rng(3)
+    buffer = EventBuffer()
     for stamp_s in np.cumsum(rng.choice([0.03, 0.05, 0.2], 40)):
-        D, TTC = rng.uniform(-0.2, 0.3, N), rng.uniform(-1, 4, N)
-        D[rng.random(N) < 0.4], TTC[rng.random(N) < 0.2] = np.nan, np.inf
+        D = rng.uniform(-0.2, 0.3, N)
+        TTC = rng.uniform(-1, 4, N)
+        D[rng.random(N) < 0.4] = np.nan
+        TTC[rng.random(N) < 0.2] = np.inf
         buffer = push(buffer, TaxelEvents(stamp_s, FOREARMS.taxel_ids, D, TTC, touched()))
-    memory, felt = random_memory(), touched(1, 4)
+    memory = random_memory()
+    felt = touched(1, 4)
     _, *series = resample(buffer, np.arange(N))
     expected = count_samples(memory, *series, felt).counts
     assert (expected != memory.counts).any()
@@ -89,7 +94,9 @@ def test_learning_counts_the_resampled_buffer():
 
 def test_the_order_of_samples_and_taxels_does_not_matter():
     rng = np.random.default_rng(1)
-    D, TTC, mask = rng.uniform(-0.1, 0.2, (50, N)), rng.uniform(0, 3, (50, N)), touched(1, 4)
+    D = rng.uniform(-0.1, 0.2, (50, N))
+    TTC = rng.uniform(0, 3, (50, N))
+    mask = touched(1, 4)
     memory = count_samples(PPSMemory.empty(FOREARMS), D, TTC, mask)
     shuffled = rng.permutation(50)
     np.testing.assert_array_equal(
@@ -121,13 +128,16 @@ def test_interpolation_agrees_with_an_independent_gaussian_filter():
     frequency = memory.counts[..., 0] / np.maximum(memory.counts.sum(axis=-1), 1)
     smooth = gaussian_filter(frequency, (0, 1.5, 1.5), truncate=8)
     for i, j in ((20, 15), (13, 14), (26, 16)):
-        D, TTC = -0.1 + 0.3 * (i + 0.5) / 40, 3 * (j + 0.5) / 30
+        D = -0.1 + 0.3 * (i + 0.5) / 40
+        TTC = 3 * (j + 0.5) / 30
         np.testing.assert_allclose(activation(memory, np.full(N, D), np.full(N, TTC)), smooth[:, i, j], atol=1e-6)
 
 
 def test_leading_axes_are_moments():
-    memory, rng = random_memory(), np.random.default_rng(5)
-    D, TTC = rng.uniform(-0.12, 0.22, (3, 7, N)), rng.uniform(-0.5, 3.5, (3, 7, N))
+    memory = random_memory()
+    rng = np.random.default_rng(5)
+    D = rng.uniform(-0.12, 0.22, (3, 7, N))
+    TTC = rng.uniform(-0.5, 3.5, (3, 7, N))
     together = activation(memory, D, TTC)
     np.testing.assert_allclose(together[1, 4], activation(memory, D[1, 4], TTC[1, 4]), rtol=1e-12)
     assert together.min() >= 0
@@ -147,7 +157,8 @@ def test_many_objects_teach_the_probability_of_contact():
     params = MemoryParams(distance_range_m=(0.0, 0.2), bins=(4, 4))
     memory = PPSMemory.empty(skin, params)
     trials = 4000
-    landing, speed = rng.normal(0, 0.05, (trials, 2)), 0.08
+    landing = rng.normal(0, 0.05, (trials, 2))
+    speed = 0.08
     height = speed * np.arange(0.025, 2.5, 0.05)
     p = np.concatenate([np.broadcast_to(landing[:, None], (trials, 50, 2)), np.tile(height, (trials, 1))[..., None]], 2)
     D, TTC = perceive(ReceptiveField(), x, up, p, [0.0, 0.0, -speed])
@@ -166,7 +177,8 @@ def test_many_objects_teach_the_probability_of_contact():
         distance = np.hypot(r, h)
         ttc = distance**2 / (h * speed)
         inside = learned & (distance < 0.2) & (ttc < 3) & (r <= 0.07 + h * np.tan(np.arccos(0.75)))
-        i, j = (distance / 0.05).astype(int), (ttc / 0.75).astype(int)
+        i = (distance / 0.05).astype(int)
+        j = (ttc / 0.75).astype(int)
         np.add.at(expected, (np.where(r[inside] <= 0.02, 0, 1), i[inside], j[inside]), weight[inside])
     total = memory.counts[middle].sum(axis=-1)
     enough = total > 500
@@ -229,7 +241,9 @@ def test_a_file_of_another_kind_is_refused(tmp_path, content):
 
 
 def test_a_damaged_file_is_refused_by_name(tmp_path):
-    path, rng, refused = tmp_path / "memory.npz", np.random.default_rng(9), set()
+    path = tmp_path / "memory.npz"
+    rng = np.random.default_rng(9)
+    refused = set()
     save_memory(path, random_memory())
     sound = path.read_bytes()
     for _ in range(300):

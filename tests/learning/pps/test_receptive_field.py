@@ -88,10 +88,14 @@ def test_a_closing_speed_within_its_noise_is_no_approach():
 
 def test_likely_velocities_integrate_over_the_velocity():
     """Mean of a bounded function of TTC, against 20 000 drawn velocities."""
-    rng, exact = np.random.default_rng(3), ReceptiveField(min_closing_sigmas=0.0)
+    rng = np.random.default_rng(3)
+    exact = ReceptiveField(min_closing_sigmas=0.0)
     for _ in range(10):
-        taxels, up = 0.03 * rng.standard_normal((4, 3)), np.tile(UP, (4, 1))
-        p, v, root = np.array([0.0, 0.0, 0.1]), 0.05 * rng.standard_normal(3), 0.1 * rng.standard_normal((3, 3))
+        taxels = 0.03 * rng.standard_normal((4, 3))
+        up = np.tile(UP, (4, 1))
+        p = np.array([0.0, 0.0, 0.1])
+        v = 0.05 * rng.standard_normal(3)
+        root = 0.1 * rng.standard_normal((3, 3))
         cov = root @ root.T
         likely = perceive(exact, taxels, up, p, v, taxel_velocities_root=likely_velocities(taxels, p, cov))[1]
         drawn = perceive(exact, taxels, up, p, v + rng.standard_normal((20_000, 3)) @ root.T)[1]
@@ -113,10 +117,15 @@ def test_an_unknown_stimulus_is_not_perceived():
 @given(seed=st.integers(0, 2**32 - 1))
 def test_moving_everything_together_changes_nothing(seed):
     rng = np.random.default_rng(seed)
-    turn, shift, drift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3), rng.normal(size=3)
-    x, n = rng.uniform(-0.1, 0.1, (6, 3)), rng.normal(size=(6, 3))
+    turn = Rotation.random(rng=rng).as_matrix()
+    shift = rng.normal(size=3)
+    drift = rng.normal(size=3)
+    x = rng.uniform(-0.1, 0.1, (6, 3))
+    n = rng.normal(size=(6, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    p, v, cov = rng.uniform(-0.1, 0.1, 3), rng.normal(size=3), np.diag([0.1, 0.02, 0.3])
+    p = rng.uniform(-0.1, 0.1, 3)
+    v = rng.normal(size=3)
+    cov = np.diag([0.1, 0.02, 0.3])
     still = perceive(FIELD, x, n, p, v, cov_v=cov)
     after = perceive(
         FIELD, x @ turn.T + shift, n @ turn.T, turn @ p + shift, turn @ v + drift,
@@ -127,8 +136,10 @@ def test_moving_everything_together_changes_nothing(seed):
 
 def test_all_times_at_once_equal_one_at_a_time():
     rng = np.random.default_rng(3)
-    x, n = rng.uniform(-0.1, 0.1, (5, 4, 3)), np.tile(UP, (5, 4, 1))
-    p, v = rng.uniform(-0.1, 0.1, (5, 3)), rng.normal(size=(5, 3))
+    x = rng.uniform(-0.1, 0.1, (5, 4, 3))
+    n = np.tile(UP, (5, 4, 1))
+    p = rng.uniform(-0.1, 0.1, (5, 3))
+    v = rng.normal(size=(5, 3))
     cov = np.eye(3) * np.array([1e-4, 1e2, 1e-4, 1e2, 1e2])[:, None, None]  # where it is 100, speeds are noise
     together = perceive(FIELD, x, n, p, v, cov_v=cov)
     assert together[0].shape == (5, 4)
@@ -149,7 +160,10 @@ def test_variances_of_distance_and_time_to_contact_agree_with_sampling(surface):
     rng = np.random.default_rng(7)
     field = ReceptiveField(distance_to="surface" if surface else "centre", min_closing_sigmas=0.0)
     half = rng.normal(size=(6, 6)) * np.repeat([0.0005, 0.001], 3)[:, None]
-    cov, posture_std, radius, radius_std = half @ half.T, 0.0007, 0.03, 0.0005
+    cov = half @ half.T
+    posture_std = 0.0007
+    radius = 0.03
+    radius_std = 0.0005
     for d, v in (
         ((0.02, 0.01, 0.12), (0.01, -0.02, -0.10)),
         ((0.0, 0.05, 0.06), (0.03, 0.02, 0.08)),
@@ -176,7 +190,8 @@ def test_variances_where_first_order_ends():
 def test_a_whole_skin_perceives_as_its_taxels_do_alone():
     """Far taxels are sorted out first, which must change nothing, with and without the radius taken off."""
     rng = np.random.default_rng(8)
-    x, n = rng.uniform(-0.4, 0.4, (500, 3)), rng.normal(size=(500, 3))
+    x = rng.uniform(-0.4, 0.4, (500, 3))
+    n = rng.normal(size=(500, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     for field in (FIELD, ReceptiveField(distance_to="surface")):
         together = perceive(field, x, n, [0.05, 0, 0], [-0.1, 0, 0.02], 0.04, np.eye(3) * 1e-4)

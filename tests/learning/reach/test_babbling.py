@@ -26,7 +26,8 @@ def test_limits_decide_what_can_be_fixated(babbled):
     """28 % of the postures can be fixated; none is beyond a limit; narrower limits leave fewer."""
     assert babbled.n_tried == 6000
     assert len(babbled.arm_rad) / babbled.n_tried == pytest.approx(0.28, abs=0.03)
-    limits, arm = GazeLimits(), ArmLimits()
+    limits = GazeLimits()
+    arm = ArmLimits()
     assert np.all((babbled.gaze_rad >= limits.lower) & (babbled.gaze_rad <= limits.upper))
     assert np.all((babbled.arm_rad >= arm.lower_rad) & (babbled.arm_rad <= arm.upper_rad))
     narrow = GazeLimits(yaw_rad=(-0.1, 0.1))
@@ -41,7 +42,8 @@ def test_an_unknown_side_is_refused():
 
 def test_postures_without_an_answer_are_counted_apart():
     """Three of four postures are answered, 0.01 rad off in every angle."""
-    arm, gaze = np.array([[0.0] * 4] * 3 + [[np.inf] * 4]), np.tile([0.1, 0.2, 0.3], (4, 1))
+    arm = np.array([[0.0] * 4] * 3 + [[np.inf] * 4])
+    gaze = np.tile([0.1, 0.2, 0.3], (4, 1))
 
     def model(arm):
         return np.where(np.isfinite(arm[:, :1]), gaze, np.nan)

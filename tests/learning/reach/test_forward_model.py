@@ -14,7 +14,8 @@ from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
-ROBOT, LIMITS = load_icub(), GazeLimits()
+ROBOT = load_icub()
+LIMITS = GazeLimits()
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +60,9 @@ def test_samples_in_any_portions_teach_the_same(model, babbled):
 
 def test_what_was_fixated_wrongly_is_left_out(babbled):
     """A tenth of the gaze postures is of something else, and a tenth of the elbow's angles that of a stuck encoder."""
-    rng, train, n = np.random.default_rng(34), babbled[0], len(babbled[0].arm_rad)
+    rng = np.random.default_rng(34)
+    train = babbled[0]
+    n = len(babbled[0].arm_rad)
     wrong, stuck = rng.random((2, n)) < 0.1
     gaze = np.where(wrong[:, None], rng.uniform(LIMITS.lower, LIMITS.upper, (n, 3)), train.gaze_rad)
     arm = np.where(stuck[:, None] & (np.arange(4) == 3), 1.0, train.arm_rad)
@@ -74,7 +77,8 @@ def test_what_was_fixated_wrongly_is_left_out(babbled):
 @pytest.mark.parametrize("noise_deg", [1.0, 3.0])
 def test_noisy_fixation_averages_out(babbled, noise_deg):
     """1100 samples for 247 numbers: less than a third of the noise remains."""
-    train, rng = babbled[0], np.random.default_rng(35)
+    train = babbled[0]
+    rng = np.random.default_rng(35)
     noisy = train.gaze_rad + np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
     learned = RevoluteArm()
     learned.learn(train.arm_rad, np.clip(noisy, LIMITS.lower, LIMITS.upper))
@@ -87,7 +91,8 @@ def test_noisy_fixation_averages_out(babbled, noise_deg):
 def test_fewer_samples_than_unknowns_are_held_by_the_prior(babbled):
     """247 numbers from 200 samples with 1° of noise: 0.76° on average; with a prior of 4 or 0.25 eye distances 0.87
     and 0.99."""
-    train, errors = babbled[0], []
+    train = babbled[0]
+    errors = []
     for seed in (35, 36, 37):
         noise = np.deg2rad(1.0) * np.random.default_rng(seed).standard_normal((200, 3))
         at = slice((seed - 35) * 200, (seed - 34) * 200)
@@ -99,7 +104,8 @@ def test_fewer_samples_than_unknowns_are_held_by_the_prior(babbled):
 
 def test_one_hundred_exact_samples_teach_the_arm(babbled):
     """247 unknowns, 300 angles: 0.01° on average; with a ridge of 1e-12 in place of the first prior 0.05°."""
-    train, errors = babbled[0], []
+    train = babbled[0]
+    errors = []
     for k in range(0, 1000, 200):
         learned = RevoluteArm()
         learned.learn(train.arm_rad[k : k + 100], train.gaze_rad[k : k + 100])
@@ -127,7 +133,8 @@ def test_what_no_ideal_arm_can_do_is_left_to_the_process(bent):
     learned, test = bent
     structure = RevoluteArm(corrected=False)
     structure._fitted = learned._fit()._replace(residual=None)
-    (error, silent), (left, _) = gaze_rmse_deg(learned, test), gaze_rmse_deg(structure, test)
+    (error, silent) = gaze_rmse_deg(learned, test)
+    (left, _) = gaze_rmse_deg(structure, test)
     print(f"{error:.3f} ° of {left:.3f} °")
     assert error < left / 2
     assert silent == 0
@@ -136,7 +143,8 @@ def test_what_no_ideal_arm_can_do_is_left_to_the_process(bent):
 @pytest.mark.parametrize("noise_deg", [0.0, 1.0])
 def test_a_neck_that_yaws_first_is_recognised(babbled, noise_deg):
     """Exchanging yaw and pitch mirrors the head at the plane between their axes, and so the hand."""
-    arm, gaze = babbled[0].arm_rad, babbled[0].gaze_rad[:, [1, 0, 2]]
+    arm = babbled[0].arm_rad
+    gaze = babbled[0].gaze_rad[:, [1, 0, 2]]
     noise = np.deg2rad(noise_deg) * np.random.default_rng(37).standard_normal(gaze.shape)
     learned = RevoluteArm(corrected=False)
     learned.learn(arm, gaze + noise)
@@ -148,7 +156,8 @@ def test_a_neck_that_yaws_first_is_recognised(babbled, noise_deg):
 
 @pytest.mark.parametrize("which", ["ideal", "bent"])
 def test_its_slope_is_that_of_its_places(model, bent, babbled, which):
-    arm, h = babbled[1].arm_rad[:20], 1e-6
+    arm = babbled[1].arm_rad[:20]
+    h = 1e-6
     model = model if which == "ideal" else bent[0]
     place, J = model.forward(arm)
     for k in range(4):

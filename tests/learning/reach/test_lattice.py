@@ -25,7 +25,8 @@ def random_gaze(n):
 def reachable_map(signed, shape=(9, 10, 60), **changes):
     """A map whose signed distance is a function of isotropic coordinates, linear in each."""
     values = signed(isotropic(Lattice(LIMITS, shape).gaze_rad)).reshape(shape)
-    good, off = np.full(shape, 0.6), np.full(shape, 0.05)
+    good = np.full(shape, 0.6)
+    off = np.full(shape, 0.05)
     return replace(ReachableMap("left", LIMITS, values, good, off, 0.1, 0.02, 0.01, NO_LABELS, 0), **changes)
 
 
@@ -67,8 +68,10 @@ def test_interpolation_is_exact_for_what_is_linear_in_each_coordinate():
 
 
 def test_a_query_is_answered_by_signed_distance_and_degree():
-    learned, gaze = reachable_map(lambda at: 0.1 * at[:, 0]), random_gaze(500)
-    said, signed = learned.query(gaze, threshold=0.9), 0.1 * gaze[:, 0]
+    learned = reachable_map(lambda at: 0.1 * at[:, 0])
+    gaze = random_gaze(500)
+    said = learned.query(gaze, threshold=0.9)
+    signed = 0.1 * gaze[:, 0]
     np.testing.assert_allclose(said.probability, expit(signed / 0.02), atol=1e-12)
     np.testing.assert_array_equal(said.reachable, expit(signed / 0.02) > 0.9)
     inside = np.abs(gaze[:, 0]) > 0.2
@@ -83,7 +86,8 @@ def test_a_query_is_answered_by_signed_distance_and_degree():
 def test_the_threshold_allows_the_false_positives_asked_for(share):
     """By the map's own probabilities at gaze postures drawn evenly in angles, not in lattice coordinates."""
     learned = reachable_map(lambda at: 0.03 * (at[:, 2] + 1.2 + at[:, 0]), (30, 3, 80))
-    threshold, p = learned.threshold(share), learned.query(random_gaze(200_000)).probability
+    threshold = learned.threshold(share)
+    p = learned.query(random_gaze(200_000)).probability
     allowed = (1 - p)[p > threshold].sum() / (1 - p).sum()
     assert threshold >= 0.5
     assert allowed == pytest.approx(share, rel=0.15) if threshold > 0.5 else allowed <= share

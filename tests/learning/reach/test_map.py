@@ -17,7 +17,8 @@ from pps_vision.robot.icub import load_icub
 
 ROBOT = load_icub()
 LIMITS = GazeLimits()
-LOWER, UPPER = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
+LOWER = np.array(ArmLimits().lower_rad)
+UPPER = np.array(ArmLimits().upper_rad)
 ARM = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm")
 
 
@@ -367,7 +368,8 @@ def test_problems_without_an_answer_are_counted_and_not_learned_from():
     """What lies to the left is reachable; inverse kinematics fails for every tenth posture."""
 
     def label(gaze):
-        reachable, failed = gaze[:, 0] < 0, np.arange(len(gaze)) % 10 == 0
+        reachable = gaze[:, 0] < 0
+        failed = np.arange(len(gaze)) % 10 == 0
         border = np.where(reachable[:, None], np.nan, gaze * [0, 1, 1])
         error = np.where(failed, np.nan, np.where(reachable, 0.0, gaze[:, 0]))
         return Labels(gaze, reachable & ~failed, error, np.where(reachable, 0.5, np.nan), border)

@@ -16,14 +16,16 @@ from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import DirectionCoverage
 from pps_vision.robot.skin import icub_skin
 
-ROBOT, LIMITS = load_icub(), GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # arms are seen from above
+ROBOT = load_icub()
+LIMITS = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # arms are seen from above
 PARAMS = MapParams(LIMITS, n_labels=800, round_labels=200, n_babble=20_000)
 
 
 def best_measure(side, end_point, params, gaze):
     """(N,) measure of the best of 121 postures on each curve that reaches a fixation point; NaN out of reach."""
     limits = params.arm_limits
-    lower, upper = np.array(limits.lower_rad), np.array(limits.upper_rad)
+    lower = np.array(limits.lower_rad)
+    upper = np.array(limits.upper_rad)
     point = EndPoint.of(ROBOT, side, end_point, 4)
     tip = point.chain.T_root_frame.copy()
     tip[:3, 3] += tip[:3, :3] @ point.point
@@ -42,10 +44,12 @@ def best_measure(side, end_point, params, gaze):
 
 
 def test_an_end_point_is_where_the_skin_is():
-    rng, skin = np.random.default_rng(SEED), icub_skin()
+    rng = np.random.default_rng(SEED)
+    skin = icub_skin()
     for side, name in (("left", "left_forearm:27"), ("right", "right_forearm:39"), ("right", "right_palm:101")):
         point = EndPoint.of(ROBOT, side, name, 4)
-        q, arm = np.zeros(ROBOT.n_joints), rng.uniform(0, 0.5, 4)
+        q = np.zeros(ROBOT.n_joints)
+        arm = rng.uniform(0, 0.5, 4)
         q[ROBOT.indices(ROBOT.names.arm(side)[:4])] = arm
         positions, normals = skin.at(ROBOT.at(q))
         k = skin.index(name)
@@ -55,7 +59,8 @@ def test_an_end_point_is_where_the_skin_is():
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_palm_is_the_origin_of_its_frame_and_faces_as_its_skin(side):
-    skin, point = icub_skin(), EndPoint.of(ROBOT, side, "palm", 4)
+    skin = icub_skin()
+    point = EndPoint.of(ROBOT, side, "palm", 4)
     posture = ROBOT.at(np.zeros(ROBOT.n_joints))
     np.testing.assert_allclose(point.positions(np.zeros((1, 4)))[0][0], posture.point(f"{side}_palm"), atol=1e-12)
     k = next(k for k, name in enumerate(skin.taxel_ids) if name.startswith(f"{side}_palm"))

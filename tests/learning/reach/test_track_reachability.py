@@ -45,8 +45,10 @@ def test_the_map_is_asked_for_the_gaze_that_fixates_the_track(yaw: float, status
 
 
 def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all() -> None:
-    judge, rng = TrackReachability(ROBOT, left_half()), np.random.default_rng(0)
-    point, chest = at_gaze(-0.2, -0.3, 0.3), ROBOT.at(np.zeros(ROBOT.n_joints)).T_root("chest")
+    judge = TrackReachability(ROBOT, left_half())
+    rng = np.random.default_rng(0)
+    point = at_gaze(-0.2, -0.3, 0.3)
+    chest = ROBOT.at(np.zeros(ROBOT.n_joints)).T_root("chest")
     for _ in range(5):
         q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
         turned = ROBOT.at(q).T_root("chest") @ np.linalg.inv(chest) @ [*point, 1]

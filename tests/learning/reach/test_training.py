@@ -46,7 +46,9 @@ def test_all_labels_are_spent_round_by_round():
 
 def test_rounds_grow_with_the_labels_and_spend_all_of_them():
     """Each round revisits all labels, so that rounds of one size would cost with the square of the labels."""
-    rng, calls, more = np.random.default_rng(SEED), [], []
+    rng = np.random.default_rng(SEED)
+    calls = []
+    more = []
     params = replace(PARAMS, n_labels=1003, round_labels=10)
     first = learned_from(counted(calls), "right", rng, params)
     assert calls[:16] == [10] * 16
@@ -66,7 +68,8 @@ def test_training_ends_when_the_expected_error_is_small_enough():
 
 
 def test_going_on_keeps_what_was_learned_and_does_not_count_it():
-    rng, calls = np.random.default_rng(SEED), []
+    rng = np.random.default_rng(SEED)
+    calls = []
     first = learned_from(counted([], failed=0.1, rng=rng), "right", rng, PARAMS)
     more = learned_from(counted(calls, failed=0.1, rng=rng), "right", rng, PARAMS, into=first)
     assert calls == [200, 200, 200]
@@ -107,7 +110,8 @@ def test_a_share_of_the_later_labels_is_deep_inside_and_spread_out():
 
 
 def test_solutions_start_from_the_nearest_posture_and_the_one_most_unlike_it():
-    robot, rng = load_icub(), np.random.default_rng(SEED)
+    robot = load_icub()
+    rng = np.random.default_rng(SEED)
     oracle = ReachOracle(robot, "right", replace(PARAMS, n_babble=2000), rng)
     hands = oracle.forward(oracle.babbled)[0]
     points = hands[:5] + 0.01
@@ -124,13 +128,15 @@ def test_solutions_start_from_the_nearest_posture_and_the_one_most_unlike_it():
 
 def test_the_border_is_known_within_the_limits_that_are_asked_for():
     """Points that nothing within the limits fixates are no border points."""
-    narrow, rng = GazeLimits(yaw_rad=(-0.3, 0.3)), np.random.default_rng(SEED)
+    narrow = GazeLimits(yaw_rad=(-0.3, 0.3))
+    rng = np.random.default_rng(SEED)
     gaze = rng.uniform(narrow.lower, narrow.upper, (150, 3))
     wide, few = (
         ReachOracle(load_icub(), "right", replace(PARAMS, gaze_limits=limits, n_babble=2000), np.random.default_rng(1))
         for limits in (LIMITS, narrow)
     )
-    border, within = wide.label(gaze).border_rad, few.label(gaze).border_rad
+    border = wide.label(gaze).border_rad
+    within = few.label(gaze).border_rad
     found_within = np.isfinite(within[:, 0])
     assert np.all(np.abs(within[found_within, 0]) <= 0.3)
     np.testing.assert_array_equal(found_within, np.abs(border[:, 0]) <= 0.3)
@@ -141,8 +147,10 @@ def oracle_of(place, tried=None):
     """One whose gaze and points are the same numbers, and whose hand is at `place` of joints 1 and 2 and at joint 3."""
 
     def forward(q):
-        (x, slope), J = place(q[:, 0], q[:, 1]), np.zeros((len(q), 3, 4))
-        J[:, :2, :2], J[:, 2, 2] = np.moveaxis(np.array(slope) * np.eye(2)[:, :, None], 2, 0), 1
+        (x, slope) = place(q[:, 0], q[:, 1])
+        J = np.zeros((len(q), 3, 4))
+        J[:, :2, :2] = np.moveaxis(np.array(slope) * np.eye(2)[:, :, None], 2, 0)
+        J[:, 2, 2] = 1
         return np.column_stack([*x, q[:, 2]]), J
 
     hand = HandModel(forward, lambda gaze: gaze, lambda points, _: points, tried)
@@ -151,7 +159,8 @@ def oracle_of(place, tried=None):
 
 def test_labels_of_a_hand_in_a_box_by_hand():
     """Joints are places: beyond the box the nearest point is its side, edge or corner."""
-    low, high = np.array(ArmLimits().lower_rad)[:3], np.array(ArmLimits().upper_rad)[:3]
+    low = np.array(ArmLimits().lower_rad)[:3]
+    high = np.array(ArmLimits().upper_rad)[:3]
     gaze = np.random.default_rng(SEED).uniform(low - 0.5, high + 0.5, (200, 3))
     labels = oracle_of(lambda a, b: ((a, b), (1 + 0 * a, 1 + 0 * b))).label(gaze)
     nearest = gaze.clip(low, high)
@@ -181,7 +190,8 @@ def test_what_one_of_sixteen_near_postures_reaches_is_reachable():
         rise = np.where(first, 0.3 * np.sin(np.pi * b), b - 1)
         return (a, rise), (1 + 0 * a, np.where(first, 0.3 * np.pi * np.cos(np.pi * b), 1.0))
 
-    caught, free = np.array([-0.5, 0.45, 0.2, 0.5]), np.array([-0.5, 1.2, 0.2, 0.5])
+    caught = np.array([-0.5, 0.45, 0.2, 0.5])
+    free = np.array([-0.5, 1.2, 0.2, 0.5])
     ask = np.array([[-0.5, 0.39, 0.2], [-0.5, 0.42, 0.2]])
     fifteen = np.tile(caught, (15, 1))
     assert oracle_of(place, np.vstack([fifteen, free])).verdicts(ask).tolist() == [True, False], "0.12 m is too far"
