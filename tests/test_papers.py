@@ -139,9 +139,9 @@ def spans(side: str, key: str) -> list[float]:
 
 
 def of_j() -> Iterator[tuple[str, str]]:
-    solvers = result("reach_paper")["solvers"]["solvers"]
+    solvers = result("stages")["solvers"]["cells"]["RMS optimality lost"]
     whole = result("reach_paper")["whole_paper"]
-    lost = (solvers[name]["optimality_lost"] for name in ("batched, 2 starts", "IPOPT, 2 starts"))
+    lost = (solvers[name]["error"] for name in ("batched, 2 starts", "IPOPT, 2 starts"))
     yield "eq. IV.3", "{:.2g} of optimality, J's solver IPOPT {:.2g}".format(*lost)
     forward = result("reach_kinematics")["forward_model"]["methods"]
     models = {name: of[-1]["rmse_deg"][0] for name, of in forward.items()}

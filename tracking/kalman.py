@@ -24,9 +24,9 @@ _TERMS = 16  # number of terms in a power series
 _STEADY_NOISE_SCALE = 0.025  # of straight motion at constant speed
 # Smallest (0.005 and 0.012 do about as well; chosen like `stereo._TO_FIRST`); largest: back and forth once a second.
 _NOISE_SCALE_RANGE = (0.008, 30.0)
-# Chosen on training recordings (bench filter, seeds 8300 and 8310: 36 rendered balls and markers at 5–30 cm/s; every
-# second flight of tt3d): no error of order 3 and 4 larger than without decay, coverage of velocity nearest to 68 and
-# 95 %.
+# Chosen on training recordings (`bench stages`, part `filter`, seeds 8300 and 8310: 36 rendered balls and markers at
+# 5–30 cm/s; every second flight of tt3d): no error of order 3 and 4 larger than without decay, coverage of velocity
+# nearest to 68 and 95 %.
 NOISE_DENSITY = {1: 4e-3, 2: 1.5e-3, 3: 0.2, 4: 270.0}
 
 

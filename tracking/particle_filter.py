@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Array
 
-# Noise of the second-order autoregression x ← 2x₁ − x₂ + noise.  `bench imagetracker` shows the result.
+# Noise of the second-order autoregression x ← 2x₁ − x₂ + noise (`bench stages`, part `image_tracker`).
 _STD_POSITION = 0.25  # in object sizes, without a prior
 _MIN_STD_POSITION = 0.05  # in object sizes, with a prior
 _STD_SCALE = 0.04  # relative

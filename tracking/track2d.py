@@ -15,7 +15,7 @@ TrackerName = Literal["colour", "csrt"]
 """The colour particle filter, or OpenCV's CSRT (Lukežič et al., CVPR 2017)."""
 MAX_SIMILARITY = 0.5
 """Bhattacharyya coefficient of the colours of an object and of its surroundings above which the particle filter is
-unreliable: on 48 composite films its mean IoU is 0.47 above and 0.68 below (`experiments.composites`)."""
+unreliable: on 48 composite films its mean IoU was 0.47 above and 0.68 below."""
 
 
 class BoxDetection(NamedTuple):

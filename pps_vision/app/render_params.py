@@ -44,7 +44,7 @@ class RenderParams:
     head: Literal["follow", "sway", "still"] = "follow"
     """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
     scale: float = 1.0
-    """Pixels of the drawn pinhole image per pixel of the eye, 0.5 to 2: finer images take longer (`bench fidelity`)."""
+    """Pixels of the drawn pinhole image per pixel of the eye, 0.5 to 2: finer images take longer (`bench stages`)."""
     robot: Path | None = None
     """robot.toml of another robot, with one of its taxels as --target; default: the iCub."""
     seed: int = 0

@@ -71,7 +71,7 @@ class Condition:
     """Time from a frame until its command takes effect."""
     noise_px: float = 0.02
     """Standard deviation of the target's centre in either image: as of rendered objects, whose 3D error before the
-    filter is 0.2–0.5 mm (`bench fidelity`)."""
+    filter is 0.2–0.5 mm (`bench stages`)."""
 
     def at(self, axis: Axis, value: float) -> "Condition":
         """Return the condition with another speed (cm/s), latency (ms) or noise (px)."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from baseball_truth import FIRST, ball_px, baseball
 from data import shared_data
 
-from pps_vision.experiments.real_ball import FIRST, ball_px, baseball
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 

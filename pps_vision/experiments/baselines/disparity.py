@@ -22,33 +22,13 @@ def midpoint(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
 
 def linear(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
     """Return OpenCV's direct linear transformation (3,)."""
-    return _triangulated(view, *_normalised(view, left_px, right_px))
-
-
-def _triangulated(view: StereoView, left: Array, right: Array) -> Array:
-    """(3,) by OpenCV, of normalised pixels (2, 1)."""
+    normalised = []
+    for camera, px in ((view.left.camera, left_px), (view.right.camera, right_px)):
+        point = cv2.undistortPoints(np.asarray(px).reshape(1, 1, 2), camera.K, np.array(camera.distortion))
+        normalised.append(np.asarray(point, dtype=float).reshape(2, 1))
     projections = view.left.T_camera_root[:3], view.right.T_camera_root[:3]
-    homogeneous = cv2.triangulatePoints(*projections, left, right)[:, 0]
+    homogeneous = cv2.triangulatePoints(*projections, *normalised)[:, 0]
     return np.asarray(homogeneous[:3] / homogeneous[3])
-
-
-def corrected(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
-    """Return the linear method after OpenCV's optimal correction of the pixels (Hartley and Sturm)."""
-    a, b = _normalised(view, left_px, right_px)
-    T_right_left = view.right.T_camera_root @ view.left.T_root_camera
-    x, y, z = T_right_left[:3, 3]
-    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ T_right_left[:3, :3]
-    a2, b2 = cv2.correctMatches(essential, a.reshape(1, 1, 2), b.reshape(1, 1, 2))
-    return _triangulated(view, *(np.asarray(px, dtype=float).reshape(2, 1) for px in (a2, b2)))
-
-
-def _normalised(view: StereoView, left: Array, right: Array) -> tuple[Array, Array]:
-    """Both pixels as an undistorted camera of focal length 1 sees them, (2, 1) each."""
-    found = []
-    for camera, px in ((view.left.camera, left), (view.right.camera, right)):
-        at = cv2.undistortPoints(np.asarray(px).reshape(1, 1, 2), camera.K, np.array(camera.distortion))
-        found.append(np.asarray(at, dtype=float).reshape(2, 1))
-    return found[0], found[1]
 
 
 def block_matching() -> cv2.StereoMatcher:

@@ -1,7 +1,7 @@
-"""Baselines of the Kalman filter: OpenCV's, filterpy's, and a constant gain, all with our filter's model.
+"""Baselines of the Kalman filter: OpenCV's and filterpy's, with our filter's model.
 
-Each is made for the parameters and the first belief, and then takes one measurement at a time. Times of the first two
-are those of an application that makes its matrices anew only where the time step changes.
+Each is made for the parameters and the first belief, and then takes one measurement at a time. As in an application,
+the matrices are computed only where the time step changes.
 """
 
 from typing import Protocol
@@ -9,7 +9,6 @@ from typing import Protocol
 import cv2
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from scipy.linalg import solve_discrete_are
 
 from pps_vision.types import Array
 from tracking.kalman import Belief, KalmanParams, discretise
@@ -77,22 +76,3 @@ class FilterPyFilter:
         self.kf.predict()
         self.kf.update(position.reshape(3, 1), R=self.params.white_share * cov)
         return np.asarray(self.kf.x, dtype=float).reshape(-1, 3)
-
-
-class ConstantGain:
-    """Our model with the gain of the Riccati equation for a usual variance (m²) and time step, told beforehand."""
-
-    def __init__(self, params: KalmanParams, first: Belief, variance: float, dt_s: float) -> None:
-        n, R = params.order, params.white_share * variance
-        self.decay_s, (self.A, Q) = params.decay_s, discretise(n, dt_s, params.decay_s)
-        ahead = solve_discrete_are(self.A.T, np.eye(n)[:, :1], params.noise_density * Q, np.array([[R]]))
-        self.gain = ahead[:, :1] / (ahead[0, 0] + R)
-        self.mean, self.stamp_s, self.dt_s = first.mean, first.stamp_s, dt_s
-
-    def step(self, stamp_s: float, position: Array, cov: Array) -> Array:
-        """Predict and update; an unusual step has its own transition but the usual gain."""
-        dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
-        A = self.A if abs(dt - self.dt_s) < 1e-4 else discretise(len(self.A), dt, self.decay_s)[0]
-        ahead = A @ self.mean
-        self.mean = ahead + self.gain * (position - ahead[0])
-        return self.mean

@@ -1,16 +1,16 @@
-"""Jamone et al. reproduced: maps from babbling alone, maps of each arm and of both, stated error bounds, solvers."""
+"""Jamone et al. reproduced: maps from babbling alone, maps of each arm and of both, and stated error bounds."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from pps_vision.experiments.reach_paper import error_bound, repeated_maps, solvers, whole_paper
+from pps_vision.experiments.reach_paper import error_bound, repeated_maps, whole_paper
 from pps_vision.experiments.study import Part, PartsStudy, SampledStudy
 
 
 @dataclass(frozen=True)
 class ReachPaper(SampledStudy, PartsStudy):
-    """Reachable-space maps and inverse kinematics of Jamone et al."""
+    """Reachable-space maps of Jamone et al."""
 
     PARTS: ClassVar[Mapping[str, Part]] = {
         "whole_paper": Part(
@@ -26,10 +26,6 @@ class ReachPaper(SampledStudy, PartsStudy):
             lambda s: error_bound.run(s.seed, s.n_bounds, s.requested, s.n_labels, s.n_bound_test),
             table=error_bound.table,
         ),
-        "solvers": Part(
-            lambda s: solvers.run(s.seed, s.n_problems, s.n_ipopt),
-            solvers.chart,
-        ),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {
         "n_bounds": 1,
@@ -37,8 +33,6 @@ class ReachPaper(SampledStudy, PartsStudy):
         "n_labels_of_j": 600,
         "n_bound_test": 500,
         "requested": (0.05,),
-        "n_problems": 100,
-        "n_ipopt": 10,
     }
 
     n: int = 5
@@ -57,7 +51,3 @@ class ReachPaper(SampledStudy, PartsStudy):
     """Requested error bounds."""
     n_bound_test: int = 100_000
     """Gaze postures at which a stated bound is judged."""
-    n_problems: int = 52_000
-    """Inverse-kinematics problems for the batched solvers, as many as J solved."""
-    n_ipopt: int = 1500
-    """Problems for IPOPT, which solves one at a time."""

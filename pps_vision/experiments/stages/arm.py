@@ -1,0 +1,150 @@
+"""Velocities of a point of the arm: the quadratic programme beside damped least squares.
+
+By kinematics, from random postures about home within the joint limits: 15 cm out at 10 cm/s, and back; alone and behind
+the last stage of every command (`control.limits`).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from control import limits
+from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
+from control.limits import LimitParams
+from pps_vision.experiments.baselines.damped_least_squares import damped_least_squares
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.stages.parameters import StageParameters
+from pps_vision.experiments.study import TURNS, Metric, Values, compare, percent, rms
+from pps_vision.experiments.timing import timed
+from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import Array, JointVelocity
+
+OURS = "quadratic programme"
+SCENARIOS = {"alone": False, "behind the last stage": True}
+"""Whether the command passes through the last stage."""
+_DT_S = 0.05
+_STEPS = 30  # out; as many back
+_SPEED_M_S = 0.1
+_SPREAD_RAD = np.deg2rad(25)
+_FREE_M = 0.03  # self-collision distance of the first posture
+_REST = np.array(HOME_ARM_RAD)
+_PARAMS = ArmParams()
+_METRICS = {
+    "error_cm_s": Metric("error_cm_s", rms),
+    "violating_percent": Metric("is_beyond_limits", percent),
+    "touching_percent": Metric("is_too_near", percent),
+    "distance_mm": Metric("distance_mm", lambda values: float(np.min(values))),
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A point of an arm, the velocity it is to have, and the posture of the robot at the start."""
+
+    robot: Robot
+    bodies: SelfCollision
+    side: str
+    frame: str
+    point: Array
+    """(3,) in `frame`, m."""
+    start_rad: Array
+    """(n_joints,)."""
+    velocity: Array
+    """(3,) m/s."""
+
+
+Solver = Callable[[Posture, Task], Array]
+"""Returns joint rates (n_joints,)."""
+
+
+def _quadratic(posture: Posture, task: Task) -> Array:
+    points = [MovingPoint(task.frame, task.point, task.velocity)]
+    constraints = arm_constraints(_PARAMS, posture, task.side, _REST, hold_s=_DT_S, self_collision=task.bodies)
+    return arm_velocity(_PARAMS, posture, constraints, points)
+
+
+def _damped(posture: Posture, task: Task, hold_s: float | None = None) -> Array:
+    point = task.side, task.frame, task.point
+    return damped_least_squares(_PARAMS, posture, *point, task.velocity, _REST, hold_s)
+
+
+SOLVERS: Mapping[str, Solver] = {
+    OURS: _quadratic,
+    "damped least squares": _damped,
+    "the same, clipped": partial(_damped, hold_s=_DT_S),
+}
+
+
+def run(study: StageParameters) -> dict[str, Any]:
+    """Return by scenario and method: error of the velocity, movements beyond limits or too near the body, time."""
+    robot = load_icub()
+    bodies = SelfCollision(robot)
+    seeds = range(study.seed, study.seed + study.n_movements)
+    task = partial(_draw, robot, bodies)
+    cells: dict[str, Any] = {}
+    for scenario, limited in SCENARIOS.items():
+        methods = {name: partial(_move, solver, limited) for name, solver in SOLVERS.items()}
+        cells |= compare({scenario: task}, methods, _METRICS, seeds, repeated=TURNS)
+    return {"cells": cells}
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Time against the error of the velocity."""
+    baselines = [name for name in SOLVERS if name != OURS]
+    label = "error of the point's velocity (cm/s)"
+    return speed_errors(numbers["cells"], "error_cm_s", label, baselines, OURS, "time (ms)")
+
+
+def _draw(robot: Robot, bodies: SelfCollision, seed: int) -> Task:
+    """A random movement; its start keeps 30 mm of self-distance."""
+    rng = np.random.default_rng(seed)
+    side = str(rng.choice(("left", "right")))
+    columns = robot.indices(robot.names.arm(side))
+    q = home(robot)
+    while True:
+        q[columns] = _REST + _SPREAD_RAD * rng.standard_normal(len(columns))
+        q = robot.clamp(q)
+        if bodies.distance_m(q) > _FREE_M:
+            break
+    part = [part for part in icub_skin().parts if part.name.startswith(side)][int(rng.integers(2))]
+    direction = rng.standard_normal(3)
+    velocity = _SPEED_M_S * direction / np.linalg.norm(direction)
+    return Task(robot, bodies, side, part.frame, part.positions_m[int(rng.integers(len(part.ids)))], q, velocity)
+
+
+def _move(solver: Solver, limited: bool, task: Task, seed: int) -> Values:
+    """Values of one movement."""
+    robot = task.robot
+    q = task.start_rad
+    last = None
+    last_q = None
+    errors, distances, excess, ms = [], [], [], []
+    for k in range(2 * _STEPS):
+        posture = robot.at(q)
+        now = task if k < _STEPS else replace(task, velocity=-task.velocity)
+        dq, step_ms = timed(partial(solver, posture, now))
+        ms.append(step_ms)
+        if limited:
+            wanted = JointVelocity(k * _DT_S, dq, _DT_S)
+            last = limits.limit(LimitParams(), task.bodies, posture, wanted, last, last_q)
+            last_q = q
+            dq = last.dq_rad_s
+        q = q + _DT_S * dq
+        moved = robot.at(q).point(task.frame, task.point) - posture.point(task.frame, task.point)
+        errors.append(100 * float(np.linalg.norm(moved / _DT_S - now.velocity)))
+        excess.append(float(np.max(np.maximum(q - robot.upper_rad, robot.lower_rad - q))))
+        distances.append(1000 * task.bodies.distance_m(q))
+    return {
+        "error_cm_s": errors,
+        "is_beyond_limits": [max(excess) > 1e-5],
+        "is_too_near": [min(distances) < 1000 * LimitParams().clearance_m - 0.01],
+        "distance_mm": [min(distances)],
+        "ms": ms,
+    }

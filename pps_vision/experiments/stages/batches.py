@@ -1,0 +1,98 @@
+"""The tracker frame by frame and in batches on a torch device (`track --device`): time against the detections' error.
+
+A marker and a ball, on one processor thread and on a CUDA device where there is one.
+"""
+
+from functools import partial
+from time import perf_counter, process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+
+from pps_vision.app.device import torch_device
+from pps_vision.app.track import chunks
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.films.recordings import Footage, moving, tracker_params
+from pps_vision.experiments.stages.parameters import StageParameters
+from pps_vision.experiments.study import TURNS, Method, Metric, Values, compare, rms
+from pps_vision.types import Array
+from tracking.batch import BatchTracker
+from tracking.tracker import Tracker, TrackerStep
+
+SIZES = (1, 4, 16, 64)
+ALONE = "frame by frame"
+_METRICS = {
+    "error_px": Metric("error_px", rms),
+    "apart_px": Metric("apart_px", lambda values: float(np.max(values)) if len(values) else np.nan),
+}
+
+
+class Pairs(NamedTuple):
+    """A recording, the true centres (n, 2, 2) px, and the centres that the tracker detects frame by frame."""
+
+    recording: Footage
+    truth: Array
+    alone: Array
+
+
+def run(study: StageParameters) -> dict[str, Any]:
+    """Return by object and way: time a pair, pixel error, largest distance from the detections frame by frame."""
+    devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
+    methods: dict[str, Method] = {ALONE: partial(_run, "", 1)}
+    for device in devices:
+        methods |= {f"{device}, {size} pairs": partial(_run, device, size) for size in SIZES}
+    scenarios = {stimulus: partial(_pairs, stimulus, study.seconds) for stimulus in ("marker", "ball")}
+    for make in scenarios.values():  # loads and compiles the code of each way
+        pairs = make(study.seed)
+        for method in methods.values():
+            method(pairs, study.seed)
+    return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, study.seeds, ALONE, TURNS)}
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Time a pair against the pixel error, one panel an object."""
+    return speed_errors(numbers["cells"], "error_px", "RMS error of detections (px)", (), ALONE)
+
+
+def _pairs(stimulus: str, seconds: float, seed: int) -> Pairs:
+    recording = moving(stimulus, "circle", seed, seconds)
+    views = [recording.rig.view_of(frame) for frame in recording.frames]
+    positions = zip(views, recording.position, strict=True)
+    truth = np.array([[view.left.project(p), view.right.project(p)] for view, p in positions])
+    return Pairs(recording, truth, _centers(_steps("", 1, recording, seed)))
+
+
+def _run(device: str, size: int, pairs: Pairs, seed: int) -> Values:
+    clock = perf_counter if device == "cuda" else process_time  # a device's work is no processor time
+    start = clock()
+    steps = _steps(device, size, pairs.recording, seed)
+    ms = 1000 * (clock() - start) / len(steps)
+    centers = _centers(steps)
+    error = np.linalg.norm(centers - pairs.truth, axis=-1)
+    apart = np.linalg.norm(centers - pairs.alone, axis=-1)
+    return {"ms": [ms], "error_px": error[np.isfinite(error)], "apart_px": apart[np.isfinite(apart)]}
+
+
+def _steps(device: str, size: int, recording: Footage, seed: int) -> list[TrackerStep]:
+    """Frame by frame without a device."""
+    tracker = Tracker(tracker_params(recording), recording.rig, np.random.default_rng(seed))
+    if not device:
+        return [tracker.step(frame) for frame in recording.frames]
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        batches = BatchTracker(tracker, torch_device(device))
+        return [step for chunk in chunks(recording.frames, size) for step in batches.steps(chunk)]
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _centers(steps: list[TrackerStep]) -> Array:
+    """(n, 2, 2) detected centres in the left and the right image, px; NaN where there is none."""
+    centers = np.full((len(steps), 2, 2), np.nan)
+    for k, step in enumerate(steps):
+        for detection in step.detections:
+            centers[k, ("left", "right").index(detection.camera)] = detection.center_px
+    return centers

@@ -1,0 +1,242 @@
+"""The Kalman filter's order and smoother beside OpenCV's and filterpy's filters, on the same measurements.
+
+Orders 1–4, with and without RTS smoothing, on the tracker's measurements of balls and markers, and on the table-tennis
+flights of tt3d.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+
+from pps_vision.errors import InputError
+from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
+from pps_vision.experiments.baselines.filters import FilterPyFilter, OpenCVFilter
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
+from pps_vision.experiments.films.score import steps_of
+from pps_vision.experiments.stages.parameters import StageParameters
+from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, median, rms
+from pps_vision.experiments.timing import timed
+from pps_vision.geometry.camera import Camera, StereoView, View
+from pps_vision.geometry.se3 import inverse, transform
+from pps_vision.geometry.triangulation import triangulate
+from pps_vision.types import Array, Mask
+from tracking import DEFAULT_ORDER, kalman
+from tracking.kalman import Belief, KalmanParams
+from tracking.smoother import Measurement, follow, smooth
+
+DEFAULT = f"order {DEFAULT_ORDER}"
+BASELINES = ("cv2", "filterpy")
+_SETTLED = 10  # measurements before a filter is judged
+_LATE_S = (0.02, 0.5)
+_PIXEL_STD = 2.0  # of the noisy tt3d projections, found between the two cameras' rays
+_METRICS = {
+    "position_mm": Metric("position_mm", rms),
+    "velocity_mm_s": Metric("velocity_mm_s", rms),
+    "ttc_percent": Metric("ttc_percent", median),
+}
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Input of a filter and the truth; arrays have one row a measurement."""
+
+    stamps_s: Array
+    """(n,)"""
+    positions: Array
+    """(n, 3) m, measured."""
+    covs: Array
+    """(n, 3, 3) m² of them."""
+    path: Array
+    """(n, 3) m, true."""
+    velocity: Array
+    """(n, 3) m/s, true; NaN where it is unknown."""
+    distance_m: float
+    """Distance from the eyes at the beginning."""
+    counts: Mask
+    """(n,) where a filter is judged."""
+    touched: Array
+    """(3,) point that is touched at the end; NaN if none."""
+    ttc_s: Array
+    """(n,) time until then; NaN if it is not touched."""
+    radius_m: float = 0.0
+    """The object's."""
+    white_share: float = KalmanParams().white_share
+    """Share of the measured variance that is new with every frame."""
+
+    def params(self, order: int = DEFAULT_ORDER) -> KalmanParams:
+        """Return the filter's defaults of an order for these measurements."""
+        return kalman.scaled(replace(KalmanParams.of_order(order), white_share=self.white_share), self.distance_m)
+
+    def first(self, params: KalmanParams) -> Belief:
+        """Return the belief after the first measurement."""
+        return kalman.start(params, float(self.stamps_s[0]), self.positions[0], self.covs[0])
+
+    def later(self) -> Iterator[tuple[float, Array, Array]]:
+        """Yield stamp, position and covariance of the others."""
+        for stamp_s, position, cov in zip(self.stamps_s[1:], self.positions[1:], self.covs[1:], strict=True):
+            yield float(stamp_s), position, cov
+
+
+def run(study: StageParameters) -> dict[str, Any]:
+    """Return by data and filter: time of an update, errors of position, velocity and time to contact."""
+
+    def measured(source: SceneSource, number: int) -> Measurements:
+        further, kind = divmod(number, len(KINDS))
+        seed = study.seed + further
+        return measurements(of_kind(list(KINDS)[kind], source, study.seconds, seed), seed)
+
+    scenarios: dict[str, Callable[[int], Any]] = {source: partial(measured, source) for source in study.sources}
+    n = len(KINDS) * -(-study.n // 4)  # one recording of each kind for four of other stages
+    cells = compare(scenarios, methods(), _METRICS, range(n), "cv2", TURNS)
+    folder = study.data / "tt3d"
+    if not folder.exists():
+        return {"cells": cells, "not_measured": f"tt3d: no {folder}"}
+    thrown = flights(folder)
+    cells |= compare({"tt3d": thrown.__getitem__}, methods(), _METRICS, range(len(thrown)), "cv2", TURNS)
+    return {"cells": cells}
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Time against the error of the position, forward and smoothed, one panel for each kind of data."""
+    label = "position error (mm RMS)"
+    return speed_errors(numbers["cells"], "position_mm", label, BASELINES, DEFAULT, "time (ms per update)")
+
+
+def measurements(recording: Footage, seed: int) -> Measurements:
+    """Return our tracker's measurements in a recording, before its filter.
+
+    Raises:
+        InputError: The tracker detected nothing.
+    """
+    steps, _ = steps_of(recording, seed)
+    known = [k for k, step in enumerate(steps) if step.observation is not None]
+    if not known:
+        raise InputError("bench stages", f"no object detected with seed {seed}; expected longer recordings")
+    observations = [step.observation for step in steps if step.observation is not None]
+    touched, ttc = recording.touch()
+    return Measurements(
+        np.array([o.stamp_s for o in observations]),
+        np.array([o.p_root for o in observations]),
+        np.array([o.cov_root for o in observations]),
+        recording.position[known],
+        recording.velocity[known],
+        float(np.linalg.norm(observations[0].p_root - steps[known[0]].midpoint_root)),
+        (~recording.jumped[known]) & (np.arange(len(known)) >= _SETTLED),
+        touched,
+        ttc[known],
+        recording.radius_m,
+    )
+
+
+def methods() -> dict[str, Method]:
+    """Return the filters and smoothers by name."""
+    ours = {f"order {order}": partial(_online, partial(_Ours, order)) for order in (1, 2, 3, 4)}
+    smoothed = {f"order {order}, RTS": partial(_smoothed, order) for order in (2, 3, 4)}
+    libraries: dict[str, Callable[[KalmanParams, Belief], OnlineFilter]] = {
+        "cv2": OpenCVFilter,
+        "filterpy": FilterPyFilter,
+    }
+    baselines = {name: partial(_online, partial(_baseline, make)) for name, make in libraries.items()}
+    return {name: partial(_per_update, run) for name, run in {**ours, **smoothed, **baselines}.items()}
+
+
+def _per_update(run: Method, data: Measurements, seed: int) -> Values:
+    """Return a filter's values with its processor time per update."""
+    values, ms = timed(partial(run, data, seed))
+    return {**values, "ms": [ms / len(data.stamps_s)]}
+
+
+class _Ours:
+    """Our filter of an order with the interface of the baselines."""
+
+    def __init__(self, order: int, data: Measurements) -> None:
+        self.params = data.params(order)
+        self.belief = data.first(self.params)
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> Array:
+        """Predict and update."""
+        self.belief = kalman.update(self.params, kalman.predict(self.params, self.belief, stamp_s), position, cov)
+        return self.belief.mean
+
+
+def _baseline(make: Callable[[KalmanParams, Belief], OnlineFilter], data: Measurements) -> OnlineFilter:
+    return make(data.params(), data.first(data.params()))
+
+
+def _online(make: Callable[[Measurements], OnlineFilter], data: Measurements, seed: int) -> Values:
+    online = make(data)
+    first = data.first(data.params())
+    states = [first.mean[:1], *(online.step(*row).copy() for row in data.later())]
+    return errors(data, states)
+
+
+def _smoothed(order: int, data: Measurements, seed: int) -> Values:
+    params = data.params(order)
+    passages = follow(params, data.first(params), [Measurement(*row) for row in data.later()])
+    return errors(data, [belief.mean for belief in smooth(passages)])
+
+
+def errors(data: Measurements, states: list[Array]) -> dict[str, Array]:
+    """Return the errors where a filter is judged; no velocity and time to contact of a filter without velocity."""
+    p = np.array([state[0] for state in states])
+    values = {"position_mm": 1000 * np.linalg.norm(p - data.path, axis=1)[data.counts]}
+    if len(states[-1]) < 2:
+        return values
+    v = np.array([state[1] if len(state) > 1 else np.zeros(3) for state in states])
+    is_known = data.counts & np.isfinite(data.velocity[:, 0])
+    values["velocity_mm_s"] = 1000 * np.linalg.norm(v - data.velocity, axis=1)[is_known]
+    late = data.counts & (data.ttc_s > _LATE_S[0]) & (data.ttc_s <= _LATE_S[1])
+    line = p[late] - data.touched
+    distance = np.linalg.norm(line, axis=1)
+    closing = -np.einsum("ij,ij->i", line, v[late]) / distance
+    ttc = np.where(closing > 0, (distance - data.radius_m) / np.where(closing > 0, closing, 1.0), np.inf)
+    return values | {"ttc_percent": 100 * np.abs(ttc / data.ttc_s[late] - 1)}
+
+
+def flights(folder: Path) -> list[Measurements]:
+    """Return every noisy flight of a tt3d folder, triangulated from its two cameras."""
+    view = StereoView(_camera(folder / "side.yaml"), _camera(folder / "oblique.yaml"))
+    return [_thrown(file, folder / "oblique" / file.name, view) for file in sorted((folder / "side").glob("*.csv"))]
+
+
+def _camera(file: Path) -> View:
+    """Read lines `name: number or [numbers]`: rvec, tvec (world to camera), f, w, h.
+
+    The principal point is in the middle of the image.
+    """
+    lines = (line.split(":", 1) for line in file.read_text().splitlines() if line)
+    values = {name: json.loads(value) for name, value in lines}
+    width, height, focal = (values[name] for name in "whf")
+    T_camera_world = transform(cv2.Rodrigues(np.array(values["rvec"]))[0], values["tvec"])
+    return View(Camera(width, height, focal, focal, width / 2, height / 2), inverse(T_camera_world))
+
+
+def _thrown(side_file: Path, oblique_file: Path, view: StereoView) -> Measurements:
+    side, oblique = (np.genfromtxt(file, delimiter=",", names=True) for file in (side_file, oblique_file))
+    noise = _PIXEL_STD**2 * np.eye(2)
+    pixels = zip(np.stack([side["u"], side["v"]], 1), np.stack([oblique["u"], oblique["v"]], 1), strict=True)
+    triangulated = [triangulate(view, left, right, noise, noise) for left, right in pixels]
+    valid = [k for k, point in enumerate(triangulated) if point is not None]
+    points = [point for point in triangulated if point is not None]
+    positions = np.array([point.p_root for point in points])
+    truth = np.stack([side["X"], side["Y"], side["Z"]], axis=1)[valid]
+    return Measurements(
+        stamps_s=side["Timestamp"][valid],
+        positions=positions,
+        covs=np.array([point.cov_root for point in points]),
+        path=truth,
+        velocity=np.full_like(truth, np.nan),
+        distance_m=float(np.linalg.norm(positions[0] - view.midpoint)),
+        counts=np.ones(len(valid), bool),
+        touched=np.full(3, np.nan),
+        ttc_s=np.full(len(valid), np.nan),
+        white_share=1.0,
+    )

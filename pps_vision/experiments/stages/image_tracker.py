@@ -1,0 +1,185 @@
+"""Image trackers in one eye, the true box given in the first frame: particles and marker blob beside OpenCV's.
+
+Balls and markers, slow and fixated (5–15 cm/s while the head sways) and fast (60 cm/s, eyes that do not follow: up to
+twice the object's size a frame); and a real ball, a pedestrian and a girl.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol, get_args
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from pps_vision.experiments.baselines.image_trackers import (
+    BoxPx,
+    ImageTrackerName,
+    image_tracker,
+    intersection_over_union,
+    middle,
+)
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.films.recordings import HUES_DEG, moving
+from pps_vision.experiments.stages.parameters import StageParameters
+from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean, median, percent
+from pps_vision.experiments.timing import timed_steps
+from pps_vision.recordings.image_sequence import open_frames
+from pps_vision.types import Image
+from rendering.names import MotionName
+from tracking.image_tracker import ImageTrackerParams
+from tracking.marker import MarkerParams, find_markers
+from tracking.outline import Optics
+from tracking.track2d import ColorTracker, assumed_optics
+
+DEFAULT = f"{ImageTrackerParams().particles} particles"
+COUNTS = (2, ImageTrackerParams().particles, 1000)
+"""Numbers of particles."""
+BASELINES: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
+_MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
+_FAST: dict[str, Any] = {"speed": 0.6, "head": "sway"}
+_METRICS = {
+    "lost_overlap": Metric("iou", lambda values: 1 - mean(values)),
+    "held_percent": Metric("held", percent),
+    "center_px": Metric("center_px", median),
+}
+
+
+@dataclass(frozen=True)
+class BoxedFilm:
+    """One eye's images (n), the true boxes (n; None where the object is not in view), and the object's hue."""
+
+    images: tuple[Image, ...]
+    boxes: tuple[BoxPx | None, ...]
+    hue_deg: float
+
+
+def run(study: StageParameters) -> dict[str, Any]:
+    """Return by kind of film and tracker: 1 − mean overlap, frames with overlap, centre error, time."""
+
+    def film(speed: str, source: SceneSource, seed: int) -> BoxedFilm:
+        k = seed - study.seed
+        stimulus = ("ball", "marker")[k % 2]
+        motion = _MOTIONS[k // 2 % len(_MOTIONS)]
+        options = _FAST if speed == "fast" else {}
+        recording = moving(stimulus, motion, seed, study.seconds, source, **options)
+        lefts = tuple(frame.left for frame in recording.frames)
+        return BoxedFilm(lefts, tuple(left for left, _ in recording.boxes), HUES_DEG[stimulus])
+
+    cells = compare(study.scenarios(film, ("slow", "fast")), methods(), _METRICS, study.seeds, "CSRT", TURNS)
+    present = {name: read for name, read in REAL.items() if (study.data / name).exists()}
+    films = {name: lambda _, name=name: REAL[name](study.data / name) for name in present}
+    cells |= compare(films, methods(), _METRICS, (study.seed,), "CSRT", TURNS)
+    missing = [f"{name}: no {study.data / name}" for name in REAL if name not in present]
+    return {"cells": cells} | ({"not_measured": "; ".join(missing)} if missing else {})
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Time against lost overlap, one panel for each kind of film."""
+    return speed_errors(
+        numbers["cells"], "lost_overlap", "1 − mean IoU", BASELINES, DEFAULT, "time (ms per frame)", 2.6
+    )
+
+
+def _real(folder: Path, frames: str, truth: str, delimiter: str | None, first_px: float) -> BoxedFilm:
+    """A film whose truth has rows x, y, width, height or the four corners of a polygon; the first pixel is `first_px`.
+
+    The upright box around a polygon counts.
+    """
+    rows = np.loadtxt(folder / truth, delimiter=delimiter)
+    if rows.shape[1] == 8:
+        corners = rows.reshape(-1, 4, 2)
+        rows = np.hstack([corners.min(axis=1), np.ptp(corners, axis=1)])
+    rows = rows - np.array([first_px, first_px, 0, 0])
+    boxes = [(float(x), float(y), float(w), float(h)) for x, y, w, h in rows]
+    return BoxedFilm(tuple(image for _, image in open_frames(folder / frames)), tuple(boxes), 0.0)
+
+
+REAL: dict[str, Callable[[Path], BoxedFilm]] = {
+    "vot_ball1": partial(_real, frames="frames", truth="groundtruth.txt", delimiter=",", first_px=0.0),
+    "otb_crossing": partial(_real, frames="img", truth="groundtruth_rect.txt", delimiter=None, first_px=1.0),
+    "segtrack2_girl": partial(_real, frames="img", truth="groundtruth.txt", delimiter=",", first_px=0.0),
+}
+"""Real films by the name of their folder."""
+
+
+class _OneEye(Protocol):
+    def start(self, image: Image, box: BoxPx) -> None: ...
+
+    def step(self, image: Image) -> BoxPx | None: ...
+
+
+class ParticleTracker:
+    """Our particle filter with the interface of the baselines."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        self._params = ImageTrackerParams(particles=count)
+        self._rng = np.random.default_rng(seed)
+        self._tracker: ColorTracker
+
+    def start(self, image: Image, box: BoxPx) -> None:
+        """Learn the colours in the box."""
+        self._tracker = ColorTracker(image, box, self._params, self._rng)
+
+    def step(self, image: Image) -> BoxPx | None:
+        """Return the box; None where the object is not detected."""
+        detection = self._tracker.step(image)
+        return detection.box_px if detection.score > 0 else None
+
+
+@dataclass
+class HueBlob:
+    """Our marker detector with a given hue: the blob nearest to the last place, anywhere when there is none."""
+
+    hue_deg: float
+    last: BoxPx | None = None
+    optics: Optics | None = None
+
+    def start(self, image: Image, box: BoxPx) -> None:
+        """Store the place."""
+        self.last = box
+        self.optics = assumed_optics(image.shape[1], image.shape[0])
+
+    def step(self, image: Image) -> BoxPx | None:
+        """Return the box of the disc with the blob's area."""
+        assert self.optics is not None
+        near = None
+        if self.last is not None:
+            x, y = middle(self.last)
+            near = float(x), float(y), max(self.last[2:]) + 3
+        blobs = find_markers(MarkerParams(hue_deg=self.hue_deg), image, self.optics, near)
+        self.last = None
+        if blobs:
+            side = 2 * float(np.sqrt(blobs[0].area_px / np.pi))
+            x, y = blobs[0].center_px - (side - 1) / 2
+            self.last = float(x), float(y), side, side
+        return self.last
+
+
+def methods() -> dict[str, Method]:
+    """Return all trackers by name."""
+    ours: dict[str, Method] = {
+        f"{n} particles": partial(_run, lambda _, seed, n=n: ParticleTracker(n, seed)) for n in COUNTS
+    }
+    blob: dict[str, Method] = {"marker blob": partial(_run, lambda film, _: HueBlob(film.hue_deg))}
+    return ours | blob | {name: partial(_run, lambda _, __, n=name: image_tracker(n)) for name in BASELINES}
+
+
+def _run(make: Any, film: BoxedFilm, seed: int) -> Values:
+    """Return overlap (0 where lost), whether there is any, and the centre error where there is, of every frame."""
+    tracker: _OneEye = make(film, seed)
+    assert film.boxes[0] is not None
+    tracker.start(film.images[0], film.boxes[0])
+    boxes, ms = timed_steps(tracker.step, film.images[1:])
+    iou: list[float] = []
+    center_px: list[float] = []
+    for box, true in zip(boxes, film.boxes[1:], strict=True):
+        if true is None:
+            continue
+        iou.append(0.0 if box is None else float(intersection_over_union(np.array([box]), np.array([true]))[0]))
+        if box is not None and iou[-1] > 0:
+            center_px.append(float(np.linalg.norm(middle(box) - middle(true))))
+    values: dict[str, ArrayLike] = {"ms": ms, "iou": iou, "held": np.array(iou) > 0, "center_px": center_px}
+    return values

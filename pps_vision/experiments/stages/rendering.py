@@ -1,0 +1,138 @@
+"""How finely a scene must be drawn: the renderer's time against the image error and the tracking error.
+
+Balls and markers on paths that the eyes follow, drawn in several ways, beside images cast ray by ray.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pps_vision.app.render import scene
+from pps_vision.app.render_params import RenderParams
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.films.exact import ray_cast
+from pps_vision.experiments.stages.parameters import StageParameters
+from pps_vision.experiments.study import NOISE_SIGMA, Metric, Values, compare, rms
+from pps_vision.experiments.timing import timed
+from pps_vision.geometry.camera import View
+from pps_vision.robot.icub import icub_rig, icub_setup, load_icub
+from pps_vision.robot.silhouette import Silhouette
+from pps_vision.types import Array, Mask
+from rendering.eyes import Eyes
+from rendering.fidelity import Fidelity
+from rendering.names import StimulusName
+from rendering.scene import SceneState
+from rendering.sensor import Sensor, expose
+from rendering.stimuli import make_stimulus
+from tracking.tracker import Tracker, TrackerParams
+
+WAYS = {
+    "scale 1, fineness 2": Fidelity(fineness=2),
+    "scale 1": Fidelity(scale=1.0),
+    "scale 1, fineness 4": Fidelity(fineness=4),
+    "scale 1.5": Fidelity(scale=1.5),
+    "scale 2": Fidelity(scale=2.0),
+    "scale 1, lights": Fidelity(lighting="lights"),
+}
+DEFAULT = "scale 1"
+OBJECTS: tuple[StimulusName, ...] = ("ball", "marker")
+_FPS = 20.0
+_SENSOR = Sensor(noise_sigma=NOISE_SIGMA)
+_MARGIN_PX = 2.0  # around the object, where images are compared
+_RAYS = 5  # of the reference, along a pixel's side
+_METRICS = {"object_error": Metric("object", rms), "error_mm": Metric("error_mm", rms)}
+
+
+class Drawing(NamedTuple):
+    """Stamps and states, ray-cast images of the first (grey levels), and the pixels around the object in them."""
+
+    states: list[SceneState]
+    exact: tuple[Array, Array]
+    around: tuple[Mask, Mask]
+
+
+def run(study: StageParameters) -> dict[str, Any]:
+    """Return by object and way to draw: time of a pair, image error (grey levels), tracking error (mm)."""
+    return {"cells": {name: measure(name, WAYS, study.seeds, study.seconds) for name in OBJECTS}}
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Time against the image error of each object."""
+    label = "image error (grey levels)"
+    return speed_errors(numbers["cells"], "object_error", label, (), DEFAULT, "time (ms per drawn pair)")
+
+
+def measure(stimulus: StimulusName, ways: Mapping[str, Fidelity], seeds: Any, seconds: float) -> dict[str, Any]:
+    """Return each way's time, image error and tracking error."""
+    with ExitStack() as stack:
+        eyes = dict(_open_eyes(stack, stimulus, ways))
+        methods = {name: partial(_errors, stimulus, value) for name, value in eyes.items()}
+        return compare({stimulus: partial(_drawing, stimulus, seconds)}, methods, _METRICS, seeds)[stimulus]
+
+
+def _open_eyes(stack: ExitStack, stimulus: StimulusName, ways: Mapping[str, Fidelity]) -> Iterator[tuple[str, Eyes]]:
+    """Yield the robot's eyes for every way to draw, warmed up, open as long as the stack."""
+    robot = load_icub()
+    for name, way in ways.items():
+        shape = make_stimulus(stimulus, fineness=way.fineness)
+        eyes = stack.enter_context(Eyes(robot, icub_rig(robot), shape, fidelity=way))
+        eyes.render(SceneState(np.zeros(robot.n_joints), np.array([-0.4, 0.0, 0.3])), 0.0)
+        yield name, eyes
+
+
+def _drawing(stimulus: StimulusName, seconds: float, seed: int) -> Drawing:
+    """A random motion that the eyes follow, with one ray a pixel, and many around the object, in its first state."""
+    params = RenderParams(stimulus, "figure8" if seed % 2 else "circle", Path(), seconds=seconds, seed=seed)
+    states = [state for _, state in scene(params, icub_setup(), np.random.default_rng(seed))]
+    robot = load_icub()
+    shape = make_stimulus(stimulus)
+    ball = shape.radius_m, shape.parts[0].color
+    views = icub_rig(robot).view(states[0].q_rad)
+    images, around = [], []
+    for view in (views.left, views.right):
+        near = _beyond_rim_px(view, _position(states[0]), shape.radius_m) < _MARGIN_PX
+        image = np.array(ray_cast(robot, view, states[0], *ball, 1))
+        image[near] = ray_cast(robot, view, states[0], *ball, _RAYS, near)[near]
+        images.append(image)
+        around.append(near)
+    return Drawing(states, (images[0], images[1]), (around[0], around[1]))
+
+
+def _position(state: SceneState) -> Array:
+    assert state.position is not None
+    return state.position
+
+
+def _beyond_rim_px(view: View, p: Array, radius_m: float) -> Array:
+    """(h, w) distance of each pixel from the image of a ball at `p`, negative inside, px."""
+    away = p - view.center
+    distance = float(np.linalg.norm(away))
+    cosine = view.camera.bearing_map @ (view.T_root_camera[:3, :3].T @ (away / distance))
+    beyond: Array = (np.arccos(np.clip(cosine, -1, 1)) - np.arcsin(radius_m / distance)) * view.camera.focal_px
+    return beyond
+
+
+def _errors(stimulus: StimulusName, eyes: Eyes, drawing: Drawing, seed: int) -> Values:
+    """Image differences around the object in the first pair, and errors of the triangulation of each noisy pair."""
+    robot = load_icub()
+    params = TrackerParams("marker" if stimulus == "marker" else "generic")
+    tracker = Tracker(params, icub_rig(robot), np.random.default_rng(seed), own_body=Silhouette(robot))
+    difference, error_mm, ms = [], [], []
+    for k, state in enumerate(drawing.states):
+        frame, frame_ms = timed(partial(eyes.render, state, k / _FPS))
+        ms.append(frame_ms)
+        if k == 0:
+            pairs = zip((frame.left, frame.right), drawing.exact, drawing.around, strict=True)
+            difference = [(image.astype(float) - exact)[near].ravel() for image, exact, near in pairs]
+        rng = np.random.default_rng((seed, k))
+        left, right = (expose(_SENSOR, image.astype(np.float32), rng) for image in (frame.left, frame.right))
+        observation = tracker.step(replace(frame, left=left, right=right)).observation
+        if observation is not None:
+            error_mm.append(1000 * float(np.linalg.norm(observation.p_root - _position(state))))
+    return {"object": np.concatenate(difference), "error_mm": error_mm, "ms": ms}

@@ -1,0 +1,120 @@
+"""From two images to one point: our triangulation beside OpenCV's and beside disparity maps.
+
+A plain and a textured ball of 35 mm, 0.4 m from the eyes, while the head sways. The error counts before any filter; the
+disparity maps are given the ball's direction.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import trimesh
+from matplotlib.figure import Figure
+
+from pps_vision.experiments.baselines import disparity
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
+from pps_vision.experiments.films.score import steps_of
+from pps_vision.experiments.stages.parameters import StageParameters
+from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, SceneSource, Values, compare, percent, rms
+from pps_vision.experiments.timing import timed_steps
+from pps_vision.geometry.camera import StereoView
+from pps_vision.geometry.triangulation import triangulate
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array, Detection2D, StereoFrame
+from rendering.motions import Circle
+from rendering.sensor import Sensor
+from rendering.shapes import Part
+from rendering.stimuli import RED, Stimulus, make_stimulus
+
+BALL_M = 0.035
+OURS = "covariance (ours)"
+BASELINES = ("midpoint", "linear (OpenCV)", "whole BM", "whole SGBM")
+_SECONDS = 1.5
+_SETTLED = 10  # first frame that counts
+_DISTANCE_M = 0.4
+_METRICS = {"rms_mm": Metric("error_mm", rms), "found_percent": Metric("found", percent)}
+
+
+class Pair(NamedTuple):
+    """A stereo pair, its view, the tracker's detections in it, and the ball's true position."""
+
+    frame: StereoFrame
+    view: StereoView
+    left: Detection2D
+    right: Detection2D
+    p: Array
+
+
+def run(study: StageParameters) -> dict[str, Any]:
+    """Return by scenes and method: 3D error, share with a point, time."""
+    scenarios = study.scenarios(_pairs, ("plain ball", "textured ball"))
+    return {"cells": compare(scenarios, methods(), _METRICS, study.seeds, "midpoint", TURNS)}
+
+
+def chart(numbers: dict[str, Any]) -> Figure:
+    """Time against 3D error."""
+    return speed_errors(numbers["cells"], "rms_mm", "3D RMS error, 0.4 m (mm)", BASELINES, OURS)
+
+
+def _pairs(ball: str, source: SceneSource, seed: int) -> list[Pair]:
+    rng = np.random.default_rng(seed)
+    plane = np.linalg.qr(rng.standard_normal((3, 3)))[0][:2]
+    center = EYES_M + _DISTANCE_M * np.array([-1.0, *rng.uniform(-0.1, 0.1, 2)])
+    states = watching(Circle(center, plane, 0.03, 0.1), _SECONDS, follow(load_icub()))
+    stimulus = make_stimulus("ball", BALL_M) if ball == "plain ball" else patched_ball(BALL_M)
+    recording = film(states, stimulus, source, Sensor(noise_sigma=NOISE_SIGMA), seed)
+    return list(detected_pairs(recording, seed))
+
+
+def detected_pairs(recording: Footage, seed: int) -> Iterator[Pair]:
+    """Yield the pairs in which the tracker detects the ball in both images, from frame 10 on."""
+    steps, _ = steps_of(recording, seed)
+    for k, (frame, step) in enumerate(zip(recording.frames, steps, strict=True)):
+        if k >= _SETTLED and len(step.detections) == 2:
+            left, right = step.detections
+            yield Pair(frame, recording.rig.view_of(frame), left, right, recording.position[k])
+
+
+def methods() -> dict[str, Method]:
+    """Return the methods from a pair to a point, by name."""
+
+    def pixels(triangulation: Callable[[StereoView, Array, Array], Array | None]) -> Method:
+        return partial(_run, lambda pair: triangulation(pair.view, pair.left.center_px, pair.right.center_px))
+
+    def whole(make: Callable[[], cv2.StereoMatcher]) -> Method:
+        return partial(_run, lambda pair: disparity.in_whole_image(make, pair.frame, pair.view, pair.p, BALL_M))
+
+    return {
+        OURS: partial(_run, _ours),
+        "midpoint": pixels(disparity.midpoint),
+        "linear (OpenCV)": pixels(disparity.linear),
+        "whole BM": whole(disparity.block_matching),
+        "whole SGBM": whole(disparity.semi_global),
+    }
+
+
+def _ours(pair: Pair) -> Array | None:
+    point = triangulate(pair.view, pair.left.center_px, pair.right.center_px, pair.left.cov_px, pair.right.cov_px)
+    return None if point is None else point.p_root
+
+
+def _run(method: Callable[[Pair], Array | None], recording: list[Pair], seed: int) -> Values:
+    points, ms = timed_steps(method, recording)
+    pairs = zip(points, recording, strict=True)
+    error_mm = [1000 * float(np.linalg.norm(p - pair.p)) for p, pair in pairs if p is not None]
+    return {"error_mm": error_mm, "found": [p is not None for p in points], "ms": ms}
+
+
+def patched_ball(radius_m: float) -> Stimulus:
+    """Return a red ball with every other patch of its surface half as bright."""
+    mesh: Any = trimesh.creation.icosphere(4, radius_m)
+    middle = mesh.triangles_center / radius_m
+    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
+    height = np.arcsin(np.clip(middle[:, 2], -1, 1))
+    dark = (np.floor(azimuth * 5 / np.pi) + np.floor(height * 5 / np.pi)) % 2 > 0
+    plain, patches = mesh.submesh([np.flatnonzero(~dark), np.flatnonzero(dark)], repair=False)
+    r, g, b = RED
+    return Stimulus("ball", radius_m, (Part(plain, RED), Part(patches, (0.5 * r, g, b))))

@@ -1,0 +1,221 @@
+"""The stages' methods on input with an independent truth: drawn squares, straight paths, thrown balls, ray casting."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.app.render import record
+from pps_vision.app.render_params import RenderParams
+from pps_vision.errors import InputError
+from pps_vision.experiments.baselines.filters import FilterPyFilter, OpenCVFilter
+from pps_vision.experiments.baselines.image_trackers import image_tracker
+from pps_vision.experiments.films.recordings import FPS, Footage
+from pps_vision.experiments.stages import Stages, arm, batches, filter, rendering, stereo, trigger
+from pps_vision.experiments.stages.filter import Measurements
+from pps_vision.experiments.stages.image_tracker import DEFAULT, BoxedFilm
+from pps_vision.experiments.stages.image_tracker import methods as image_trackers
+from pps_vision.experiments.study import Method, median, rms
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.open import open_recording
+from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import StereoFrame
+from rendering.fidelity import Fidelity
+from tracking import kalman
+
+RIG = StereoRig.fixed(LEFT_EYE, LEFT_EYE, np.eye(4))
+
+
+def moving_square(px_per_frame: int, seed: int) -> Footage:
+    """A textured square, 24 px wide, that starts to move to the right before a textured wall, equal in both eyes."""
+    rng = np.random.default_rng(seed)
+    wall = cv2.blur(rng.uniform(60, 180, (240, 320, 3)), (3, 3))
+    square = rng.uniform(200, 250, (24, 24, 3)) * (1.0, 0.9, 0.2)
+    frames = []
+    position = []
+    for k in range(trigger.STARTS + trigger.AFTER):
+        x = 150 + px_per_frame * max(k - trigger.STARTS + 1, 0)
+        image = wall.copy()
+        image[98:122, x - 12 : x + 12] = square
+        noisy = np.clip(image + rng.normal(0, 1, image.shape), 0, 255).astype(np.uint8)
+        frames.append(StereoFrame(noisy, noisy, k / FPS, k / FPS, None, None))
+        view = RIG.view_of(frames[-1]).left
+        position.append(view.center + view.rays(np.array([x - 0.5, 109.5])))
+    velocity = np.diff(np.array(position), axis=0, prepend=[position[0]]) * FPS
+    boxes = ((None, None),) * len(frames)
+    radius_m = 12 / LEFT_EYE.focal_px
+    visible = np.ones(len(frames), bool)
+    return Footage(tuple(frames), np.array(position), velocity, visible, boxes, radius_m, RIG, None)
+
+
+@pytest.fixture(scope="module")
+def triggers() -> dict[str, Method]:
+    return trigger.methods(moving_square(0, 4))
+
+
+@pytest.mark.parametrize("name", [trigger.DEFAULT, "LK residual grid (R)", "DIS ultrafast − ego", "MOG2"])
+def test_triggers_detect_the_start_of_a_motion_and_nothing_before(name: str, triggers: dict[str, Method]) -> None:
+    values = triggers[name](moving_square(5, 5), 0)
+    assert max(values["delay"]) <= 3
+    assert len(values["ms"]) == 2 * (trigger.STARTS + trigger.AFTER)
+    quiet = triggers[name](moving_square(0, 4), 0)
+    assert not np.any(quiet["alarm"])
+    assert len(quiet["alarm"]) == 2 * trigger.AFTER
+
+
+def test_a_region_beside_the_path_is_no_detection() -> None:
+    still = moving_square(0, 1)
+    nothing: list[list[tuple[int, int, int, int]]] = [[] for _ in still.frames]
+    for box, delay in (((10, 10, 20, 20), trigger.MISSED), ((150, 100, 20, 20), trigger.AFTER)):
+        assert trigger.delay([*nothing[:-1], [box]], still, "left") == delay
+
+
+def test_image_trackers_on_a_square_that_jumps() -> None:
+    """The marker blob searches everywhere; KCF only nearby."""
+    rng = np.random.default_rng(0)
+    images = []
+    boxes = []
+    for k in range(12):
+        image = rng.integers(100, 140, (120, 160, 3), dtype=np.uint8)
+        x, y = (20 + 2 * k, 30) if k < 6 else (110, 70 - 2 * k)
+        image[y : y + 20, x : x + 20] = (230, 20, 20)
+        images.append(image)
+        boxes.append((float(x), float(y), 20.0, 20.0))
+    film = BoxedFilm(tuple(images), tuple(boxes), hue_deg=0.0)
+    blob, kcf, particles = (image_trackers()[name](film, 0) for name in ("marker blob", "KCF", DEFAULT))
+    assert np.mean(blob["held"]) == pytest.approx(10 / 11)
+    assert np.median(blob["center_px"]) < 0.3
+    assert np.mean(blob["iou"]) == pytest.approx(10 / 11 * np.pi / 4, abs=0.03)  # of the disc of equal area
+    assert np.mean(kcf["held"]) < 0.7
+    assert np.mean(particles["held"][:5]) == 1
+
+
+def test_an_unknown_baseline_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"Boosting.*CSRT"):
+        image_tracker("Boosting")  # type: ignore[arg-type]
+
+
+def test_triangulation_is_nearer_to_a_textured_ball_than_disparity() -> None:
+    pairs = stereo._pairs("textured ball", "rendered", SEED)
+    assert len(pairs) > 10
+    values = {name: method(pairs, SEED) for name, method in stereo.methods().items()}
+    assert all(np.mean(value["found"]) > 0.9 for value in values.values())
+    error_mm = {name: rms(np.asarray(value["error_mm"])) for name, value in values.items()}
+    assert error_mm[stereo.OURS] < 1.5
+    assert error_mm[stereo.OURS] < min(error_mm["whole BM"], error_mm["whole SGBM"]) < 15
+    for triangulation in ("midpoint", "linear (OpenCV)"):
+        assert error_mm[triangulation] == pytest.approx(error_mm[stereo.OURS], rel=0.3)
+
+
+STD = np.array([1e-4, 1e-4, 3e-4])
+
+
+def approach(seed: int, noise: float = 1.0) -> Measurements:
+    """2 s at 10 cm/s towards the origin, which the surface (radius 3 cm) touches at the end."""
+    rng = np.random.default_rng(seed)
+    stamps = 0.05 * np.arange(41)
+    velocity = np.array([-0.08, 0.06, 0.0])
+    path = -velocity * (2.0 - stamps)[:, None] + 0.03 * np.array([0.8, -0.6, 0.0])
+    return Measurements(
+        stamps_s=stamps,
+        positions=path + noise * STD * rng.standard_normal((41, 3)),
+        covs=np.tile(np.diag(STD**2), (41, 1, 1)),
+        path=path,
+        velocity=np.tile(velocity, (41, 1)),
+        distance_m=0.4,
+        counts=np.arange(41) >= 10,
+        touched=np.zeros(3),
+        ttc_s=2.0 - stamps,
+        white_share=1.0,
+        radius_m=0.03,
+    )
+
+
+def test_without_adaptation_all_filters_agree() -> None:
+    data = approach(5)
+    params = replace(data.params(), adaptation_rate=0)
+    belief = data.first(params)
+    baselines = OpenCVFilter(params, belief), FilterPyFilter(params, belief)
+    for stamp_s, position, cov in data.later():
+        belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
+        for baseline in baselines:
+            np.testing.assert_allclose(baseline.step(stamp_s, position, cov), belief.mean, atol=1e-9)
+
+
+def test_smoothing_reduces_errors_and_a_high_order_increases_them() -> None:
+    data = [approach(seed) for seed in (5, 6, 7)]
+    values = {name: [method(approach_, 0) for approach_ in data] for name, method in filter.methods().items()}
+
+    def error(name: str, metric: str) -> float:
+        return rms(np.concatenate([np.asarray(value[metric]) for value in values[name]]))
+
+    for order in (2, 3):
+        assert error(f"order {order}, RTS", "velocity_mm_s") < error(f"order {order}", "velocity_mm_s")
+        assert error(f"order {order}", "position_mm") < 1000 * float(np.linalg.norm(STD))
+    assert error("order 2", "velocity_mm_s") < error("order 4", "velocity_mm_s")
+    assert "velocity_mm_s" not in values["order 1"][0]
+    exact = filter.methods()["order 3"](approach(5, noise=0.0), 0)
+    assert median(np.asarray(exact["ttc_percent"])) < 0.1
+
+
+def test_flights_are_triangulated_from_their_images(tmp_path: Path) -> None:
+    """A ball in the air and its images in two cameras, in tt3d's form."""
+    stamps = 0.04 * np.arange(12)
+    path = np.array([0.1, 1.2, 0.6]) + stamps[:, None] * [0.2, -5.0, 1.5] - 4.905 * stamps[:, None] ** 2 * [0, 0, 1]
+    cameras = {"side": ([1.36, -1.38, 1.14], [0, 0.4, 4.5]), "oblique": ([0.96, -1.78, 1.52], [0.1, 0, 4.1])}
+    for name, (rvec, tvec) in cameras.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / f"{name}.yaml").write_text(f"rvec: {rvec}\ntvec: {tvec}\nf: 1200.0\nw: 1280\nh: 720\n")
+        K = np.array([[1200, 0, 640], [0, 1200, 360], [0, 0, 1.0]])
+        pixels = cv2.projectPoints(path, np.array(rvec), np.array(tvec, float), K, None)[0][:, 0]
+        rows = np.column_stack([stamps, path, pixels, np.zeros((12, 2))])
+        header = "Timestamp,X,Y,Z,u,v,l,theta"
+        np.savetxt(tmp_path / name / "001.csv", rows, delimiter=",", header=header, comments="")
+    (flight,) = filter.flights(tmp_path)
+    np.testing.assert_allclose(flight.positions, path, atol=1e-6)
+    np.testing.assert_allclose(flight.path, path, atol=1e-9)
+
+
+def test_the_quadratic_programme_keeps_limits_alone_and_least_squares_only_behind_the_last_stage() -> None:
+    numbers = arm.run(Stages(seed=SEED, n_movements=4))
+    for scenario, cells in numbers["cells"].items():
+        ours = cells[arm.OURS]
+        assert ours["violating_percent"][0] == ours["touching_percent"][0] == 0
+        assert ours["distance_mm"][0] >= 20 - 0.01
+        assert (cells["damped least squares"]["violating_percent"][0] > 0) == (scenario == "alone")
+        assert 0 < ours["error_cm_s"][0] < 12
+
+
+def test_a_finer_scale_is_nearer_to_the_ray_cast_image_and_slower() -> None:
+    scales = {"1": Fidelity(), "1.5": Fidelity(scale=1.5), "2": Fidelity(scale=2)}
+    cells = rendering.measure("marker", scales, (0,), 0.2)
+    errors = [cells[name]["object_error"][0] for name in scales]
+    assert errors == sorted(errors, reverse=True)
+    assert 1 < errors[-1] < errors[0] < 6  # grey levels
+    assert cells["1"]["ms"][1] < cells["2"]["ms"][1]
+
+
+def test_render_draws_at_the_requested_scale(tmp_path: Path) -> None:
+    recordings = []
+    for scale in (2.0, 1.0):
+        record(RenderParams("ball", "circle", tmp_path / str(scale), seconds=0.1, seed=3, scale=scale))
+        recordings.append(open_recording(tmp_path / str(scale)))
+    fine, usual = recordings
+    assert np.array_equal(fine.truth[0].position, usual.truth[0].position)
+    error = np.sqrt(np.mean((next(iter(fine)).left.astype(float) - next(iter(usual)).left) ** 2))
+    assert 0.5 < error < 9  # grey levels
+    with pytest.raises(InputError, match=r"expected scale 0\.5–2"):
+        record(RenderParams("ball", "circle", tmp_path / "none", scale=3.0))
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.long
+def test_batches_detect_the_same_centres() -> None:
+    """Within 0.05 px, with the lens's distortion and noise of 2/255."""
+    for cells in batches.run(Stages(n=1, seconds=0.4))["cells"].values():
+        for cell in cells.values():
+            assert cell["apart_px"][0] < 0.05
+            assert 0 < cell["error_px"][0] < 0.3
