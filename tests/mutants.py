@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -49,16 +50,22 @@ def outcome(copy: Path, tests: list[str], limit_s: float, **more: str) -> str:
     return {0: "survived", 5: "survived", 124: "out of time", 137: "out of time"}.get(done.returncode, "killed")
 
 
+def _children_s() -> float:
+    """Processor time of all processes that have been waited for, which other work on the machine does not change."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def tried(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[str, float], most_s: float) -> str:
-    """Outcome of a mutant in a copy; `seconds`: of each test file unmutated, 0 for one that fails."""
+    """Outcome of a mutant in a copy; `seconds`: processor time of each test file unmutated, 0 for one that fails."""
     place = copy / mutant["file"]
     fresh = {"NUMBA_CACHE_DIR": f"{copy}/{time.time_ns()}"} if "njit" in mutant["source"] else {}
     for batch in tests[:2], tests[2:]:
         used = list[str]()
         while batch and sum(seconds[test] for test in used) < most_s:
-            start, (test, *batch) = time.monotonic(), batch
+            start, (test, *batch) = _children_s(), batch
             if test not in seconds:
-                seconds[test] = (outcome(copy, [test], 600) == "survived") * round(time.monotonic() - start, 1)
+                seconds[test] = (outcome(copy, [test], 600) == "survived") * round(_children_s() - start, 1)
             used += [test] if seconds[test] else []
         kept = place.rename(copy / "kept")  # with its time, by which numba knows what it has compiled
         place.write_text(mutant["source"])
@@ -83,7 +90,9 @@ def main() -> None:
         help="replay a round where its lines still exist",
     )
     parser.add_argument("--out", type=Path, required=True, help="JSON file for the outcomes")
-    parser.add_argument("--seconds", type=float, default=90.0, help="of tests for a mutant, after its module's own")
+    parser.add_argument(
+        "--seconds", type=float, default=90.0, help="processor time of its tests, after its module's own"
+    )
     parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="the tree")
     parser.add_argument("--resume", action="store_true", help="continue an interrupted round")
     words = parser.parse_args()
