@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pps_vision.experiments.failures import _leaves
 from pps_vision.experiments.films.recordings import tracker_params
+from pps_vision.experiments.severity.tracking import leave_view
 from tracking.tracker import Tracker
 
 OUT_S, NEAR_M = 2.0, 0.06
@@ -20,7 +20,7 @@ OUT_S, NEAR_M = 2.0, 0.06
     ],
 )
 def test_it_is_found_again_soon_after_its_centre_is_back_in_view(mode: str, seed: int, within_s: float) -> None:
-    film = _leaves("independent", seed, OUT_S)
+    film = leave_view("independent", seed, OUT_S)
     tracker = Tracker(tracker_params(film, mode), film.rig, np.random.default_rng(seed), own_body=film.own_body)
     tracks = [tracker.step(frame).track for frame in film.frames]
     back_s = film.stamps_s[np.flatnonzero(~film.visible)[-1] + 1]

@@ -4,26 +4,37 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from pps_vision.experiments.severity import pps, reach
-from pps_vision.experiments.study import Part, PartsStudy, SampledStudy
+from pps_vision.experiments.severity import pps, reach, tracking
+from pps_vision.experiments.study import Part, PartsStudy, TrackingStudy
 
 
 @dataclass(frozen=True)
-class Severity(PartsStudy, SampledStudy):
-    """pps: prediction of touch 0.5 s ahead by maps of D and TTC.
+class Severity(PartsStudy, TrackingStudy):
+    """tracking: a ball in view, recorded under each disturbance.
+
+    pps: prediction of touch 0.5 s ahead by maps of D and TTC.
 
     reach: forward model and reachable-space map from disturbed babbling and labels.
     """
 
     PARTS: ClassVar[Mapping[str, Part]] = {
+        "tracking": Part(
+            lambda study: tracking.run(study.seeds, study.sources, study.tracking_disturbances), tracking.chart
+        ),
         "pps": Part(lambda study: pps.run(study.seeds), pps.chart, pps.table),
         "reach": Part(
             lambda study: reach.run(study.seeds, study.n_labels, study.n_test, study.reach_disturbances),
             reach.chart,
         ),
     }
-    SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 200, "reach_disturbances": ("labels flipped",)}
+    SHORT: ClassVar[Mapping[str, Any]] = {
+        "tracking_disturbances": ("distance",),
+        "n_labels": 200,
+        "reach_disturbances": ("labels flipped",),
+    }
 
+    tracking_disturbances: tuple[str, ...] = ()
+    """Of tracking: disturbances (default: all)."""
     n_labels: int = 1000
     """Of reach: inverse-kinematics solutions per map."""
     n_test: int = 4000
