@@ -58,8 +58,8 @@ def _end(signum: int, frame: object) -> None:
 
     No exception, because code that a signal interrupts (imports, callbacks, finalizers) may swallow it.
     """
-    outputs = sys.modules.get("pps_vision.recordings.outputs")
-    remove_unfinished = getattr(outputs, "remove_unfinished", None)  # None: not loaded, so nothing is half-written
+    atomic_write = sys.modules.get("pps_vision.recordings.atomic_write")
+    remove_unfinished = getattr(atomic_write, "remove_unfinished", None)  # None: not loaded, so nothing is half-written
     if remove_unfinished is not None:
         remove_unfinished()
     signal.signal(signum, signal.SIG_DFL)

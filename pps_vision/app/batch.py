@@ -24,7 +24,7 @@ from pps_vision.app.progress import progress
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
-from pps_vision.recordings.outputs import BUSY, locked_folder, whole_file
+from pps_vision.recordings.atomic_write import BUSY, locked_folder, whole_file
 from pps_vision.recordings.parquet import require_pyarrow, write_parquet
 from pps_vision.recordings.tables import csv_rows, write_table
 from pps_vision.recordings.text import finite

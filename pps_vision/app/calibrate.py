@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import decode
-from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.recording import Pair, pair_by_stamp, usual_size
 from pps_vision.recordings.video import is_video, open_video
+from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Array, Image
 
 _FEWEST_VIEWS = 3  # of a planar board, for four intrinsics and a lens (Zhang 2000)

@@ -33,7 +33,7 @@ from pps_vision.app.simulation import (
 )
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.recordings import REPORT, SUMMARY
-from pps_vision.recordings.outputs import whole_folder, write_json
+from pps_vision.recordings.atomic_write import whole_folder, write_json
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.types import Array, Image, ReachStatus, Status

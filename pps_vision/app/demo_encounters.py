@@ -16,7 +16,7 @@ from pps_vision.app.simulation import Episode, EpisodeLog, Side, log_of, new_pip
 from pps_vision.app.versions import versions
 from pps_vision.errors import InputError
 from pps_vision.recordings import REPORT, SUMMARY
-from pps_vision.recordings.outputs import whole_folder, write_json
+from pps_vision.recordings.atomic_write import whole_folder, write_json
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pps_vision.app.diagnosis import faults_of, length
-from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.warnings import count_by_kind
 
 _GAP = 1.5  # times the median interval
 _LOOKED_AT = 200  # pairs, spread over the recording, whose camera poses are compared

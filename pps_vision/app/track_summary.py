@@ -7,7 +7,7 @@ import numpy as np
 from pps_vision.app.diagnosis import Diagnosis, diagnose
 from pps_vision.app.track import TrackedRecording
 from pps_vision.app.track_statistics import PathStatistics
-from pps_vision.recordings.problems import count_by_kind
+from pps_vision.recordings.warnings import count_by_kind
 from pps_vision.types import Status
 
 

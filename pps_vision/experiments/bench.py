@@ -17,7 +17,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.claims import claims_table
 from pps_vision.experiments.study import PartsStudy, Study, catalogue
 from pps_vision.experiments.tables import Table, filled, markdown, names, read_numbers
-from pps_vision.recordings.outputs import plain, whole_file
+from pps_vision.recordings.atomic_write import plain, whole_file
 from pps_vision.worker_pool import worker_pool
 
 _DOCUMENTS = Path("docs")

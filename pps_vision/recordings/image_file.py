@@ -12,7 +12,7 @@ import PIL.Image
 
 from pps_vision.errors import InputError
 from pps_vision.files import read_bytes
-from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import Array, Image
 
 # An orientation tag would turn the image away from its calibration: pixels are taken as recorded.

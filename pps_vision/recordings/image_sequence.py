@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile, decode
-from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.video import is_video, open_video
+from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Image
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")

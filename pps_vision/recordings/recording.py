@@ -12,7 +12,7 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.image_file import ImageFile, decode
-from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import StereoFrame, Truth
 
 if TYPE_CHECKING:  # kinematics take 0.2 s to load, and are not installed where there is only tracking

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pps_vision.errors import InputError, first_line
-from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import Touch
 from pps_vision.recordings.text import finite, whole
+from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.recordings.yarp_log import read_log
 from pps_vision.recordings.yarp_text import Nested, parse_lists, parse_numbers
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from pps_vision.errors import InputError, first_line
-from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.text import finite, first_row, number, read_lines
+from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import Array, Detection2D, Reachability, Status, Track3D, Truth
 
 Box = tuple[float, float, float, float]

@@ -6,9 +6,9 @@ from pathlib import Path, PurePath
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import FileT
 from pps_vision.recordings.text import finite, read_lines
+from pps_vision.recordings.warnings import Problem, ProblemKind
 
 _EXPECTED = "a stamp a row, in s or digits of ms, µs or ns since 1970, each later than the last"
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.text import number, read_lines
+from pps_vision.recordings.warnings import Problem, ProblemKind
 
 _STAMP_LIMIT_S = 1e12  # beyond any clock; keeps differences of stamps finite
 

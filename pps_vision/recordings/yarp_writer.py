@@ -9,8 +9,8 @@ from typing import TextIO
 import cv2
 from numpy.typing import ArrayLike
 
+from pps_vision.recordings.atomic_write import whole_folder, write_json
 from pps_vision.recordings.icub_eyes import write_icub_eyes
-from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.recordings.tables import write_truth
 from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.types import StereoFrame, Truth

@@ -23,7 +23,7 @@ from videos import write_video
 from learning.pps.memory import load_memory
 from pps_vision.app.batch import Job, Task, jobs_of
 from pps_vision.app.cli import main
-from pps_vision.recordings.outputs import BUSY
+from pps_vision.recordings.atomic_write import BUSY
 
 
 def table(out: Path) -> dict[str, dict[str, str]]:

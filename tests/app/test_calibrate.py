@@ -17,8 +17,8 @@ from pps_vision.app.calibrate import Board, BoardView, StereoCalibration, board_
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+from pps_vision.recordings.warnings import Problem
 
 SQUARE_PX, SQUARE_M = 60, 0.03
 

@@ -32,7 +32,7 @@ def test_a_signal_ends_the_program_even_where_exceptions_are_swallowed(tmp_path:
     program = f"""
 import signal
 from pathlib import Path
-from pps_vision.recordings.outputs import whole_file, whole_folder
+from pps_vision.recordings.atomic_write import whole_file, whole_folder
 def run():
     with whole_file(Path({str(tmp_path / "a.csv")!r})) as file, whole_folder(Path({str(tmp_path / "b")!r})) as folder:
         file.write_text("half")

@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from pps_vision.experiments.study import Study
-from pps_vision.recordings.outputs import plain
+from pps_vision.recordings.atomic_write import plain
 
 
 def run_and_draw(study: Study) -> tuple[dict[str, Any], dict[str, Figure]]:

@@ -8,7 +8,7 @@ from tracks import track_at
 
 from pps_vision.app.report.overlay import save_jpeg
 from pps_vision.app.versions import versions
-from pps_vision.recordings.outputs import write_json
+from pps_vision.recordings.atomic_write import write_json
 from pps_vision.recordings.tables import (
     DETECTIONS,
     REACHABILITY,

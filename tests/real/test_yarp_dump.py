@@ -7,7 +7,7 @@ import pytest
 from data import shared_data
 
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.problems import ProblemKind
+from pps_vision.recordings.warnings import ProblemKind
 from pps_vision.robot.icub import load_icub
 
 

@@ -21,10 +21,10 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import PartMap, write_taxels
+from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.robot.skin import icub_skin
 
 CONTACT = "((0 3 4 2) (0 0 0) (0 0 0) (0 0 0) (0 0 0) (1 0 0) (1) 10.0)"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pps_vision.recordings.image_file import ImageFile, decode, number_in
-from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.warnings import Problem, ProblemKind
 
 RNG = np.random.default_rng(0)
 COLOR = RNG.integers(0, 256, (6, 8, 3), dtype=np.uint8)

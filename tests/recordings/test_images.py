@@ -12,7 +12,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.image_sequence import natural_order, open_frames
-from pps_vision.recordings.problems import ProblemKind
+from pps_vision.recordings.warnings import ProblemKind
 
 
 def write(file: Path, value: int, size: tuple[int, int] = (8, 6)) -> None:

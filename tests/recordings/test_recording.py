@@ -11,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.problems import Problem, ProblemKind, count_by_kind
 from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_size
+from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
 
 
 def images(side: str, stamps: list[float]) -> list[ImageFile]:

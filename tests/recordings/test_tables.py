@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.outputs import write_json
-from pps_vision.recordings.problems import ProblemKind
+from pps_vision.recordings.atomic_write import write_json
 from pps_vision.recordings.tables import (
     DETECTIONS,
     REACHABILITY,
@@ -31,6 +30,7 @@ from pps_vision.recordings.tables import (
     write_truth,
 )
 from pps_vision.recordings.text import first_row
+from pps_vision.recordings.warnings import ProblemKind
 from pps_vision.types import Detection2D, Reachability, ReachStatus, Status, Track3D, Truth
 
 JOINTS = ("neck_pitch", "eyes_tilt", "left_elbow")

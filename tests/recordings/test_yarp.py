@@ -15,7 +15,7 @@ from recorded import ROBOT, START_S, Written, write_recording
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.yarp import _covers, interpolated
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.problems import ProblemKind
+from pps_vision.recordings.warnings import ProblemKind
 
 
 @pytest.fixture

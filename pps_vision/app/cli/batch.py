@@ -66,7 +66,7 @@ class Batch:
         from pps_vision.app.batch import Task, jobs_of, run_batch
         from pps_vision.app.versions import versions
         from pps_vision.recordings import BATCH, SUMMARY
-        from pps_vision.recordings.outputs import whole_file, write_json
+        from pps_vision.recordings.atomic_write import whole_file, write_json
 
         started = datetime.now(UTC).isoformat(timespec="seconds")
         start_s = time.monotonic()

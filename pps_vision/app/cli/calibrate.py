@@ -39,8 +39,8 @@ class Calibrate:
         from pps_vision.app.calibrate import Board, board_pairs, calibrate, find_views
         from pps_vision.app.progress import progress
         from pps_vision.app.versions import versions
-        from pps_vision.recordings.outputs import whole_folder, write_json
-        from pps_vision.recordings.problems import Problem
+        from pps_vision.recordings.atomic_write import whole_folder, write_json
+        from pps_vision.recordings.warnings import Problem
 
         with whole_folder(self.out) as folder:
             marker_m = None if self.marker_mm is None else self.marker_mm / 1000

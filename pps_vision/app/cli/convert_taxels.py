@@ -41,7 +41,7 @@ class ConvertTaxels:
     def _to_robot(self) -> None:
         from learning.pps.memory import MemoryParams, load_memory
         from pps_vision.app.convert_taxels import to_maps
-        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
 
         if self.like is None:
@@ -63,7 +63,7 @@ class ConvertTaxels:
     def _from_robot(self) -> None:
         from learning.pps.memory import save_memory
         from pps_vision.app.convert_taxels import from_maps, onto
-        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.taxels_ini import read_taxels
         from pps_vision.robot.skin import icub_skin
 

@@ -45,7 +45,7 @@ class Evaluate:
         import json
 
         from pps_vision import __version__
-        from pps_vision.recordings.outputs import plain, whole_file
+        from pps_vision.recordings.atomic_write import plain, whole_file
 
         if len(self.files) < 2:
             raise InputError("evaluate", f"{len(self.files)} files; expected TRACK … TRUTH")

@@ -21,7 +21,7 @@ class Info(SourceOptions):
 
         from pps_vision.app.info import info
         from pps_vision.app.versions import versions
-        from pps_vision.recordings.outputs import plain
+        from pps_vision.recordings.atomic_write import plain
 
         recording = self.open()
         findings = info(recording)

@@ -20,7 +20,7 @@ class Joints(RecordingOptions):
         from learning.pps.trials import TouchTrial
         from pps_vision.app.learn import tracked_touches
         from pps_vision.errors import InputError
-        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.tables import write_joint_offsets
         from pps_vision.robot.icub import icub_rig, load_icub
         from pps_vision.robot.skin import icub_skin

@@ -25,7 +25,7 @@ class Learn(RobotOptions, RecordingOptions):
         from learning.pps.memory import PPSMemory, load_memory, save_memory
         from pps_vision.app.learn import learn_from
         from pps_vision.app.pipeline import check_memory
-        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.atomic_write import whole_file
 
         setup = self.setup()
         memory = PPSMemory.empty(setup.skin)

@@ -52,7 +52,7 @@ class TrainMap(RobotOptions):
         from learning.reach.map import both
         from learning.reach.params import MapParams
         from pps_vision.app.progress import progress
-        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.atomic_write import whole_file
 
         if self.arm == "both" and self.into is not None:
             raise InputError("reach train", f"--into {self.into} with --arm both; expected --into with one arm")
@@ -140,7 +140,7 @@ class QueryMap:
 
         from learning.reach.map import ReachableMap
         from pps_vision.app.device import torch_device
-        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.tables import read_gaze, write_reachability
 
         with whole_file(self.out, [self.map, self.gaze]) as partial:
@@ -169,7 +169,7 @@ class ShowMap(RobotOptions):
         from learning.reach.map import ReachableMap
         from pps_vision.app.report import figures
         from pps_vision.app.report.figure_file import save
-        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.atomic_write import whole_file
 
         with whole_file(self.out, [self.map, *self.files]) as partial:
             reachable_map = ReachableMap.load(self.map)

@@ -76,7 +76,7 @@ class Track(SourceOptions):
         from pps_vision.app.track_statistics import PathStatistics
         from pps_vision.app.track_summary import diagnosis_of, headline, summary
         from pps_vision.app.versions import versions
-        from pps_vision.recordings.outputs import whole_folder, write_json
+        from pps_vision.recordings.atomic_write import whole_folder, write_json
         from pps_vision.types import ReachStatus
 
         self._check_robot_options(self.rec is not None, "with --left and --right; expected it with REC")

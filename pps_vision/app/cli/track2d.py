@@ -31,9 +31,9 @@ class Track2d:
     def run(self) -> None:
         """Track through all frames; unreadable frames are reported and skipped."""
         from pps_vision.app.track2d import track_boxes
+        from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.exchange import SeenBox, open_coco, write_mot
         from pps_vision.recordings.image_sequence import open_frames
-        from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import write_boxes
 
         with whole_file(self.out, [self.frames_dir]) as partial:

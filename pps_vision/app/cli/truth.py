@@ -35,8 +35,8 @@ class Truth(SourceOptions):
         import numpy as np
 
         from pps_vision.app.tag_truth import tag_path
+        from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.exchange import write_tum_rows
-        from pps_vision.recordings.outputs import whole_file
 
         with whole_file(self.out, [self.rec]) as partial:
             recording = self.open()

@@ -23,7 +23,7 @@ from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, new
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
-from pps_vision.recordings.outputs import plain, whole_file
+from pps_vision.recordings.atomic_write import plain, whole_file
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.worker_pool import worker_pool
 

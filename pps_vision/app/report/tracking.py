@@ -19,7 +19,7 @@ from pps_vision.app.report.shade import shade
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
-from pps_vision.recordings.outputs import whole_file
+from pps_vision.recordings.atomic_write import whole_file
 from pps_vision.recordings.tables import (
     ACTIVATION,
     COVARIANCE,

@@ -16,7 +16,7 @@ from pps_vision.experiments.encounters.parameters import EncountersParameters
 from pps_vision.experiments.encounters.rates import MIN_SELF_DISTANCE_MM, SLOW_M_S, rate, unfinished_folder
 from pps_vision.experiments.study import interval, median
 from pps_vision.experiments.tables import Table, estimate, judged
-from pps_vision.recordings.outputs import whole_file, write_json
+from pps_vision.recordings.atomic_write import whole_file, write_json
 from pps_vision.types import Array
 
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)

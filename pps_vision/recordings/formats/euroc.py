@@ -5,9 +5,9 @@ from pathlib import Path
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import fixed_rig, refuse_robot_options
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, usual_size
 from pps_vision.recordings.times import read_times
+from pps_vision.recordings.warnings import Problem
 
 FORMAT = "a EuRoC folder, mav0/cam0 and cam1 with a data.csv each"
 HAS_STAMPS = True

@@ -14,7 +14,6 @@ from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.recordings import MAX_SKEW_S
 from pps_vision.recordings.image_file import ImageFile, number_in, stamp_in
 from pps_vision.recordings.image_sequence import images_in, natural_order
-from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import (
     Pair,
     Recording,
@@ -28,6 +27,7 @@ from pps_vision.recordings.recording import (
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.times import Times, read_times
 from pps_vision.recordings.video import is_video
+from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import Array
 
 FORMAT = "images by --left and --right"

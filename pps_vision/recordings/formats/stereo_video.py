@@ -7,10 +7,10 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import check_options, fixed_rig
-from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, replaced_rate, usual_size
 from pps_vision.recordings.times import read_times
 from pps_vision.recordings.video import VideoFrame, is_video, open_halves, open_video
+from pps_vision.recordings.warnings import Problem
 
 FORMAT = "two videos by --left and --right, or one with both images side by side"
 _MORE = 2  # frames by which cameras that are stopped one after the other may differ

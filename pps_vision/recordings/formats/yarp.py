@@ -17,13 +17,13 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import Pair, Recording, Source, pair_by_stamp, usual_size
 from pps_vision.recordings.skin_log import read_touches
 from pps_vision.recordings.tables import read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.text import first_row
 from pps_vision.recordings.video import Video, VideoFrame
+from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.recordings.yarp_log import read_log
 from pps_vision.types import Array
 

@@ -22,7 +22,7 @@ from pps_vision.experiments.severity.pps import DISTURBANCES, sample, score_map
 from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import read_numbers
 from pps_vision.experiments.whole_skin import activations, make_body
-from pps_vision.recordings.outputs import plain
+from pps_vision.recordings.atomic_write import plain
 
 RESULTS = Path(__file__).parents[3] / "docs" / "results"
 PARTS = {

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pps_vision.errors import InputError, first_line
-from pps_vision.recordings.problems import Problem, ProblemKind, count_by_kind
+from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
 
 
 def test_a_fatal_line_names_file_line_and_what_was_expected() -> None:

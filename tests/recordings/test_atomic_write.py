@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.outputs import locked_folder, remove_unfinished, whole_file, whole_folder, write_json
+from pps_vision.recordings.atomic_write import locked_folder, remove_unfinished, whole_file, whole_folder, write_json
 
 
 def test_a_folder_appears_when_the_block_ends(tmp_path: Path) -> None:
