@@ -5,7 +5,7 @@ controllers get the filter's track, and their commands, limited as all are, take
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -21,7 +21,7 @@ from control.search import SearchParams, SearchState
 from pps_vision.app.simulation import at_taxel
 from pps_vision.experiments import charts
 from pps_vision.experiments.films.recordings import EYES_M
-from pps_vision.experiments.study import SampledStudy, interval, mean, median
+from pps_vision.experiments.study import SampledStudy, interval, median, percent, rms
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.triangulation import triangulate
@@ -51,14 +51,9 @@ _NEAR_DEG = 1.5  # fixation error that counts as near
 _SETTLED_S = 0.75  # goal
 _NEAR_PERCENT = 95.0  # goal
 _STATIC_S = 3.0  # duration of settling
-_FOUND_S = (5.0, 15.0, 30.0)
+_SEARCH_S = (5.0, 15.0, 30.0)
 
 Axis = Literal["speed", "latency", "noise"]
-AXES: Mapping[Axis, tuple[str, tuple[float, ...]]] = {
-    "speed": ("speed (cm/s)", (5, 10, 20, 30, 40)),
-    "latency": ("latency (ms)", (0, 50, 100, 150, 200)),
-    "noise": ("pixel noise σ (px)", (0, 0.02, 0.1, 0.3, 1)),
-}
 
 
 @dataclass(frozen=True)
@@ -73,14 +68,13 @@ class Condition:
     """Standard deviation of the target's centre in either image: as of rendered objects, whose 3D error before the
     filter is 0.2–0.5 mm (`bench stages`)."""
 
-    def at(self, axis: Axis, value: float) -> "Condition":
-        """Return the condition with another speed (cm/s), latency (ms) or noise (px)."""
-        field, unit = {
-            "speed": ("speed_m_s", 0.01),
-            "latency": ("latency_s", 0.001),
-            "noise": ("noise_px", 1.0),
-        }[axis]
-        return replace(self, **{field: unit * value})
+
+AXES: Mapping[Axis, tuple[str, Mapping[float, Condition]]] = {
+    "speed": ("speed (cm/s)", {v: Condition(speed_m_s=0.01 * v) for v in (5, 10, 20, 30, 40)}),
+    "latency": ("latency (ms)", {v: Condition(latency_s=0.001 * v) for v in (0, 50, 100, 150, 200)}),
+    "noise": ("pixel noise σ (px)", {v: Condition(noise_px=v) for v in (0, 0.02, 0.1, 0.3, 1)}),
+}
+"""Label of each axis, and conditions by severity."""
 
 
 @dataclass(frozen=True)
@@ -114,59 +108,65 @@ _CONTROLLERS = ("J IV.1", "six joints")
 _FOLLOWING = (*_CONTROLLERS, "six joints, motion known")
 
 
-class _Robot:
-    """A head that obeys late, and its measurements of a target."""
+class Head:
+    """A robot's head whose commands take effect late, and its measurements of a target."""
 
     def __init__(self) -> None:
         self.robot = load_icub()
-        self.rig, self.self_collision = icub_rig(self.robot), SelfCollision(self.robot)
-        self.home, self.skin = home(self.robot), icub_skin(("left_forearm",))
+        self.rig = icub_rig(self.robot)
+        self.self_collision = SelfCollision(self.robot)
+        self.home = home(self.robot)
+        self.skin = icub_skin(("left_forearm",))
 
     def follow(
         self, method: Method, q: Array, motion: Motion, condition: Condition, seconds: float, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Fixation errors (deg) of the 25 ms steps from posture `q` on, and the postures (n, n_joints)."""
+        """Fixation errors (deg) every 25 ms from posture `q` on, and the postures (n, n_joints)."""
         belief: Belief | None = None
         commands: list[JointVelocity] = []
         last_q: Array | None = None
-        errors, postures, latency_s = [], [], condition.latency_s
+        errors: list[float] = []
+        postures: list[Array] = []
+        latency_s = condition.latency_s
         for k in range(int(seconds / _DT_S)):
             t = k * _DT_S
-            belief = self._see(belief, q, motion(t)[0], t, condition.noise_px, rng)
+            belief = self._update(belief, q, motion(t)[0], t, condition.noise_px, rng)
             last = commands[-1] if commands else None
             then = self.robot.at(posture_after(q, commands, t, t + latency_s, latency_s) if method.compensates else q)
             target = self._target(method, belief, motion, t, latency_s)
             rest = JointVelocity(t, np.zeros(self.robot.n_joints), MAX_HOLD_S)
             wanted = rest if target is None else method.command(then, *target, t, last)
             commands.append(limits.limit(LimitParams(), self.self_collision, then, wanted, last, last_q))
-            last_q, commands = then.q_rad, commands[-12:]
-            for since in (0.5, 1.0):
-                until_s = t + since * _DT_S
+            last_q = then.q_rad
+            commands = commands[-12:]
+            for periods in (0.5, 1.0):
+                until_s = t + periods * _DT_S
                 q = self.robot.clamp(posture_after(q, commands, until_s - 0.5 * _DT_S, until_s, latency_s))
                 errors.append(fixation_error(self.robot.at(q), motion(until_s)[0]) / _DEG)
                 postures.append(q)
         return np.array(errors), np.array(postures)
 
-    def _see(
+    def _update(
         self, belief: Belief | None, q: Array, p: Array, t: float, noise_px: float, rng: np.random.Generator
     ) -> Belief | None:
-        """The filter after a frame; None once nothing was seen for half a second."""
-        view, cov = self.rig.view(q), max(noise_px, 0.01) ** 2 * np.eye(2)
+        """The filter after a frame; None after half a second without a measurement."""
+        view = self.rig.view(q)
+        cov = max(noise_px, 0.01) ** 2 * np.eye(2)
         pixels = [eye.project(p) + noise_px * rng.standard_normal(2) for eye in (view.left, view.right)]
         if belief is not None:
             belief = kalman.predict(KalmanParams(), belief, t)
-        visible = view.left.sees(p) and view.right.sees(p)
-        seen = triangulate(view, pixels[0], pixels[1], cov, cov) if visible else None
-        if seen is not None and belief is None:
-            return kalman.start(KalmanParams(), t, seen.p_root, seen.cov_root)
-        if seen is not None and belief is not None:
-            return kalman.update(KalmanParams(), belief, seen.p_root, seen.cov_root)
-        return belief if belief is not None and t - belief.updated_s < _COAST_S else None
+        is_visible = view.left.sees(p) and view.right.sees(p)
+        point = triangulate(view, pixels[0], pixels[1], cov, cov) if is_visible else None
+        if point is None:
+            return belief if belief is not None and t - belief.updated_s < _COAST_S else None
+        if belief is None:
+            return kalman.start(KalmanParams(), t, point.p_root, point.cov_root)
+        return kalman.update(KalmanParams(), belief, point.p_root, point.cov_root)
 
     def _target(
         self, method: Method, belief: Belief | None, motion: Motion, t: float, latency_s: float
     ) -> tuple[Array, Array] | None:
-        """Position and velocity for the controller; None of what is not seen."""
+        """Position and velocity for the controller; None without a track."""
         if method.knows_motion:
             return motion(t + latency_s)[0], motion(t + latency_s + 0.5 * _DT_S)[1]
         if belief is None:
@@ -190,22 +190,22 @@ class Fixation(SampledStudy):
 
     def run(self) -> dict[str, Any]:
         """Return medians over targets with their 95 % intervals, in degrees and seconds."""
-        eyes = _Robot()
-        motions: dict[str, Any] = {}
-        for kind in tqdm(_MOVING, "motions", disable=None):
-            motions[kind] = {name: self._moving(eyes, name, Condition(), (kind,)) for name in _FOLLOWING}
+        head = Head()
         axes: dict[str, Any] = {}
         for axis in self.axes:
+            conditions = AXES[axis][1]
             names = (*_FOLLOWING, "J IV.1, latency ignored", "six joints, latency ignored")
-            axes[axis] = {"severities": list(AXES[axis][1]), "methods": {}}
+            axes[axis] = {"severities": list(conditions), "methods": {}}
             for name in tqdm(names if axis == "latency" else _FOLLOWING, axis, disable=None):
-                cells = [self._moving(eyes, name, Condition().at(axis, value)) for value in AXES[axis][1]]
-                axes[axis]["methods"][name] = cells
+                axes[axis]["methods"][name] = [self.follow(head, name, condition) for condition in conditions.values()]
         return {
-            "static": {name: self._static(eyes, name) for name in _CONTROLLERS},
-            "motions": motions,
+            "static": {name: self.settle(head, name) for name in _CONTROLLERS},
+            "motions": {
+                kind: {name: self.follow(head, name, Condition(), (kind,)) for name in _FOLLOWING}
+                for kind in tqdm(_MOVING, "motions", disable=None)
+            },
             "axes": axes,
-            "search": self._search(eyes),
+            "search": {pattern: self.search(head, pattern) for pattern in ("covering", "random")},
         }
 
     def chart(self, numbers: dict[str, Any]) -> "Figure":
@@ -219,7 +219,7 @@ class Fixation(SampledStudy):
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return settling, following by kind of motion, and search; a missed goal is bold."""
+        """Return settling, and following by kind of motion; a missed goal is bold."""
         static = [
             [name, *(judged(estimate(cell[key]), cell[key][0] > _SETTLED_S) for key in ("eyes_s", "neck_s"))]
             for name, cell in numbers["static"].items()
@@ -228,70 +228,59 @@ class Fixation(SampledStudy):
         for kind, cells in numbers["motions"].items():
             shares = [cells[name]["near_percent"] for name in _FOLLOWING]
             motions.append([kind, *(judged(estimate(share), share[0] < _NEAR_PERCENT) for share in shares)])
-        searches = []
-        for name, cell in numbers["search"].items():
-            shares = [estimate(share) for share in cell.values()]
-            shares[-1] = judged(shares[-1], name == "covering" and cell[f"{_FOUND_S[-1]:g} s"][0] < 100)
-            searches.append([name, *shares])
         settled = [f"{part} (s), ≤ {_SETTLED_S}" for part in ("eyes within 0.1°", "neck within 0.5°")]
         return {
             "static": Table(["controller", *settled], static),
             "motions": Table([f"within 1.5° (%), ≥ {_NEAR_PERCENT:g}, at 30 cm/s", *_FOLLOWING], motions),
-            "search": Table(["search", *(f"in view within {t:g} s (%)" for t in _FOUND_S)], searches),
         }
 
-    def _static(self, eyes: _Robot, name: str) -> dict[str, Any]:
-        """Time until the eyes stay within 0.1°, and the neck within 0.5° of its rest."""
+    def settle(self, head: Head, name: str) -> dict[str, Any]:
+        """Return the time until the eyes stay within 0.1°, and the neck within 0.5° of its rest."""
         settled = []
-        neck = joints(eyes.robot)[0]
+        neck = joints(head.robot)[0]
         for seed in self.seeds:
             rng = np.random.default_rng(seed)
-            q, point = _start_and_point(eyes, rng)
-            errors, postures = eyes.follow(METHODS[name], q, Static(point), Condition(), _STATIC_S, rng)
+            q, point = _start_and_point(head, rng)
+            errors, postures = head.follow(METHODS[name], q, Static(point), Condition(), _STATIC_S, rng)
             turned = np.abs(postures[:, neck] - postures[-1, neck]).max(axis=1) / _DEG
             settled.append((_last_above(errors, _EYES_DEG), _last_above(turned, _NECK_DEG)))
         eyes_s, neck_s = np.array(settled).T[..., None]
         return {"eyes_s": interval(eyes_s, median), "neck_s": interval(neck_s, median)}
 
-    def _moving(
-        self, eyes: _Robot, name: str, condition: Condition, kinds: tuple[MotionName, ...] = _MOVING
+    def follow(
+        self, head: Head, name: str, condition: Condition, kinds: tuple[MotionName, ...] = _MOVING
     ) -> dict[str, Any]:
-        """Error from the first second on; every method follows the same targets."""
+        """Return the error after the first second; every method follows the same targets."""
         runs = []
         for seed in self.seeds:
             rng = np.random.default_rng((seed, 1))
-            motion = _motion(eyes, kinds[seed % len(kinds)], rng, condition.speed_m_s)
-            q = gaze_at(eyes.robot, eyes.home, motion(0.0)[0])
-            errors = eyes.follow(METHODS[name], q, motion, condition, self.seconds, rng)[0]
+            motion = _motion(head, kinds[seed % len(kinds)], rng, condition.speed_m_s)
+            q = gaze_at(head.robot, head.home, motion(0.0)[0])
+            errors, _ = head.follow(METHODS[name], q, motion, condition, self.seconds, rng)
             runs.append(errors[int(1.0 / _DT_S) * 2 :])
         return {
-            "rms_deg": interval([[float(np.sqrt(np.mean(run**2)))] for run in runs], median),
+            "rms_deg": interval([[rms(run)] for run in runs], median),
             "worst_deg": interval([[run.max()] for run in runs], median),
-            "near_percent": interval([100.0 * (run <= _NEAR_DEG) for run in runs], mean),
+            "near_percent": interval([run <= _NEAR_DEG for run in runs], percent),
         }
 
-    def _search(self, eyes: _Robot) -> dict[str, Any]:
-        """Share of points in the range of the gaze, out of view at first, that come into view of both eyes in time."""
-        result: dict[str, Any] = {}
-        patterns: tuple[Literal["covering", "random"], ...] = ("covering", "random")
-        for pattern in patterns:
-            params = SearchParams(pattern)
-            times_s = []
-            for seed in tqdm(self.seeds, f"{pattern} search", disable=None):
-                rng = np.random.default_rng((seed, 2))
-                q = _random_gaze(eyes, rng)
-                points = fixation_points(eyes.robot, np.array([_gaze(rng) for _ in range(20)]))
-                first_s = np.full(20, np.inf)
-                state = SearchState(gaze_of(eyes.robot.at(q)))
-                for k in range(int(_FOUND_S[-1] / _DT_S) + 1):
-                    view = eyes.rig.view(q)
-                    is_in_view = _within_image(view.left, points) & _within_image(view.right, points)
-                    first_s = np.minimum(first_s, np.where(is_in_view, k * _DT_S, np.inf))
-                    state, command = search.step(params, state, eyes.robot.at(q), _DT_S, rng)
-                    q = q + _DT_S * command.dq_rad_s
-                times_s.append(first_s[first_s > 0])
-            result[pattern] = {f"{t:g} s": interval([100.0 * (target <= t) for target in times_s]) for t in _FOUND_S}
-        return result
+    def search(self, head: Head, pattern: Literal["covering", "random"]) -> dict[str, Any]:
+        """Return the share of points in the range of the gaze, out of view at first, that both eyes see in time."""
+        times_s = []
+        for seed in tqdm(self.seeds, f"{pattern} search", disable=None):
+            rng = np.random.default_rng((seed, 2))
+            q = _random_gaze(head, rng)
+            points = fixation_points(head.robot, np.array([_gaze(rng) for _ in range(20)]))
+            first_s = np.full(20, np.inf)
+            state = SearchState(gaze_of(head.robot.at(q)))
+            for k in range(int(_SEARCH_S[-1] / _DT_S) + 1):
+                view = head.rig.view(q)
+                is_in_view = _within_image(view.left, points) & _within_image(view.right, points)
+                first_s = np.minimum(first_s, np.where(is_in_view, k * _DT_S, np.inf))
+                state, command = search.step(SearchParams(pattern), state, head.robot.at(q), _DT_S, rng)
+                q = q + _DT_S * command.dq_rad_s
+            times_s.append(first_s[first_s > 0])
+        return {f"{t:g} s": interval([target <= t for target in times_s], percent) for t in _SEARCH_S}
 
 
 def _within_image(eye: View, points: Array) -> Mask:
@@ -306,35 +295,38 @@ def _gaze(rng: np.random.Generator) -> Array:
     return rng.uniform(limits_.lower, np.minimum(limits_.upper, np.array([55, 30, 90]) * _DEG))
 
 
-def _random_gaze(eyes: _Robot, rng: np.random.Generator) -> Array:
+def _random_gaze(head: Head, rng: np.random.Generator) -> Array:
     """A random gaze posture (n_joints,)."""
     yaw, pitch, vergence = _gaze(rng)
-    return set_gaze(eyes.robot, eyes.home, yaw, pitch, 0.0, 0.0, vergence)
+    return set_gaze(head.robot, head.home, yaw, pitch, 0.0, 0.0, vergence)
 
 
-def _motion(eyes: _Robot, kind: MotionName, rng: np.random.Generator, speed_m_s: float) -> Motion:
+def _motion(head: Head, kind: MotionName, rng: np.random.Generator, speed_m_s: float) -> Motion:
     """A motion about a point 0.4 m before the eyes; approaches, one after the other, go to the left inner forearm at
-    home and back, whose way can be fixated and is nowhere near the eyes."""
+    home and back, on a path that can be fixated and stays away from the eyes."""
     way = np.array([-1.0, rng.uniform(-0.4, 0.4), rng.uniform(-0.6, 0.1)])
     if kind != "approach":
         return make_motion(kind, rng, EYES_M + 0.4 * way / np.linalg.norm(way), speed_m_s)
-    posture = eyes.robot.at(eyes.home)
+    posture = head.robot.at(head.home)
     while True:
-        taxel = eyes.skin.index(f"left_forearm:{rng.choice(INNER_FOREARM)}")
-        visit = make_approach(rng, at_taxel(eyes.skin, posture, taxel, _RADIUS_M), speed_m_s)
+        taxel = head.skin.index(f"left_forearm:{rng.choice(INNER_FOREARM)}")
+        visit = make_approach(rng, at_taxel(head.skin, posture, taxel, _RADIUS_M), speed_m_s)
         whole_s = 2 * visit.contact_s + visit.dwell_s
         path = [visit(t)[0] for t in np.linspace(0.0, visit.contact_s, 9)]
-        ends = [(eyes.robot.at(gaze_at(eyes.robot, eyes.home, p)), p) for p in path]
-        if all(fixation_error(at, p) < _EYES_DEG * _DEG and np.linalg.norm(p - EYES_M) > _NEAREST_M for at, p in ends):
+        path_postures = [(head.robot.at(gaze_at(head.robot, head.home, p)), p) for p in path]
+        if all(
+            fixation_error(at, p) < _EYES_DEG * _DEG and np.linalg.norm(p - EYES_M) > _NEAREST_M
+            for at, p in path_postures
+        ):
             return lambda t: visit(t % whole_s)
 
 
-def _start_and_point(eyes: _Robot, rng: np.random.Generator) -> tuple[Array, Array]:
+def _start_and_point(head: Head, rng: np.random.Generator) -> tuple[Array, Array]:
     """A random gaze posture, and the fixation point of another one that is in view of the first."""
     while True:
-        q = _random_gaze(eyes, rng)
-        point = fixation_points(eyes.robot, _gaze(rng)[None])[0]
-        view = eyes.rig.view(q)
+        q = _random_gaze(head, rng)
+        point = fixation_points(head.robot, _gaze(rng)[None])[0]
+        view = head.rig.view(q)
         if view.left.sees(point) and view.right.sees(point):
             return q, point
 
