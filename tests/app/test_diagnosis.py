@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pps_vision.app.cli import main
-from pps_vision.app.diagnosis import Diagnosis, diagnose, faults_of, length
+from pps_vision.app.diagnosis import Diagnosis, diagnose, faults_of
 from pps_vision.app.track import track
 from pps_vision.app.track_statistics import PathStatistics
 from pps_vision.app.track_summary import diagnosis_of, summary
@@ -36,7 +36,7 @@ N = 16
 
 @dataclass(frozen=True)
 class MadeUp(ImageFile):
-    """An image that no file holds, or what is wrong with it."""
+    """An image without a file, or the reason why it cannot be read."""
 
     pixels: np.ndarray | str = ""
 
@@ -83,10 +83,10 @@ def diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str], *words: object
     capsys.readouterr()
     main(["track", *map(str, words), "--out", str(tmp_path / "out")])
     printed = capsys.readouterr().out
-    found: dict = json.loads((tmp_path / "out" / "summary.json").read_text())["diagnosis"]
-    assert all(f"  try {line}" in printed for line in found["advice"])
-    assert f"searched {found['counts'].get('frames', 0)} frames" in printed
-    return found
+    written: dict = json.loads((tmp_path / "out" / "summary.json").read_text())["diagnosis"]
+    assert all(f"  try {line}" in printed for line in written["advice"])
+    assert f"searched {written['counts'].get('frames', 0)} frames" in printed
+    return written
 
 
 @pytest.mark.parametrize(
@@ -108,10 +108,10 @@ def test_a_fault_of_the_recording(
 
 
 def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = diagnosis(tmp_path, capsys, rendered, "--mode", "marker")
-    assert found["advice"] == ["--mode generic: no blob of the marker's green is in both images"]
-    assert {"candidates_left": 0, "candidates_right": 0}.items() <= found["counts"].items()
-    assert found["counts"]["frames"] >= 18  # of 20; where the cameras' poses are in doubt nothing is searched
+    written = diagnosis(tmp_path, capsys, rendered, "--mode", "marker")
+    assert written["advice"] == ["--mode generic: no blob of the marker's green is in both images"]
+    assert {"candidates_left": 0, "candidates_right": 0}.items() <= written["counts"].items()
+    assert written["counts"]["frames"] >= 18  # of 20; where the cameras' poses are in doubt nothing is searched
 
 
 def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(
@@ -128,9 +128,14 @@ def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(
 
 
 def drawn(
-    folder: Path, disparity_px: float, wall: Callable[[int], np.ndarray], radius_px: int = 14
-) -> tuple[object, ...]:
+    folder: Path,
+    disparity_px: float,
+    wall: Callable[[int], np.ndarray],
+    radius_px: int = 14,
+    baseline_m: float = -0.1,
+) -> list[object]:
     """Images of fixed cameras: a red ball that moves 4 px a frame before a wall, with options for `track`."""
+    (folder / "c.yml").write_text(CALIBRATION.format(baseline=baseline_m))
     for k in range(N):
         for side, shift in (("L", 0.0), ("R", -disparity_px)):
             image = wall(k).copy()
@@ -164,7 +169,6 @@ def turning(k: int) -> np.ndarray:
     [
         (-0.1, -40.0, still, 14, "--left and --right exchanged"),  # the ball is seen behind the cameras
         (-100.0, 40.0, still, 14, "another calibration or --unit-m: the cameras are 100 m apart"),
-        (-0.0001, 40.0, still, 14, "another calibration or --unit-m: the cameras are 0.1 mm apart"),
         (-0.1, 40.0, turning, 1, "the whole image changes from frame to frame"),
     ],
 )
@@ -177,10 +181,8 @@ def test_fixed_cameras(
     radius_px: int,
     advice: str,
 ) -> None:
-    words = drawn(tmp_path, disparity_px, wall, radius_px)
-    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=baseline_m))
-    found = diagnosis(tmp_path, capsys, *words)
-    assert any(advice in line for line in found["advice"]), found
+    words = drawn(tmp_path, disparity_px, wall, radius_px, baseline_m)
+    assert any(advice in line for line in diagnosis(tmp_path, capsys, *words)["advice"])
 
 
 def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(
@@ -195,7 +197,6 @@ def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(
         return cv2.warpPerspective(texture(1.5), K @ turn @ np.linalg.inv(K) @ middle, (320, 240))
 
     words = drawn(tmp_path, 40.0, wall)
-    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-0.1))
     main(["track", *map(str, words), "--out", str(tmp_path / "out")])
     cameras = json.loads((tmp_path / "out" / "summary.json").read_text())["cameras"]
     assert cameras["rotation_deg"] == pytest.approx(1.4, abs=0.1)
@@ -203,26 +204,15 @@ def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(
     assert warning.startswith("warning: the cameras move although declared fixed, at 0.")
 
 
-@pytest.mark.parametrize("baseline_m", [1e300, 1e-300, 0.0])
+@pytest.mark.parametrize("baseline_m", [1e300, 0.0])
 def test_cameras_at_an_impossible_distance_are_refused(tmp_path: Path, baseline_m: float, refused) -> None:
-    words = drawn(tmp_path, 40.0, still)
-    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-baseline_m))
+    words = drawn(tmp_path, 40.0, still, baseline_m=-baseline_m)
     line = refused("track", *words, "--out", tmp_path / "out")
     assert "c.yml: the cameras are" in line or "c.yml: T is 0" in line
 
 
-def test_the_numbers_are_those_of_the_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exchanged images: the ball moves in both of nearly all, and every pair of candidates is refused."""
-    words = drawn(tmp_path, -40.0, still)
-    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-0.1))
-    counts = diagnosis(tmp_path, capsys, *words)["counts"]
-    assert counts["frames"] == N
-    assert N - 4 <= counts["motion_right"] <= counts["motion_left"] < N
-    assert counts["candidates_left"] >= N - 6
-    assert counts["rejected by point behind the cameras"] >= N - 6
-
-
 FRAMES = {"frames": 20}
+MOTION = FRAMES | {"motion_left": 5, "motion_right": 4}
 
 
 @pytest.mark.parametrize(
@@ -230,30 +220,28 @@ FRAMES = {"frames": 20}
     [
         ("generic", {}, "other images: every frame is dark, plain or the same"),
         ("marker", FRAMES | {"candidates_left": 3}, "--mode generic: no blob of the marker's green"),
-        ("marker", FRAMES | {"candidates_right": 3}, "--mode generic: no blob of the marker's green"),
         ("generic", FRAMES, "--mode marker for a green marker, or a faster object"),
         ("generic", FRAMES | {"motion_left": 5}, "the calibration and the order of the images"),
-        ("generic", FRAMES | {"motion_left": 5, "motion_right": 4}, "an object whose colours stand out"),
+        ("generic", MOTION, "an object whose colours stand out"),
         (
             "generic",
-            FRAMES | {"motion_left": 5, "motion_right": 4, "candidates_left": 3, "candidates_right": 2},
+            MOTION | {"candidates_left": 3, "candidates_right": 2},
             "a longer recording: candidates were found",
         ),
-        ("generic", FRAMES | {"motion_left": 5, "motion_right": 4, "candidates_left": 3}, "an object whose colours"),
-        ("generic", FRAMES | {"motion_left": 5, "motion_right": 4, "candidates_right": 3}, "an object whose colours"),
+        ("generic", MOTION | {"candidates_left": 3}, "an object whose colours"),
         (
             "generic",
-            FRAMES | {"motion_left": 5, "motion_right": 4, "rejected by colour": 2, "rejected by size": 1},
+            MOTION | {"rejected by colour": 2, "rejected by size": 1},
             "the same exposure and white balance",
         ),
         (
             "generic",
-            FRAMES | {"motion_left": 5, "motion_right": 4, "rejected by colour": 2, "rejected by size": 3},
+            MOTION | {"rejected by colour": 2, "rejected by size": 3},
             "an object that both cameras see whole",
         ),
         (
             "generic",
-            FRAMES | {"motion_left": 5, "motion_right": 4, "rejected by disparity": 2},
+            MOTION | {"rejected by disparity": 2},
             "--left and --right exchanged, or another calibration: candidates are refused by disparity",
         ),
     ],
@@ -264,19 +252,17 @@ def test_the_counts_of_the_search_name_one_thing_to_try(mode: Mode, counts: dict
     assert [line[: len(advice)] for line in diagnosis.advice] == [advice]
 
 
-@pytest.mark.parametrize(("wall", "shift_px"), [(still, None), (plain, None), (turning, 6.0)])
+@pytest.mark.parametrize(("wall", "shift_px"), [(still, None), (turning, 6.0)])
 def test_cameras_that_move_are_seen_in_a_few_images(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], wall: Callable[[int], np.ndarray], shift_px: float | None
 ) -> None:
     words = drawn(tmp_path, 40.0, wall)
-    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-0.1))
     main(["info", *map(str, words), "--json"])
-    found = [one for one in json.loads(capsys.readouterr().out)["warnings"] if "px a frame" in one]
-    assert len(found) == (shift_px is not None)
+    warnings = [text for text in json.loads(capsys.readouterr().out)["warnings"] if "px a frame" in text]
+    assert len(warnings) == (shift_px is not None)
     if shift_px:
-        said = float(found[0].split("shift by ")[1].split()[0])
-        assert said == pytest.approx(shift_px, abs=0.1)
-        assert found[0].endswith("px a frame: do the cameras move?")
+        assert float(warnings[0].split("shift by ")[1].split()[0]) == pytest.approx(shift_px, abs=0.1)
+        assert warnings[0].endswith("px a frame: do the cameras move?")
 
 
 def test_a_wide_video_of_one_camera_is_not_taken_for_two(
@@ -288,7 +274,7 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(
         [cv2.imread(str(file)) for file in sorted((rendered / "cam" / eye).glob("*.ppm"))] for eye in ("left", "right")
     )
     for name, images in (
-        ("both", [np.hstack(both) for both in zip(left, right, strict=True)]),
+        ("both", [np.hstack(pair) for pair in zip(left, right, strict=True)]),
         ("one", [cv2.resize(image, None, fx=2, fy=1) for image in left]),
     ):
         video = cv2.VideoWriter(str(tmp_path / f"{name}.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 20, (640, 240))
@@ -317,15 +303,16 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(
 def test_what_is_implausible_and_what_only_just_is_not(
     grey: int, apart_m: float, joints_deg: float | None, advice: str | None
 ) -> None:
-    found = list(faults_of(plain_pairs(grey, apart_m, joints_deg)))
-    assert len(found) == (advice is not None)
-    assert (advice or "") in "".join(found)
+    faults = list(faults_of(plain_pairs(grey, apart_m, joints_deg)))
+    assert len(faults) == (advice is not None)
+    assert (advice or "") in "".join(faults)
 
 
 def plain_pairs(grey: int = 90, apart_m: float = 0.1, joints_deg: float | None = None, n: int = 2) -> Recording:
     """Plain pairs, a second apart, whose images differ by a pixel, of cameras far from the origin."""
-    camera, images = Camera(40, 30, 30.0, 30.0, 19.5, 14.5), [np.full((30, 40, 3), grey, np.uint8) for _ in range(2)]
-    images[1][0, 0] += 1
+    camera = Camera(40, 30, 30.0, 30.0, 19.5, 14.5)
+    images = np.full((2, 30, 40, 3), grey, np.uint8)
+    images[1, 0, 0] += 1
     joints = None if joints_deg is None else np.deg2rad([0.0, -joints_deg])
     pairs = [
         tuple(
@@ -352,28 +339,19 @@ def test_what_is_hardly_tracked_or_fits_badly_is_explained(
     share: float, residual_px: float, advice: list[str] | None
 ) -> None:
     """Hardly: in less than a tenth of the pairs.  Badly: more than a pixel off."""
-    found = diagnose(plain_pairs(), "generic", {}, share, (0.0, 0.0), residual_px)
-    assert (found is None) == (advice is None)
-    if found and advice:
-        assert [said[: len(one)] for said, one in zip(found.advice, advice, strict=True)] == advice
+    diagnosis = diagnose(plain_pairs(), "generic", {}, share, (0.0, 0.0), residual_px)
+    assert (diagnosis is None) == (advice is None)
+    if diagnosis and advice:
+        assert [text[: len(start)] for text, start in zip(diagnosis.advice, advice, strict=True)] == advice
 
 
 def test_a_diagnosis_in_words() -> None:
     counts = {"frames": 9, "candidates_left": 1, "candidates_right": 2}
-    assert str(Diagnosis(counts, ("more light",))) == (
-        "searched 9 frames: 1 left and 2 right candidates for the object\n  try more light"
-    )
     counts |= {"motion_left": 3, "motion_right": 4, "rejected by size": 5}
     assert str(Diagnosis(counts, ())) == (
         "searched 9 frames: motion in 3 left and 4 right images, 1 left and 2 right candidates for the object, "
         "5 pairs rejected by size"
     )
-
-
-def test_a_length_is_in_metres_from_one_metre_on() -> None:
-    assert [length(metres) for metres in (2.54, 1.0, 0.99, 0.0254, 1e-7)] == [
-        *("2.54 m", "1 m", "990 mm", "25.4 mm", "0.0001 mm")
-    ]
 
 
 @pytest.mark.parametrize(
@@ -403,33 +381,25 @@ def frames(crossing: Film) -> list[StereoFrame]:
     return list(crossing)
 
 
-@pytest.mark.parametrize(("late", "off_px", "told"), [(0, 0.0, False), (6, 0.0, True), (-6, 0.0, True), (0, 8.0, True)])
+@pytest.mark.parametrize(("late", "off_px", "warned"), [(0, 0.0, False), (6, 0.0, True), (0, 8.0, True)])
 def test_left_and_right_of_different_moments_or_a_wrong_calibration(
-    crossing: Film, frames: list[StereoFrame], late: int, off_px: float, told: bool
+    crossing: Film, frames: list[StereoFrame], late: int, off_px: float, warned: bool
 ) -> None:
     """One eye is 0.2 s late, or the calibration's rows are 8 px off; either is told without saying which it is."""
-    shown = zip(frames[max(late, 0) :], frames[max(-late, 0) :], strict=False)
     pairs = tuple(
-        (
-            MadeUp(Path(f"left{k}.png"), k / 30, pixels=now.left),
-            MadeUp(Path(f"right{k}.png"), k / 30, pixels=then.right),
-        )
-        for k, (now, then) in enumerate(shown)
+        (MadeUp(Path("left.png"), k / 30, pixels=left.left), MadeUp(Path("right.png"), k / 30, pixels=right.right))
+        for k, (left, right) in enumerate(zip(frames[late:], frames, strict=False))
     )
     right = replace(crossing.rig.right, cy=crossing.rig.right.cy + off_px)
     rig = StereoRig(crossing.rig.left, right, crossing.rig.eye_poses)
-    run, numbers = track(Recording("crossing", pairs, (320, 240), [], rig=rig)), PathStatistics()
+    run = track(Recording("crossing", pairs, (320, 240), [], rig=rig))
+    numbers = PathStatistics()
     for pair in run.tracked_pairs(run):
         numbers.add(pair.track, pair.residual_px)
-    found = diagnosis_of(run, numbers)
+    diagnosis = diagnosis_of(run, numbers)
     assert numbers.tracked_share > 0.4
-    assert (numbers.residual_px > 1.0) == told == (found is not None)
+    assert (numbers.residual_px > 1.0) == warned == (diagnosis is not None)
     assert summary(run, numbers)["residual_px"] == numbers.residual_px
-    if found:
-        (advice,) = found.advice
+    if diagnosis:
+        (advice,) = diagnosis.advice
         assert advice.startswith("another calibration, or left and right images of the same moment: what is tracked")
-
-
-def test_a_recording_without_a_readable_pair_is_not_judged() -> None:
-    pair = tuple(MadeUp(Path(f"{side}.png"), 0.0, pixels="cannot be read") for side in ("left", "right"))
-    assert list(faults_of(Recording("made up", (pair, pair), (40, 30), []))) == []

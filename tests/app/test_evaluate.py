@@ -11,7 +11,7 @@ from evo.tools.file_interface import read_tum_trajectory_file
 from scipy.spatial.transform import Rotation
 
 from pps_vision.app.cli import main
-from pps_vision.app.evaluate import Path3D, errors_of, evaluate, path_of_tracks, read_path, rigid_alignment
+from pps_vision.app.evaluate import Path3D, errors_of, evaluate, path_of_tracks, read_path
 from pps_vision.errors import InputError
 from pps_vision.recordings.exchange import TrackedPair, open_forms, write_tum_rows
 from pps_vision.recordings.tables import COVARIANCE, TRAJECTORY, trajectory_row, write_table
@@ -32,19 +32,13 @@ def path(position: np.ndarray, stamps_s: np.ndarray = STAMPS, cov: np.ndarray | 
 TRUTH = path(curve(STAMPS))
 
 
-def test_a_constant_error() -> None:
-    score = evaluate(path(curve(STAMPS) + np.array([0.003, -0.004, 0])), TRUTH)
-    found = (score.rmse_mm, score.median_mm, score.p95_mm, score.bias_x_mm, score.bias_y_mm, score.bias_z_mm)
-    np.testing.assert_allclose(found, [5, 5, 5, 3, -4, 0], atol=1e-9)
-    assert (score.compared, score.lost_share, score.lag_s) == (400, 0, 0)
-    assert np.isnan([score.coverage_95, score.nees]).all()
-
-
 def test_quantiles_of_errors_from_1_to_400_mm() -> None:
     off = np.arange(1, 401) / 1000
     score = evaluate(path(curve(STAMPS) - off[:, None] * [0.0, 1.0, 0.0]), TRUTH)
     assert (score.rows, score.unknown, score.compared) == (400, 0, 400)
-    rms = np.sqrt(401 * 801 / 6)  # of the first n numbers: (n + 1)(2n + 1) / 6
+    assert (score.lost_share, score.lag_s) == (0, 0)
+    assert np.isnan([score.coverage_95, score.nees]).all()
+    rms = np.sqrt(401 * 801 / 6)  # mean square of 1 to n: (n + 1)(2n + 1) / 6
     np.testing.assert_allclose(
         [score.rmse_mm, score.median_mm, score.p95_mm, score.bias_y_mm], [rms, 200.5, 1 + 0.95 * 399, -200.5]
     )
@@ -53,69 +47,43 @@ def test_quantiles_of_errors_from_1_to_400_mm() -> None:
 def test_coverage_and_nees_are_of_covariances_that_can_be_one() -> None:
     """χ² of three dimensions is below 7.815 with a probability of 95 %."""
     cov = np.tile(1e-6 * np.eye(3), (400, 1, 1))
-    cov[:100], cov[100:200], cov[200:300] = np.nan, 0.0, np.diag([1e-6, 1e-6, -1e-6])
+    cov[:100] = np.nan
+    cov[100:200] = 0.0
+    cov[200:300] = np.diag([1e-6, 1e-6, -1e-6])
     nees = np.full(400, 7.7)
     nees[350:] = 7.9
     score = evaluate(path(curve(STAMPS) + 1e-3 * np.sqrt(nees)[:, None] * [0.6, 0.0, 0.8], cov=cov), TRUTH)
     assert (score.nees, score.coverage_95) == pytest.approx((7.8, 0.5))
 
 
-def test_true_covariances_hold_their_share() -> None:
-    rng = np.random.default_rng(SEED)
-    L = np.array([[2, 0, 0], [1, 3, 0], [-1, 2, 9.0]]) / 1000
-    cov = np.broadcast_to(L @ L.T, (400, 3, 3))
-    position = curve(STAMPS) + rng.normal(size=(400, 3)) @ L.T
-    score = evaluate(path(position, cov=cov), TRUTH)
-    assert abs(score.coverage_95 - 0.95) < 0.05
-    assert abs(score.nees - 3) < 0.5
-    narrow = evaluate(path(position, cov=cov / 100), TRUTH)
-    np.testing.assert_allclose(narrow.nees, 100 * score.nees)
-    assert narrow.coverage_95 < 0.1
-
-
 @pytest.mark.parametrize("lag_s", [-0.2, 0.0, 0.0733])
-@pytest.mark.parametrize("align", [False, True])
-def test_the_lag_is_found(lag_s: float, align: bool) -> None:
+def test_the_lag_is_found(lag_s: float) -> None:
     """The tracker says where the object is, and says it late."""
     late = path(curve(STAMPS), STAMPS + lag_s)
-    found = evaluate(late, TRUTH, lag=True, align=align)
-    assert abs(found.lag_s - lag_s) < 2e-3
-    assert found.rmse_mm < 1
+    score = evaluate(late, TRUTH, lag=True, align=True)
+    assert abs(score.lag_s - lag_s) < 2e-3
+    assert score.rmse_mm < 1
     if lag_s:
         assert evaluate(late, TRUTH).rmse_mm > 5
 
 
 def test_a_lag_is_looked_for_within_half_a_second_and_where_half_of_the_positions_have_a_truth() -> None:
-    for lag_s, found_s in ((0.49, 0.49), (-0.49, -0.49), (0.7, 0.5)):
+    for lag_s, best_s in ((0.49, 0.49), (-0.49, -0.49), (0.7, 0.5)):
         score = evaluate(path(curve(STAMPS), STAMPS + lag_s), TRUTH, lag=True)
-        assert score.lag_s == pytest.approx(found_s, abs=0.006)
-    for n, found_s in ((240, 0.1), (180, -0.5)):  # the smallest lag, where none has enough positions
+        assert score.lag_s == pytest.approx(best_s, abs=0.006)
+    for n, best_s in ((240, 0.1), (180, -0.5)):  # the smallest lag, where none has enough positions
         part = path(curve(STAMPS[:n]), STAMPS[:n])
-        assert evaluate(path(curve(STAMPS), STAMPS + 0.1), part, lag=True).lag_s == pytest.approx(found_s, abs=2e-3)
+        assert evaluate(path(curve(STAMPS), STAMPS + 0.1), part, lag=True).lag_s == pytest.approx(best_s, abs=2e-3)
 
 
 @pytest.mark.parametrize(("stamps", "within_s", "beyond_s"), [([0, 0.05, 0.1], 7.55e-5, 7.7e-5), ([0], 9e-7, 1.1e-6)])
 def test_a_stamp_that_differs_by_rounding_is_the_same(stamps: list[float], within_s: float, beyond_s: float) -> None:
-    """By a thousandth of what is a gap, and a microsecond."""
+    """Tolerance: a thousandth of the longest interval, and a microsecond."""
     truth = path(np.zeros((len(stamps), 3)), np.array(stamps))
     for sign, end in ((-1, stamps[0]), (1, stamps[-1])):
         for late_s, n in ((within_s, 1), (beyond_s, 0)):
             at = path(np.zeros((1, 3)), np.array([end + sign * late_s]))
             assert len(errors_of(at, truth)[0]) == n
-
-
-def test_alignment_is_scipys() -> None:
-    rng = np.random.default_rng(SEED)
-    points = curve(STAMPS)
-    turn, shift = Rotation.from_rotvec([0.5, -1.2, 2.0]), np.array([1.0, -2, 0.5])
-    onto = turn.apply(points) + shift + rng.normal(0, 0.002, points.shape)
-    R, t = rigid_alignment(points, onto)
-    expected, distance = Rotation.align_vectors(onto - onto.mean(axis=0), points - points.mean(axis=0))
-    np.testing.assert_allclose(R, expected.as_matrix(), atol=1e-9)
-    np.testing.assert_allclose(t, onto.mean(axis=0) - expected.apply(points.mean(axis=0)))
-    score = evaluate(path(points), path(onto), align=True)
-    np.testing.assert_allclose(score.rmse_mm, 1000 * distance / np.sqrt(400))
-    assert evaluate(path(points), path(onto)).rmse_mm > 1000
 
 
 def test_three_positions_can_be_scored_and_aligned() -> None:
@@ -152,8 +120,8 @@ def test_more_than_one_and_a_half_intervals_are_a_gap(longest_s: float, compared
 
 
 def test_what_is_lost_counts() -> None:
-    kept = np.r_[0:100, 150:399]
-    assert evaluate(path(curve(STAMPS[kept]), STAMPS[kept]), TRUTH).lost_share == pytest.approx(51 / 400)
+    stamps_s = np.delete(STAMPS, np.r_[100:150, 399])
+    assert evaluate(path(curve(stamps_s), stamps_s), TRUTH).lost_share == pytest.approx(51 / 400)
 
 
 def test_too_little_in_common_is_refused() -> None:
@@ -165,26 +133,27 @@ def test_too_little_in_common_is_refused() -> None:
 
 
 def tracks() -> list[Track3D]:
-    unknown, known = [Track3D.unknown(STAMPS[0] - 0.05)], []
+    rows = [Track3D.unknown(STAMPS[0] - 0.05)]
     for stamp_s, position in zip(STAMPS, curve(STAMPS), strict=True):
-        mean, cov = np.zeros((4, 3)), 1e-6 * np.eye(12)
-        mean[0], cov[0, 1], cov[1, 0] = position + np.array([0.002, 0, 0]), 2e-7, 2e-7
-        known.append(Track3D(float(stamp_s), mean, cov, 0.03, 1e-6, Status.TRACKING))
-    return unknown + known
+        mean = np.zeros((4, 3))
+        mean[0] = position + np.array([0.002, 0, 0])
+        cov = 1e-6 * np.eye(12)
+        cov[0, 1] = cov[1, 0] = 2e-7
+        rows.append(Track3D(float(stamp_s), mean, cov, 0.03, 1e-6, Status.TRACKING))
+    return rows
 
 
 def test_a_path_of_tracks_is_what_is_known_of_them() -> None:
-    found = path_of_tracks("a", tracks())
-    np.testing.assert_array_equal(found.stamps_s, STAMPS)
-    np.testing.assert_allclose(found.position, curve(STAMPS) + np.array([0.002, 0, 0]))
-    np.testing.assert_array_equal(found.cov[7], [[1e-6, 2e-7, 0], [2e-7, 1e-6, 0], [0, 0, 1e-6]])
-    assert (found.name, found.unknown, found.missing) == ("a", 1, ())
+    result = path_of_tracks("a", tracks())
+    np.testing.assert_array_equal(result.stamps_s, STAMPS)
+    np.testing.assert_allclose(result.position, curve(STAMPS) + np.array([0.002, 0, 0]))
+    np.testing.assert_array_equal(result.cov[7], [[1e-6, 2e-7, 0], [2e-7, 1e-6, 0], [0, 0, 1e-6]])
+    assert (result.name, result.unknown, result.missing) == ("a", 1, ())
     assert path_of_tracks("a", tracks()[:1]).position.shape == (0, 3)
 
 
 def write_tum(file: Path) -> None:
-    known = tracks()[1:]
-    write_tum_rows(file, [track.stamp_s for track in known], [track.position for track in known])
+    write_tum_rows(file, [track.stamp_s for track in tracks()[1:]], [track.position for track in tracks()[1:]])
 
 
 def test_files_say_the_same(tmp_path: Path) -> None:
@@ -203,14 +172,7 @@ def test_files_say_the_same(tmp_path: Path) -> None:
 def test_a_row_is_of_use_with_all_three_coordinates_whatever_its_covariance(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     cov = "1,0,0,1,0,1"
-    rows = [
-        f"0,1,2,3,{cov}",
-        "1,1,2,3,,,,,,",
-        f"2,,2,3,{cov}",
-        f"3,1,nan,3,{cov}",
-        f"4,1,2,,{cov}",
-        f"5,4,5,6,{cov}",
-    ]
+    rows = [f"0,1,2,3,{cov}", "1,1,2,3,,,,,,", f"2,,2,3,{cov}", f"3,1,nan,3,{cov}", f"4,1,2,,{cov}", f"5,4,5,6,{cov}"]
     file.write_text("\n".join([",".join(["stamp_s", "x_m", "y_m", "z_m", *COVARIANCE]), *rows]) + "\n")
     read = read_path(file)
     np.testing.assert_array_equal(read.stamps_s, [0, 1, 5])
@@ -239,11 +201,10 @@ def test_evo_gives_the_same_errors(tmp_path: Path) -> None:
     truth = path(curve(STAMPS))
     bent = path(curve(STAMPS) + 0.01 * np.sin(curve(STAMPS)[:, ::-1] * 30))
     for align in (False, True):
-        score, trajectories = evaluate(bent, truth, align=align), []
-        for one in (truth, bent):
-            np.savetxt(
-                tmp_path / "a.tum", np.c_[one.stamps_s, one.position, np.tile([0, 0, 0, 1.0], (400, 1))], "%.17g"
-            )
+        score = evaluate(bent, truth, align=align)
+        trajectories = []
+        for points in (truth.position, bent.position):
+            np.savetxt(tmp_path / "a.tum", np.c_[STAMPS, points, np.tile([0, 0, 0, 1.0], (400, 1))], "%.17g")
             trajectories.append(read_tum_trajectory_file(str(tmp_path / "a.tum")))
         if align:
             trajectories[1].align(trajectories[0])
@@ -278,7 +239,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     main(["evaluate", *files, "--json"])
     ours, theirs = json.loads(capsys.readouterr().out)
     assert ours["rmse_mm"] == pytest.approx(2, abs=1e-3)
-    assert [(one["rows"], one["unknown"], one["compared"]) for one in (ours, theirs)] == [(401, 1, 400), (400, 0, 400)]
+    assert [(row["rows"], row["unknown"], row["compared"]) for row in (ours, theirs)] == [(401, 1, 400), (400, 0, 400)]
     assert (theirs["rmse_mm"], theirs["nees"]) == (ours["rmse_mm"], None)
     assert ours["nees"] == pytest.approx(4 / (1 - 0.2**2), rel=1e-3)  # of (2, 0, 0) mm
     main(["evaluate", *files, "--figure", str(tmp_path / "errors.pdf")])
@@ -290,7 +251,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """But not those that say so: while the tracker searches, there is none."""
+    """Except for rows with the status searching."""
     rows = [[str(0.1 * k), "0.1", "0.2", "0.3", "tracking"] for k in range(6)]
     rows[0][1:] = "", "", "", "searching"
     rows[4][2] = "nan"
@@ -316,8 +277,6 @@ def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.Capt
         ("1 2 3\n", "a.csv:1: fewer than four"),
         ("1 2 3 x\n", "a.csv:1: "),
         ("stamp_s,x_m,y_m,z_m\n0,1,2,3\n\nnan,1,2,3\n", "a.csv:4: has no stamp; expected one in every row"),
-        ("1 2 3 4\nNaN 2 3 4\n", "a.csv:2: has no stamp"),
-        ("stamp_s,x_m,y_m,z_m\n,1,2,3\n", "a.csv:2: has no stamp"),
         ("1 2 3 4\n1 2 3 4\n", "a.csv:2: stamp 1.0 after 1.0"),
     ],
 )

@@ -18,9 +18,9 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.evaluate import Path3D, evaluate
 from pps_vision.app.report import figures
 from pps_vision.app.report.errors import path_errors
-from pps_vision.app.report.path3d import body_lines, ellipsoid_95, path3d
+from pps_vision.app.report.path3d import ellipsoid_95, path3d
 from pps_vision.robot.gaze import GazeLimits
-from pps_vision.robot.icub import home, load_icub
+from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
 
 
@@ -30,18 +30,19 @@ def lines(axis: Axes) -> list[tuple[Array, Array]]:
 
 def shaded(axis: Axes) -> list[tuple[float, float]]:
     """First and last time of each shade over the whole height."""
-    found = [np.vstack([p.vertices for p in c.get_paths()]) for c in axis.collections if len(c.get_paths())]
-    return [(v[:, 0].min(), v[:, 0].max()) for v in found]
+    shades = [np.vstack([p.vertices for p in c.get_paths()]) for c in axis.collections if len(c.get_paths())]
+    return [(v[:, 0].min(), v[:, 0].max()) for v in shades]
 
 
 @pytest.mark.parametrize("with_reach", [True, False])
 def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach: bool) -> None:
-    one, t = episode_log(with_reach), 0.1 * np.arange(T)
-    figure = figures.episodes([one, one], 0.4)
+    log = episode_log(with_reach)
+    t = 0.1 * np.arange(T)
+    figure = figures.episodes([log, log], 0.4)
     assert len(figure.axes) == (8 if with_reach else 6)
-    assert len(figures.episodes([one], 0.4).axes) == (4 if with_reach else 3)
-    gap, activity, speed = figure.axes[0], figure.axes[2], figure.axes[4]
-    for axis, expected, level in ((gap, 100 * one.surface_gap_m, 2), (activity, one.activations, 0.4)):
+    assert len(figures.episodes([log], 0.4).axes) == (4 if with_reach else 3)
+    gap, activity, speed = figure.axes[:6:2]
+    for axis, expected, level in ((gap, 100 * log.surface_gap_m, 2), (activity, log.activations, 0.4)):
         *taxels, limit = lines(axis)
         assert len(taxels) == 2
         for k, (x, y) in enumerate(taxels):
@@ -50,7 +51,7 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
         assert set(limit[1]) == {level}
     assert not np.array_equal(*(np.asarray(line.get_color()) for line in gap.lines[:2]))
     ((x, y),) = lines(speed)
-    np.testing.assert_allclose(y, 100 * one.speed_m_s)
+    np.testing.assert_allclose(y, 100 * log.speed_m_s)
     np.testing.assert_allclose(x, t, atol=1e-9)
     for axis in (gap, activity, speed):
         assert shaded(axis) == [pytest.approx((0.35, 0.55))]  # half a step about the touched stamps
@@ -66,16 +67,16 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
         (_, degree), (_, half) = lines(figure.axes[6])
         np.testing.assert_allclose(degree, np.arange(T) / 10)
         assert set(half) == {0.5}
-        assert shaded(figure.axes[6]) == [pytest.approx(one) for one in ((0.65, 1.0), (0.15, 0.65), (0.35, 0.55))]
+        assert shaded(figure.axes[6]) == [pytest.approx(span) for span in ((0.65, 1.0), (0.15, 0.65), (0.35, 0.55))]
 
 
 def test_a_path_shows_each_coordinate_with_two_standard_deviations_and_the_error() -> None:
-    one = episode_log(False)
-    *coordinates, error = figures.path(one).axes
+    log = episode_log(False)
+    *coordinates, error = figures.path(log).axes
     for k, axis in enumerate(coordinates):
         (_, track), (_, truth) = lines(axis)
-        np.testing.assert_allclose(track, 100 * one.track_m[:, k])
-        np.testing.assert_allclose(truth, 100 * one.truth_m[:, k])
+        np.testing.assert_allclose(track, 100 * log.track_m[:, k])
+        np.testing.assert_allclose(truth, 100 * log.truth_m[:, k])
         (band,) = (c for c in axis.collections if isinstance(c, PolyCollection))
         at_start = band.get_paths()[0].vertices
         at_start = at_start[np.isclose(at_start[:, 0], 0)]
@@ -92,13 +93,15 @@ def test_a_path_shows_each_coordinate_with_two_standard_deviations_and_the_error
 def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     params = MemoryParams()
     counts = np.zeros((2, *params.bins, 2), dtype=np.int64)
-    counts[1, 2:4, 0, 0], counts[1, :, :, 1] = 9, 3
+    counts[1, 2:4, 0, 0] = 9
+    counts[1, :, :, 1] = 3
     memory = PPSMemory(("a:1", "a:2"), np.zeros(2, np.intp), counts, params)
-    found = figures.landscape(memory, 1)
-    assert found.shape == (30, 30)
+    landscape = figures.landscape(memory, 1)
+    assert landscape.shape == (30, 30)
     for i, j in ((0, 0), (10, 4), (29, 29)):
-        d, t = -0.1 + 0.3 * (i + 0.5) / 30, 3.0 * (j + 0.5) / 30
-        assert found[i, j] == pytest.approx(activation(memory, [d, d], [t, t])[1])
+        d = -0.1 + 0.3 * (i + 0.5) / 30
+        t = 3.0 * (j + 0.5) / 30
+        assert landscape[i, j] == pytest.approx(activation(memory, [d, d], [t, t])[1])
     figure = figures.landscapes(memory)
     never, stimulated, *_ = figure.axes
     assert [text.get_text() for text in never.texts] == ["never stimulated"]
@@ -106,7 +109,7 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     assert stimulated.get_title() == f"a:2  ({counts[1].sum()} samples)"
     (image,) = stimulated.images
     assert image.get_extent() == [-10, 20, 0, 3]  # cm and s
-    np.testing.assert_allclose(np.asarray(image.get_array()), found.T)
+    np.testing.assert_allclose(np.asarray(image.get_array()), landscape.T)
     assert image.get_clim() == (0, 1)
     assert image.origin == "lower"
     assert len(figure.axes) == 3  # two panels and the scale
@@ -114,7 +117,7 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     assert len(figures.landscapes(memory, [1]).axes) == 2
     assert not any(axis.get_visible() for axis in figures.landscapes(memory, []).axes)
     bare = Figure().subplots()
-    assert figures.draw_landscape(bare, found).get_extent() == [-10, 20, 0, 3]
+    assert figures.draw_landscape(bare, landscape).get_extent() == [-10, 20, 0, 3]
 
 
 def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> None:
@@ -123,15 +126,17 @@ def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> N
     lattice = Lattice(GazeLimits(*ends), (9, 7, 5))
     signed = lattice.gaze_rad[:, 0].reshape(lattice.shape)
     labels = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    one = ReachableMap("left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 0.05, 0.0, labels, 0)
-    figure = figures.reachable_space(one, load_icub())
+    reachable_map = ReachableMap(
+        "left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 0.05, 0.0, labels, 0
+    )
+    figure = figures.reachable_space(reachable_map, load_icub())
     panels = [axis for axis in figure.axes if axis.get_title()]
     titles = [re.fullmatch(r"vergence (\d+)° \((\d+) cm\)", axis.get_title()) for axis in panels]
-    assert [int(one[1]) for one in titles if one] == [13, 17, 22]
-    for one_title in titles:
-        assert one_title is not None
-        half_cm = 100 * 0.034 / np.tan(np.deg2rad(int(one_title[1])) / 2)  # eyes 68 mm apart
-        assert int(one_title[2]) == pytest.approx(half_cm, abs=1)
+    assert [int(title[1]) for title in titles if title] == [13, 17, 22]
+    for title in titles:
+        assert title is not None
+        half_cm = 100 * 0.034 / np.tan(np.deg2rad(int(title[1])) / 2)  # eyes 68 mm apart
+        assert int(title[2]) == pytest.approx(half_cm, abs=1)
     for axis in panels:
         (image,) = axis.images
         assert image.get_extent() == pytest.approx([-40, 60, -30, 10])
@@ -144,7 +149,7 @@ def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> N
     assert [axis.get_visible() for axis in figure.axes[:4]] == [True, True, True, False]  # two rows of two
     assert "the left hand" in figure.get_suptitle()
     assert (figure.get_supxlabel(), figure.get_supylabel()) == ("neck yaw (°)", "neck pitch (°)")
-    alone = replace(one, limits=replace(lattice.limits, vergence_rad=tuple(np.deg2rad((12, 14)).tolist())))
+    alone = replace(reachable_map, limits=replace(lattice.limits, vergence_rad=tuple(np.deg2rad((12, 14)).tolist())))
     panel, scale = figures.reachable_space(alone, load_icub()).axes
     assert (panel.get_title()[:12], scale.get_ylabel()[:25]) == ("vergence 13°", "degree of reachability R ")
     assert figure.axes[-1].get_ylabel() == "degree of reachability R (joint-limits; reachable above 0.5)"
@@ -188,11 +193,10 @@ def test_an_ellipsoid_holds_95_percent_of_samples() -> None:
 def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
     points = np.column_stack([np.linspace(0, 0.3, 9000), np.zeros(9000), np.full(9000, 0.5)])
     points[0:6] = np.nan
-    at, cov = points[6:1006], np.broadcast_to(np.diag([4e-4, 1e-4, 1e-4]), (1000, 3, 3))
+    at = points[6:1006]
+    cov = np.broadcast_to(np.diag([4e-4, 1e-4, 1e-4]), (1000, 3, 3))
     text = path3d([("green", points), ("grey", points[6:20])], at, cov)
-    found = re.search(r'id="path-data">(.*?)</script>', text)
-    assert found is not None
-    data = json.loads(found[1])
+    data = json.loads(re.search(r'id="path-data">(.*?)</script>', text)[1])  # type: ignore[index]
     first, second = data["lines"]
     assert len(first["points"]) == 3000  # every third of 9000, at most 4000
     assert first["points"][:3] == [None, None, points[6].tolist()]
@@ -212,36 +216,3 @@ def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
     resting = json.loads(re.search(r'-data">(.*?)</script>', path3d([("green", at[:1])], at[:0], cov[:0]))[1])  # type: ignore[index]
     assert resting["size"] == 1e-3
     assert resting["ellipsoids"] == []
-
-
-def test_edges_of_bodies_lie_on_them() -> None:
-    """Each body's edges, in its own frame, are as long and wide as it is, and together as long as those of a box, or
-    circles as polygons of twelve sides."""
-    robot = load_icub()
-    posture = robot.at(home(robot))
-    points = body_lines(posture)
-    cuts = np.flatnonzero(np.isnan(points[:, 0]))
-    lines = [line[np.isfinite(line).all(axis=1)] for line in np.split(points, cuts)][:-1]
-    per_body = {"sphere": 3, "cylinder": 6, "box": 6}
-    assert len(lines) == sum(per_body[body.shape] for body in robot.bodies)
-    for body in robot.bodies:
-        T = posture.T_root(body.frame) @ body.T_frame_body
-        edges = [(line - T[:3, 3]) @ T[:3, :3] for line in lines[: per_body[body.shape]]]
-        own, lines = np.concatenate(edges), lines[per_body[body.shape] :]
-        extent = np.ptp(own, axis=0)
-        size = body.size_m
-        long = sum(np.linalg.norm(np.diff(edge, axis=0), axis=1).sum() for edge in edges)
-        around = 24 * np.sin(np.pi / 12) * size[0]
-        if body.shape == "sphere":
-            np.testing.assert_allclose(np.linalg.norm(own, axis=1), size[0])
-            assert [int(np.ptp(edge, axis=0).argmin()) for edge in edges] == [2, 1, 0]  # one in each plane
-            assert long == pytest.approx(3 * around)
-        elif body.shape == "cylinder":
-            np.testing.assert_allclose(np.hypot(own[:, 0], own[:, 1]), size[0])
-            np.testing.assert_allclose(np.abs(own[:, 2]), size[1] / 2)
-            assert long == pytest.approx(2 * around + 4 * size[1])
-        else:
-            np.testing.assert_allclose(np.abs(own), np.broadcast_to(np.array(size) / 2, own.shape))
-            assert long == pytest.approx(4 * sum(size))
-        wide = {"sphere": [2 * size[0]] * 3, "cylinder": [2 * size[0]] * 2 + [size[-1]], "box": size}[body.shape]
-        np.testing.assert_allclose(extent, wide, atol=1e-9)

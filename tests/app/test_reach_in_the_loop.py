@@ -1,4 +1,4 @@
-"""The reachable-space map in the running pipeline: in every frame, and the arm reaches only for what is in reach.
+"""The pipeline with a reachable-space map: its answer in every frame; the arm reaches for reachable objects only.
 
 The loop is closed on kinematics (`known_track`).
 """
@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from data import SEED
 from known_track import DT, KnownTrack, frame_at, run
-from tracks import track_at
 
 from control.avoidance import AvoidanceParams
 from control.lean import LeanParams
@@ -18,15 +17,15 @@ from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
-from pps_vision.app import pipeline as module
-from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, _ControlInput, _Leaning
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
-from pps_vision.robot.skin import Skin, icub_skin
-from pps_vision.types import Activation, Array, JointVelocity, ReachStatus, Track3D
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import Array, ReachStatus
 
-ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
+ROBOT = load_icub()
+SKIN = icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
 TRUTH = SphericalArm.of(
     ROBOT.chain(ROBOT.names.arm("left")[:4], "left_palm"), ArmLimits().lower_rad, ArmLimits().upper_rad
@@ -57,18 +56,20 @@ def pipeline(
     leans: bool = False,
 ) -> Pipeline:
     lean = LeanParams() if leans else None
-    params, rng = PipelineParams(arm=arm, lean=lean, max_false_positives=max_fp), np.random.default_rng(0)
+    params = PipelineParams(arm=arm, lean=lean, max_false_positives=max_fp)
+    rng = np.random.default_rng(0)
     return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), anxious(), rng, reachable_map)  # type: ignore[arg-type]
 
 
 def towards(taxel: str, begin_m: float, end_m: float, speed_m_s: float = 0.06):
     """Along a taxel's normal at home, from one distance to another, and there it stays."""
     points, normals = SKIN.at(ROBOT.at(home(ROBOT)))
-    point, normal = points[SKIN.index(taxel)], normals[SKIN.index(taxel)]
+    point = points[SKIN.index(taxel)]
+    normal = normals[SKIN.index(taxel)]
 
     def motion(t: float) -> tuple[Array, Array]:
-        far = begin_m - speed_m_s * t
-        return point + max(far, end_m) * normal, -speed_m_s * normal * (far > end_m)
+        distance_m = begin_m - speed_m_s * t
+        return point + max(distance_m, end_m) * normal, -speed_m_s * normal * (distance_m > end_m)
 
     return motion
 
@@ -103,7 +104,8 @@ def test_an_object_out_of_reach_is_not(left: ReachableMap) -> None:
 
 def test_the_torso_leans_until_the_hand_can_touch_and_stands_up_again(left: ReachableMap) -> None:
     """The object near the elbow, which goes away after 7 s; the same with the arm that avoids: the torso stays."""
-    comes, torso = towards("left_forearm:27", 0.15, 0.05), ROBOT.indices(ROBOT.names.torso)
+    comes = towards("left_forearm:27", 0.15, 0.05)
+    torso = ROBOT.indices(ROBOT.names.torso)
     steps, joints = run(pipeline(lambda t: comes(t) if t < 7 else None, REACH, left, leans=True), 13.0)
     at = comes(7.0)[0]
     gaps = np.array([np.linalg.norm(SKIN.at(ROBOT.at(q))[0] - at, axis=1).min() for q in joints])
@@ -121,85 +123,6 @@ def test_the_torso_leans_until_the_hand_can_touch_and_stands_up_again(left: Reac
     assert not any(step.command.dq_rad_s[torso].any() for step in avoiding)
 
 
-@pytest.mark.parametrize(
-    ("leaning", "of_threshold", "may_reach", "known", "felt", "status", "then", "moves"),
-    [
-        (None, 1.01, True, True, False, "leaning", None, None),
-        (None, 0.99, False, True, False, "leaning", None, None),
-        (None, 1.01, False, True, False, "leaning", False, "on"),
-        (None, 1.01, False, True, True, "leaning", False, "on"),
-        (False, 0.0, False, True, False, "leaning", False, "on"),
-        (False, 0.0, True, True, False, "leaning", False, None),
-        (False, 0.0, False, True, False, "out of reach", True, "on"),
-        (False, 0.0, False, False, False, "leaning", True, "back"),
-        (False, 0.0, True, True, True, "leaning", True, "back"),
-        (True, 1.01, True, True, False, "leaning", True, "back"),
-    ],
-)
-def test_a_lean_goes_on_until_the_object_is_reached_lost_or_out_of_reach(
-    left: ReachableMap,
-    monkeypatch: pytest.MonkeyPatch,
-    leaning: bool | None,
-    of_threshold: float,
-    may_reach: bool,
-    known: bool,
-    felt: bool,
-    status: str,
-    then: bool | None,
-    moves: str | None,
-) -> None:
-    """`leaning` and `then`: not, towards the object (False), or back (True), to the joints that it began at."""
-    one, q, rates = pipeline(lambda _: None, REACH, left, leans=True), home(ROBOT), {"on": 0.1, "back": -0.2}
-    torso = ROBOT.indices(ROBOT.names.torso)
-    q[torso] = begun = np.array([0.1, -0.05, 0.2])[: len(torso)]
-    said = {name: JointVelocity(0.0, np.full(ROBOT.n_joints, rate), 0.5) for name, rate in rates.items()}
-    monkeypatch.setattr(module.lean, "step", lambda *_: (status, said["on"]))
-    monkeypatch.setattr(module.lean, "upright", lambda *_: said["back"])
-    probability, touched = np.zeros(len(SKIN.taxel_ids)), np.arange(len(SKIN.taxel_ids)) == 5 * felt - (not felt)
-    probability[3] = of_threshold * REACH.threshold
-    track = track_at((-0.3, 0.0, 0.2)) if known else Track3D.unknown(0.0)
-    state = replace(one._state, leaning=None if leaning is None else _Leaning(begun, leaning))
-    active = Activation(0.0, SKIN.taxel_ids, probability)
-    inputs = _ControlInput(ROBOT.at(q), track, active, touched, may_reach)
-    found, command = one._lean(state.leaning, inputs)
-    assert (found and found.is_returning) == then
-    assert found is None or found.home_rad.tolist() == begun.tolist()
-    assert command.dq_rad_s.tolist() == [rates.get(moves or "", 0.0)] * ROBOT.n_joints
-    said["back"] = JointVelocity(0.0, np.zeros(ROBOT.n_joints), 0.5)
-    if moves == "back":
-        assert one._lean(state.leaning, inputs)[0] is None
-
-
-def test_the_palm_goes_to_what_the_torso_leans_for(left: ReachableMap) -> None:
-    """Its nearest taxel is stimulated, though others of the arm are nearer."""
-    one, posture = pipeline(lambda _: None, REACH, left), ROBOT.at(home(ROBOT))
-    points = SKIN.at(posture)[0]
-    track = track_at(points[2] + 0.03 * SKIN.at(posture)[1][2])
-    active = Activation(0.0, SKIN.taxel_ids, np.full(len(points), 0.25))
-    palm = [k for k, name in enumerate(SKIN.taxel_ids) if name.startswith("left_palm")]
-    nearest = palm[int(np.linalg.norm(points[palm] - track.position, axis=1).argmin())]
-    for leaning, at in ((_Leaning(np.zeros(3)), [nearest]), (_Leaning(np.zeros(3), is_returning=True), []), (None, [])):
-        inputs = _ControlInput(posture, track, active, np.zeros(len(points), bool), True)
-        wanted = one._arm_activations(one._arms[0], leaning, inputs)
-        assert np.flatnonzero(wanted != 0.25).tolist() == at
-        assert wanted[nearest] == (1.0 if at else 0.25)
-    assert (active.probability == 0.25).all()
-
-
-def test_of_a_palm_without_skin_the_taxel_nearest_to_the_object_goes(left: ReachableMap) -> None:
-    one, posture = pipeline(lambda _: None, REACH, left), ROBOT.at(home(ROBOT))
-    forearm = Skin(tuple(part for part in SKIN.parts if part.frame != ROBOT.names.palm("left")))
-    bare = one._arms[0]._replace(skin=forearm, on_arm=np.ones(len(forearm.taxel_ids), bool))
-    one._arms = (bare, *one._arms[1:])
-    points, normals = forearm.at(posture)
-    active = Activation(0.0, forearm.taxel_ids, np.zeros(len(points)))
-    for k in (1, len(points) - 2):
-        track = track_at(points[k] + 1e-3 * normals[k])
-        inputs = _ControlInput(posture, track, active, np.zeros(len(points), bool), True)
-        wanted = one._arm_activations(bare, _Leaning(np.zeros(3)), inputs)
-        assert np.flatnonzero(wanted).tolist() == [k]
-
-
 def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: ReachableMap) -> None:
     leaves = towards("left_forearm:15", 0.19, 0.08, 0.06)
     steps, _ = run(pipeline(leaves, REACH, left), 2.5)
@@ -207,10 +130,10 @@ def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: Reach
     assert not truly(leaves, steps)[-1]
     stays = towards("left_palm:101", 0.17, 0.08)
     lost, _ = run(pipeline(lambda t: stays(t) if t < 1 else None, REACH, left))
-    for found, given_up in ((steps, "return"), (lost, "hold")):
-        modes = [step.response.mode for step in found]
-        reached = [step.reachability is not None and step.reachability.is_reachable for step in found]
-        assert modes.index(given_up) == len(reached) - reached[::-1].index(True), "in the frame in which it is known"
+    for frames, given_up in ((steps, "return"), (lost, "hold")):
+        modes = [step.response.mode for step in frames]
+        reached = [step.reachability is not None and step.reachability.is_reachable for step in frames]
+        assert modes.index(given_up) == len(reached) - reached[::-1].index(True), "in the first frame out of reach"
         assert all(may for may, mode in zip(reached, modes, strict=True) if mode == "reach")
         assert "reach" not in modes[modes.index(given_up) :]
 
@@ -240,16 +163,16 @@ def test_a_torso_that_turns_with_the_object_changes_nothing(left: ReachableMap) 
     turned[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3, -0.1, 0.2
     point = towards("left_palm:101", 0.1, 0.1)(0.0)[0]
     carried = ROBOT.at(turned).T_root("chest") @ np.linalg.inv(ROBOT.at(upright).T_root("chest")) @ [*point, 1]
-    found = []
+    answers = []
     for q, p in ((upright, point), (turned, carried[:3])):
-        one = pipeline(lambda _, p=p: (p, np.zeros(3)), AVOID, left)
-        found.append(one.step(frame_at(0.0, q)).reachability)
-    np.testing.assert_allclose(found[1].gaze_rad, found[0].gaze_rad, atol=1e-9)
-    assert found[1].degree == pytest.approx(found[0].degree, abs=1e-9)
+        step = pipeline(lambda _, p=p: (p, np.zeros(3)), AVOID, left).step(frame_at(0.0, q))
+        answers.append(step.reachability)
+    np.testing.assert_allclose(answers[1].gaze_rad, answers[0].gaze_rad, atol=1e-9)
+    assert answers[1].degree == pytest.approx(answers[0].degree, abs=1e-9)
 
 
 def test_an_arm_that_is_to_reach_needs_its_own_map(left: ReachableMap) -> None:
-    for reachable_map, of in ((None, "no arm"), (replace(left, side="right"), "right")):
-        with pytest.raises(ValueError, match=f"reachable-space map of {of}; expected one of the left arm"):
+    for reachable_map, arm in ((None, "no arm"), (replace(left, side="right"), "right")):
+        with pytest.raises(ValueError, match=f"reachable-space map of {arm}; expected one of the left arm"):
             pipeline(towards("left_palm:101", 0.17, 0.08), REACH, reachable_map)
     pipeline(towards("left_palm:101", 0.17, 0.08), AVOID, replace(left, side="right"))
