@@ -1,4 +1,4 @@
-"""Bad input ends in one line that names what is wrong, exit code 2, and nothing half-written."""
+"""Bad input ends in one line that names the fault, exit code 2, and no partial output."""
 
 import shutil
 from pathlib import Path
@@ -8,7 +8,6 @@ import pytest
 from videos import write_video
 
 from learning.pps.memory import PPSMemory, save_memory
-from pps_vision.app.cli import main
 from pps_vision.app.learn import learn_from
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -24,10 +23,7 @@ def test_no_such_recording(refused, tmp_path: Path) -> None:
 
 def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
-    for file in approach.rglob("*"):
-        if file.is_file() and file.name != "icubEyes.ini":
-            (bare / file.relative_to(approach)).parent.mkdir(parents=True, exist_ok=True)
-            (bare / file.relative_to(approach)).symlink_to(file)
+    shutil.copytree(approach, bare, ignore=shutil.ignore_patterns("icubEyes.ini"))
     assert "icubEyes.ini" in refused("track", bare, "--out", tmp_path / "out")
     assert "holds no calibration" in refused("truth", bare, "--aruco", 7, "--tag-mm", 48, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -74,13 +70,10 @@ def test_an_output_that_is_not_empty_is_not_overwritten_by_a_recording(refused, 
     ("words", "named"),
     [
         ("--seconds 0", "--seconds"),
-        ("--seconds inf", "--seconds"),
         ("--fps -1", "--fps"),
-        ("--fps inf", "--fps"),
         ("--center nan 0 0", "--center"),
         ("--noise -2", "noise"),
         ("--speed 0", "speed"),
-        ("--radius -1", "radius"),
         ("--radius 30", "--radius 30.0 m; expected above 0 and at most 0.3"),
         ("--noise 1e300", "noise_sigma = 1e+300; expected a number from 0 to 255"),
         ("--target left_forearm:4711", "left_forearm:4711"),
@@ -111,7 +104,6 @@ def test_a_folder_without_frames(refused, tmp_path: Path) -> None:
     "words",
     [
         "bench tracking --n 0 --out results",
-        "bench fixation --n 0 --out results",
         "bench loop --n 0 --out results",
         "demo --trials 0",
     ],
@@ -148,7 +140,6 @@ def test_a_figure_of_an_unknown_format(refused, tmp_path: Path, suffix: str) -> 
         "track2d FOLDER --init 1 1 9 9 --out FOLDER/a.png",
         "learn FOLDER --out FOLDER/head/data.log",
         "learn FOLDER --into FILE --out FILE",
-        "learn FOLDER --joints FILE --out FILE",
         "joints FOLDER --out FOLDER/head/data.log",
         "joints FOLDER --calib FILE --out FILE",
         "show FILE --out FILE",
@@ -163,12 +154,12 @@ def test_a_figure_of_an_unknown_format(refused, tmp_path: Path, suffix: str) -> 
     ],
 )
 def test_no_command_writes_over_what_it_reads(refused, tmp_path: Path, words: str) -> None:
-    folder, file, other = tmp_path / "rec", tmp_path / "file.ini", tmp_path / "other.npz"
+    folder, file, second = tmp_path / "rec", tmp_path / "file.ini", tmp_path / "other.npz"
     (folder / "head").mkdir(parents=True)
-    contents = {folder / "a.png": "mine", folder / "head" / "data.log": "mine", file: "mine", other: "mine"}
+    contents = {folder / "a.png": "mine", folder / "head" / "data.log": "mine", file: "mine", second: "mine"}
     for place, text in contents.items():
         place.write_text(text)
-    places = {"FOLDER": str(folder), "FILE": str(file), "OTHER": str(other)}
+    places = {"FOLDER": str(folder), "FILE": str(file), "OTHER": str(second)}
     for name, place in places.items():
         words = words.replace(name, place)
     line = refused(*words.split())
@@ -184,11 +175,6 @@ def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach: Path, tm
     line = refused("track2d", tmp_path / "frames", "--init", 100, 100, 20, 20, "--out", tmp_path / "boxes.csv")
     assert first.name in line
     assert "--init is the box in that image" in line
-
-
-def test_too_few_problems_to_say_how_sure_a_map_is(refused, tmp_path: Path) -> None:
-    line = refused("reach", "train", "--arm", "left", "--ik-budget", 2, "--out", tmp_path / "map.npz")
-    assert "--ik-budget 2; expected at least 200" in line
 
 
 def test_nothing_to_learn_from(refused, tmp_path: Path) -> None:
@@ -207,15 +193,6 @@ def test_a_stimulus_that_is_neither_known_nor_a_mesh(refused, tmp_path: Path) ->
     for stimulus, named in (("whale", "marker, ball, cube, octopus, FILE.stl"), (tmp_path / "half.ply", "half.ply: ")):
         assert named in refused("render", "--stimulus", stimulus, "--motion", "circle", "--out", tmp_path / "out")
         assert not (tmp_path / "out").exists()
-
-
-def test_a_bug_shows_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def defective(folder: Path) -> None:
-        raise ValueError("defect")
-
-    monkeypatch.setattr("pps_vision.recordings.image_sequence.open_frames", defective)
-    with pytest.raises(ValueError, match="defect"):
-        main(["track2d", str(tmp_path), "--init", *"1199", "--out", str(tmp_path / "b.csv")])
 
 
 def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path: Path, calib: Path) -> None:

@@ -1,4 +1,4 @@
-"""The SLURM script as it is, with `srun` starting two Dask workers here, of which one is killed in the middle."""
+"""The unchanged SLURM script, with `srun` starting two Dask workers here, of which one is killed in the middle."""
 
 import csv
 import os

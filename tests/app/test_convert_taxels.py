@@ -78,7 +78,7 @@ def test_a_memory_goes_to_the_robot_and_back(
 
 
 def test_a_robots_map_is_put_on_our_skin(like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It knows a taxel we have not (63), and not those of ours that were never touched there."""
+    """It has a taxel that our skin lacks (63), and lacks our taxels that were never touched there."""
     text = like.read_text().replace("nTaxels 0", "nTaxels 2", 1)
     text = text.replace("[r_hand]", "63 (5) (6)\n27 (7) (8)\n[r_hand]")
     like.write_text(text)
@@ -125,7 +125,6 @@ def test_what_the_robots_form_has_no_place_for_is_said(
         ),
         (PPSMemory.empty(icub_skin(("left_palm",))), "robot.ini: has none of the taxels of"),
         (replace(learned(), taxel_ids=("left_forearm:28", *learned().taxel_ids[1:])), "[l_forearm] knows no taxel 28"),
-        (replace(learned(), taxel_ids=("left_forearm:x", *learned().taxel_ids[1:])), "[l_forearm] knows no taxel x"),
     ],
 )
 def test_what_cannot_be_said_in_the_robots_form(refused, memory: PPSMemory, says: str, like: Path, tmp_path: Path):
@@ -138,14 +137,14 @@ def test_untouched_taxels_that_the_robot_lacks_are_left_out(
     like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole = PPSMemory.empty(icub_skin())
-    known = [name.startswith(("left_forearm", "right_palm")) for name in whole.taxel_ids]
-    save_memory(tmp_path / "m.npz", replace(whole, counts=whole.counts + np.reshape(known, (-1, 1, 1, 1))))
+    mapped = [name.startswith(("left_forearm", "right_palm")) for name in whole.taxel_ids]
+    save_memory(tmp_path / "m.npz", replace(whole, counts=whole.counts + np.reshape(mapped, (-1, 1, 1, 1))))
     convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
     assert [len(part.counts) for part in read_taxels(tmp_path / "taxels.ini")] == [12, 4]
-    assert f"left out: {32 - sum(known)} untouched taxels that {like} does not know" in capsys.readouterr().out
+    assert f"left out: {32 - sum(mapped)} untouched taxels that {like} does not know" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("count", [1e300, 2.0**60, 2**62])
+@pytest.mark.parametrize("count", [1e300, 2.0**60])
 def test_a_count_beyond_every_robots_is_refused(refused, like: Path, tmp_path: Path, count: float) -> None:
     """Larger counts overflow in sums, or in the whole numbers of the robot's form."""
     memory = learned()

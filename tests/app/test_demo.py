@@ -1,7 +1,6 @@
 """The demo's numbers, from a made-up log, and its whole run with training and episodes cut short."""
 
 import json
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +9,6 @@ import av
 import cv2
 import numpy as np
 import pytest
-from episodes import T, episode_log
 from tracks import track_at
 
 from learning.pps.memory import PPSMemory, load_memory
@@ -18,42 +16,24 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
-from pps_vision.app.demo import THRESHOLD, _numbers, demo, drawn
+from pps_vision.app.demo import demo, drawn
 from pps_vision.app.simulation import SimulationScene
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Reachability, ReachStatus, Status, StereoFrame
 
 
-def test_an_episodes_row_says_what_happened() -> None:
-    log = episode_log(True)
-    activations, commanded = np.full((T, 2), 0.5 * THRESHOLD), np.zeros(T, bool)
-    activations[3:, 1], commanded[5] = 1.5 * THRESHOLD, True
-    track = log.track_m.copy()
-    track[:2] = np.nan
-    status = (Status.SEARCHING,) * 2 + (Status.TRACKING,) * (T - 2)
-    log = replace(log, activations=activations, track_m=track, status=status, arm_commanded=commanded)
-    found = _numbers(log)
-    assert found["touched"] is True
-    assert found["arm_moved"] is True
-    assert found["smallest_gap_mm"] == pytest.approx(1000 * log.surface_gap_m.min())
-    assert found["highest_activation"] == pytest.approx(1.5 * THRESHOLD)
-    assert found["predicted_after_s"] == pytest.approx(0.3)
-    assert found["tracked_share"] == pytest.approx(9 / 11)
-    assert found["track_rms_mm"] == pytest.approx(5.0)  # 3 and 4 mm off along two axes
-    assert found["reachable_share"] == pytest.approx(4 / 9)  # of nine frames in which it is tracked
-    assert found["degree_of_reach"] == pytest.approx(np.mean(np.arange(2, 11) / 10))
-
-
 def test_the_demo_writes_its_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Three frames of each episode, a memory of one taxel, and a map where the right of the neck is reachable."""
-    seeds, speeds_m_s = [], []
+    seeds = []
+    speeds_m_s = []
 
     def trained(scene: SimulationScene, trials: int, touch_every: int) -> PPSMemory:
         memory = PPSMemory.empty(scene.skin)
-        memory.counts[0, 2:4, 0, 0], memory.counts[1, 2, 0] = 25, (49, 99)  # the second has too few positive ones
+        memory.counts[0, 2:4, 0, 0] = 25
+        memory.counts[1, 2, 0] = 49, 99  # too few positive samples
         return memory
 
     def mapped(robot: object, side: str, rng: object, params: object) -> ReachableMap:
@@ -72,7 +52,9 @@ def test_the_demo_writes_its_report(
         monkeypatch.setattr(module, name, replaced)
     shown: list[list[int]] = []
     landscapes = module.figures.landscapes
-    monkeypatch.setattr(module.figures, "landscapes", lambda of, taxels: shown.append(taxels) or landscapes(of, taxels))
+    monkeypatch.setattr(
+        module.figures, "landscapes", lambda memory, taxels: shown.append(taxels) or landscapes(memory, taxels)
+    )
     demo(tmp_path / "out", trials=7, noise=2.0, seed=3)
     assert seeds[0] == (seeds[1][0], False)  # the same path with avoidance and without
     assert [avoid for _, avoid in seeds] == [False, True, True, True]
@@ -114,28 +96,18 @@ def unseen() -> SimulationScene:
 
 
 @pytest.mark.parametrize("touched", [False, True])
-def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(
-    unseen: SimulationScene, touched: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(unseen: SimulationScene, touched: bool) -> None:
     """Grey 80 and 200; the right eye at three tenths of its size, 8 px from the border; a touch is flashed."""
-    captions, draw = [], module.draw_pair
-    monkeypatch.setattr(module, "draw_pair", lambda *args: captions.append(args[-1]) or draw(*args))
-    monkeypatch.setattr(module, "draw_legend", lambda image: captions.append("legend"))
-    images, q = [np.full((240, 320, 3), grey, np.uint8) for grey in (80, 200)], unseen.home
-    probability, taxels = np.zeros(len(unseen.skin.taxel_ids)), unseen.skin.at(unseen.robot.at(q))[0] + 9.0
-    probability[2] = 0.25
-    active = SimpleNamespace(probability=probability, taxel_ids=unseen.skin.taxel_ids)
+    images = [np.full((240, 320, 3), grey, np.uint8) for grey in (80, 200)]
+    q = unseen.home
+    taxels = unseen.skin.at(unseen.robot.at(q))[0] + 9.0
+    active = SimpleNamespace(probability=np.zeros(len(taxels)), taxel_ids=unseen.skin.taxel_ids)
     tracking = SimpleNamespace(track=track_at((-9.0, 0.0, 0.0), status=Status.SEARCHING), detections=())
-    for reach, said in (
-        (None, []),
-        (Reachability(0.0, np.zeros(3), 0.9, 0.75, ReachStatus.REACHABLE), ["left hand: reachable (R 0.75)"]),
-        (Reachability.without_answer(0.0, ReachStatus.NOT_FIXATED), ["left hand: not fixated"]),
-    ):
-        step = SimpleNamespace(activation=active, reachability=reach, tracking=tracking)
-        frame, felt = StereoFrame(images[0], images[1], 0.0, 0.0, q, q), np.array([touched])
-        row = SimpleNamespace(step=step, frame=frame, taxels=taxels, touched=felt)
-        image = drawn(unseen, row, "title")  # type: ignore[arg-type]
-        assert captions[-2:] == [["title", f"activation 0.25 at {unseen.skin.taxel_ids[2]}", *said], "legend"]
+    reach = Reachability(0.0, np.zeros(3), 0.9, 0.75, ReachStatus.REACHABLE)
+    step = SimpleNamespace(activation=active, reachability=reach, tracking=tracking)
+    frame = StereoFrame(*images, 0.0, 0.0, q, q)
+    row = SimpleNamespace(step=step, frame=frame, taxels=taxels, touched=np.array([touched]))
+    image = drawn(unseen, row, "title")  # type: ignore[arg-type]
     assert image.shape == (480, 640, 3)
     corner = np.zeros((480, 640), bool)
     corner[480 - 8 - 144 : 480 - 8, 640 - 8 - 192 : 640 - 8] = True

@@ -24,8 +24,8 @@ TRAINED, TESTED = 10, 4
 
 @pytest.fixture(scope="module")
 def touches() -> list[DoubleTouch]:
-    found: Iterator[DoubleTouch] = plans(DoubleTouching(ROBOT, SKIN.parts[0]), TAXEL, (5,))
-    return [next(found) for _ in range(TRAINED + TESTED)]
+    planned: Iterator[DoubleTouch] = plans(DoubleTouching(ROBOT, SKIN.parts[0]), TAXEL, (5,))
+    return [next(planned) for _ in range(TRAINED + TESTED)]
 
 
 def gaps(q: Array) -> Array:
@@ -77,7 +77,7 @@ def test_the_fingertip_s_track_is_that_of_the_joints() -> None:
         step = tracker.step(frame_at(stamp_s, turned))
         tracks.append(step.track)
         assert (step.detections, step.observation, step.midpoint_root.shape) == ((), None, (3,))
-    assert [one.status for one in tracks] == [
+    assert [track.status for track in tracks] == [
         *(Status.SEARCHING, Status.TRACKING, Status.SEARCHING, Status.TRACKING, Status.SEARCHING)
     ]
     for k, elapsed_s in ((1, 0.1), (3, 0.5)):

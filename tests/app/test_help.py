@@ -9,7 +9,7 @@ HEAVY = {"torch", "kornia", "matplotlib", "pyrender", "trimesh", "pinocchio", "n
 HELPS = [
     [],
     *([command] for command in COMMANDS),
-    *(["reach", what] for what in ("train", "query", "show")),
+    *(["reach", action] for action in ("train", "query", "show")),
     ["bench", "tracking"],
 ]
 
@@ -26,14 +26,14 @@ for line in sys.stdin.read().splitlines():
 
 
 def test_help_loads_no_heavy_package() -> None:
-    asked = "\n".join(" ".join(words) for words in HELPS)
-    done = subprocess.run([sys.executable, "-c", SCRIPT], input=asked, capture_output=True, text=True, cwd="/")
-    assert done.returncode == 0, done.stderr
-    loaded = [set(line.split()) for line in done.stderr.splitlines() if line.startswith("|loaded|")]
+    lines = "\n".join(" ".join(words) for words in HELPS)
+    process = subprocess.run([sys.executable, "-c", SCRIPT], input=lines, capture_output=True, text=True, cwd="/")
+    assert process.returncode == 0, process.stderr
+    loaded = [set(line.split()) for line in process.stderr.splitlines() if line.startswith("|loaded|")]
     assert len(loaded) == len(HELPS)
     for words, modules in zip(HELPS, loaded, strict=True):
         assert not modules & HEAVY, words
         assert "tyro" in modules
-    assert done.stdout.count("--help") >= len(HELPS)
-    assert done.stdout.count("usage: pps-vision") == len(HELPS)
-    assert "pps-vision --version" in done.stdout
+    assert process.stdout.count("--help") >= len(HELPS)
+    assert process.stdout.count("usage: pps-vision") == len(HELPS)
+    assert "pps-vision --version" in process.stdout

@@ -40,16 +40,16 @@ def test_a_touch_tells_what_the_eyes_misread(misread: Path, tmp_path: Path, caps
     assert captured.out.startswith("1 touches, seen ")
     assert "gone" in captured.err
     offsets = np.rad2deg(read_joint_offsets(table, JOINTS))
-    assert 1.0 < offsets[PANS[0]] - offsets[PANS[1]] < 4.0  # part of it is laid to the arm: one touch is one posture
+    assert 1.0 < offsets[PANS[0]] - offsets[PANS[1]] < 4.0  # a part is attributed to the arm: one touch is one posture
     without = position_rms_mm(misread, tmp_path / "without")
-    known = position_rms_mm(misread, tmp_path / "with", "--joints", str(table))
+    corrected = position_rms_mm(misread, tmp_path / "with", "--joints", str(table))
     assert without > 30
-    assert known < 0.5 * without
+    assert corrected < 0.5 * without
     assert json.loads((tmp_path / "with" / "summary.json").read_text())["joints"] == str(table)
 
 
 def test_learning_takes_offsets_too(misread: Path, approach: Path, tmp_path: Path) -> None:
-    """With the true offset the misread recording teaches what the right one does."""
+    """With the true offset the misread recording teaches the same as the right one."""
     table = tmp_path / "true.csv"
     table.write_text("joint,offset_deg\nleft_eye_pan,1.5\nright_eye_pan,-1.5\n")
     main(["learn", str(approach), "--out", str(tmp_path / "right.npz")])

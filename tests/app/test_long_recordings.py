@@ -34,8 +34,8 @@ class Looped(Recording):
             for k in range(LOOPS)
             for pair in recording.pairs[:PAIRS]
         ]
-        told = {one.name: getattr(recording, one.name) for one in fields(Recording)}
-        return cls(**told | {"pairs": tuple(later)})
+        values = {field.name: getattr(recording, field.name) for field in fields(Recording)}
+        return cls(**values | {"pairs": tuple(later)})
 
     def numbered(self) -> Iterator[tuple[int, StereoFrame]]:
         for k, pair in enumerate(super().numbered(), start=1):
@@ -61,20 +61,20 @@ def test_memory_does_not_grow(
 
 @pytest.mark.long
 def test_work_does_not_grow(approach: Path) -> None:
-    """By the number of functions called in each loop, the first left out: times would be those of the machine."""
+    """Number of function calls in each loop but the first; times would depend on the machine."""
     calls, by_loop = 0, []
 
     def count(frame: FrameType, event: str, arg: object) -> None:
         nonlocal calls
         calls += event in ("call", "c_call")
 
-    before = sys.getprofile()
+    profiler = sys.getprofile()
     sys.setprofile(count)
     try:
         for k, _ in enumerate(pv.track(Looped.of(pv.open_recording(approach))), start=1):
             if k % PAIRS == 0:
                 by_loop.append(calls)
     finally:
-        sys.setprofile(before)
+        sys.setprofile(profiler)
     calls_of_loop = np.diff(by_loop)
     assert calls_of_loop[-1] == pytest.approx(calls_of_loop[0], rel=0.1)

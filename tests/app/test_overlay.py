@@ -1,4 +1,4 @@
-"""What is drawn over the images: the cross is at the pixel, however much the image is enlarged."""
+"""Overlays: the cross is at its pixel at every magnification."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -16,8 +16,7 @@ from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 TEXT_ROWS = 30
 
 
-@pytest.mark.parametrize("scale", [1, 2, 5])
-@pytest.mark.parametrize("pixel", [(40.0, 60.0), (40.5, 60.25), (47.75, 71.5)])
+@pytest.mark.parametrize(("pixel", "scale"), [((40.0, 60.0), 1), ((40.5, 60.25), 2), ((47.75, 71.5), 5)])
 def test_the_cross_is_centred_on_the_projected_position(pixel: tuple[float, float], scale: int) -> None:
     """Pixel u of the image covers the pixels from scale * u to scale * u + scale - 1 of the canvas."""
     camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
@@ -36,8 +35,10 @@ def test_the_cross_is_centred_on_the_projected_position(pixel: tuple[float, floa
 def test_each_caption_has_a_line_of_its_own() -> None:
     """Below the status; all are over the images' upper left corner, which stays black without them."""
     camera = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
-    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((240, 320, 3), np.uint8)
-    frame, track = StereoFrame(black, black, 0.0, 0.0), Track3D.unknown(0.0)
+    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
+    black = np.zeros((240, 320, 3), np.uint8)
+    frame = StereoFrame(black, black, 0.0, 0.0)
+    track = Track3D.unknown(0.0)
     rows = []
     for captions in ((), ("one",), ("one", "two")):
         drawn = draw_pair(frame, view, track, captions=captions)
@@ -62,11 +63,12 @@ def test_a_touch_is_flashed_in_red() -> None:
 
 
 def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status() -> None:
-    """In the image of its own eye: 100 px times the tangent of its angular radius, twice enlarged."""
+    """In the image of its eye: 100 px times the tangent of its angular radius, twice enlarged."""
     camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
-    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((100, 100, 3), np.uint8)
-    seen = Detection2D(0.0, "right", np.array([50.0, 60.0]), np.eye(2), 0.9, np.arctan(0.2), (40, 50, 20, 20))
-    drawn = draw_pair(StereoFrame(black, black, 0.0, 0.0), view, Track3D.unknown(0.0, Status.COASTING), [seen])
+    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
+    black = np.zeros((100, 100, 3), np.uint8)
+    detection = Detection2D(0.0, "right", np.array([50.0, 60.0]), np.eye(2), 0.9, np.arctan(0.2), (40, 50, 20, 20))
+    drawn = draw_pair(StereoFrame(black, black, 0.0, 0.0), view, Track3D.unknown(0.0, Status.COASTING), [detection])
     left, right = np.split(drawn[TEXT_ROWS:].astype(float), 2, axis=1)
     assert not left.any()
     rows, columns = np.nonzero(right.sum(axis=2) > 300)
@@ -79,7 +81,8 @@ def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status()
 
 def test_only_taxels_in_view_are_drawn_the_larger_the_likelier() -> None:
     camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
-    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((100, 100, 3), np.uint8)
+    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
+    black = np.zeros((100, 100, 3), np.uint8)
     taxels = np.array([[-0.2, 0.0, 1.0], [0.2, 0.0, 1.0], [0.0, 0.2, -1.0], [0.7, 0.0, 1.0]])
     pair = draw_pair(
         StereoFrame(black, black, 0.0, 0.0), view, Track3D.unknown(0.0), (), taxels, np.array([0.01, 0.99, 0.9, 0.9])
@@ -98,7 +101,7 @@ def test_a_film_holds_every_image_cut_to_even_sides_and_without_an_image_is_no_f
     assert [file.name for file in tmp_path.iterdir()] == ["a.mp4"]
     with av.open(str(tmp_path / "a.mp4")) as read:
         assert read.streams.video[0].average_rate == 20
-        images = [one.to_ndarray(format="rgb24") for one in read.decode(video=0)]
+        images = [frame.to_ndarray(format="rgb24") for frame in read.decode(video=0)]
     assert [image.shape for image in images] == [(30, 42, 3)] * 3
     np.testing.assert_allclose([image.mean() for image in images], (40, 120, 200), atol=3)
 

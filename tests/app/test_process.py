@@ -55,8 +55,9 @@ def test_a_hangup_does_not_end_what_nohup_started() -> None:
     assert process.communicate() == ("ran on\n", "")
 
 
-@pytest.mark.parametrize("where", ["full", "broken pipe", "closed"])
-@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+@pytest.mark.parametrize(
+    ("stream", "where"), [("stdout", "full"), ("stdout", "broken pipe"), ("stdout", "closed"), ("stderr", "closed")]
+)
 def test_a_stream_that_takes_nothing_does_not_stop_the_work(tmp_path: Path, stream: str, where: str) -> None:
     out = tmp_path / "out.txt"
     function = f"""
@@ -109,7 +110,7 @@ def test_a_missing_package_is_one_line() -> None:
     assert (said.count("\n"), process.returncode) == (1, 2)
 
 
-@pytest.mark.parametrize("bug", ["from pathlib import nothing", "import tracking.nothing", "1 / 0"])
+@pytest.mark.parametrize("bug", ["from pathlib import nothing", "1 / 0"])
 def test_a_bug_shows_its_traceback_and_has_a_code_of_its_own(bug: str) -> None:
     """1 is that of a batch of which some recordings failed, 2 that of bad input."""
     process = start(f"def run():\n    {bug}")
@@ -121,9 +122,9 @@ def test_folders_whose_names_are_not_utf8(approach: Path, tmp_path: Path) -> Non
     name = os.fsdecode(b"caf\xe9")
     (tmp_path / name).symlink_to(approach)
     command = [sys.executable, "-m", "pps_vision", "track", name, "--video", "--out", f"{name}-out"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.endswith("→ caf\\udce9-out\n")
+    finished = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (finished.returncode, finished.stderr) == (0, "")
+    assert finished.stdout.endswith("→ caf\\udce9-out\n")
     out = tmp_path / f"{name}-out"
     assert json.loads((out / "summary.json").read_text(encoding="utf-8"))["source"] == name
     assert (out / "overlay.mp4").stat().st_size > 1000

@@ -52,18 +52,6 @@ def test_what_is_soon_done_prints_nothing_into_a_log(capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err == ""
 
 
-def test_a_log_has_its_lines_ten_seconds_apart() -> None:
-    bar = progress(total=3, desc="map", unit="map")
-    assert (bar.mininterval, bar.delay, bar.total, bar.leave) == (10.0, 10.0, 3, False)
-
-
-def test_what_waits_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    flushed: list[bool] = []
-    monkeypatch.setattr(module.sys.stderr, "flush", lambda: flushed.append(True))
-    module._Log().flush()
-    assert flushed == [True]
-
-
 def test_a_terminal_has_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)

@@ -16,10 +16,7 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice, isotropic
 from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
-from pps_vision.app.render import scene
-from pps_vision.app.render_params import RenderParams
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.robot_file import robot_setup
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import icub_skin
@@ -63,18 +60,6 @@ def test_a_recording_is_in_the_robots_layout(approach: Path) -> None:
     )
 
 
-def test_a_swaying_head_turns_by_4_and_25_tenths_of_a_degree_in_periods_of_its_own() -> None:
-    """Yaw 4° with 0.31 Hz, pitch 2.5° with 0.23 Hz, as sines from the start."""
-    setup = robot_setup(None)
-    options = RenderParams("ball", "circle", Path("never"), seconds=8.0, fps=100.0, head="sway")
-    q = np.array([state.q_rad for _, state in scene(options, setup, np.random.default_rng(SEED))])
-    t = np.arange(len(q)) / 100
-    turned = np.rad2deg(q - q[0])[:, setup.robot.indices(setup.robot.names.gaze_joints)]
-    np.testing.assert_allclose(turned[:, 0], 4.0 * np.sin(2 * np.pi * 0.31 * t), atol=0.1)
-    np.testing.assert_allclose(turned[:, 1], 2.5 * np.sin(2 * np.pi * 0.23 * t), atol=0.1)
-    assert not turned[:, 2:].any()
-
-
 def test_the_same_seed_renders_the_same_recording(tmp_path: Path) -> None:
     for name in ("a", "b"):
         words = "--stimulus cube --motion figure8 --seconds 0.2 --noise 3 --seed 4"
@@ -102,53 +87,57 @@ def test_tracking_writes_what_it_promises(tracked: Path) -> None:
 def test_the_path_is_the_true_one(tracked: Path, approach: Path) -> None:
     path = table(tracked / "trajectory.csv")
     truth = table(approach / "truth.csv")
-    known = path["status"] == "tracking"
-    assert known[10:].mean() >= 0.97
-    error = np.stack([path[c][known].astype(float) - truth[c][known].astype(float) for c in ("x_m", "y_m", "z_m")], 1)
+    tracked_rows = path["status"] == "tracking"
+    assert tracked_rows[10:].mean() >= 0.97
+    error = np.stack(
+        [path[c][tracked_rows].astype(float) - truth[c][tracked_rows].astype(float) for c in ("x_m", "y_m", "z_m")], 1
+    )
     rms = np.sqrt((error**2).sum(axis=1).mean())
     print(f"ball on its way to the skin: 3D RMS {1000 * rms:.2f} mm")
     assert rms <= 0.005
     said = json.loads((tracked / "summary.json").read_text())["errors"]["position_rms_mm"]
-    late = known & (np.arange(len(known)) >= 10)
-    again = np.sqrt((error[late[known]] ** 2).sum(axis=1).mean())
+    late = tracked_rows & (np.arange(len(tracked_rows)) >= 10)
+    again = np.sqrt((error[late[tracked_rows]] ** 2).sum(axis=1).mean())
     assert said == pytest.approx(1000 * again, rel=1e-6)
 
 
 def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach: Path, tmp_path: Path) -> None:
-    """By this map it gets to what the eyes verge on by more than on the ball in frame 25 of 45, which comes nearer."""
+    """The map calls reachable what needs a larger vergence than the ball in frame 25 of 45; the ball comes nearer."""
     shutil.copytree(approach, tmp_path / "rec")
     for side in ("left", "right"):
         log = tmp_path / "rec" / "cam" / side / "data.log"
         log.write_text("\n".join(log.read_text().splitlines()[:45]))
     lattice = Lattice(GazeLimits(pitch_rad=(-1.4, 0.7)), (3, 3, 9))
     truth = table(approach / "truth.csv")
-    there = np.array([[float(truth[name][25]) for name in ("x_m", "y_m", "z_m")]])
-    border = gaze_for_points(load_icub(), there, lattice.limits)[0, 2]
+    ball_m = np.array([[float(truth[name][25]) for name in ("x_m", "y_m", "z_m")]])
+    border = gaze_for_points(load_icub(), ball_m, lattice.limits)[0, 2]
     signed = (isotropic(lattice.gaze_rad) - isotropic(np.array([0, 0, border])))[:, 2].reshape(lattice.shape)
     none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    one = ReachableMap("left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 1e-4, 0.0, none, 0)
-    one.save(tmp_path / "map.npz")
+    reachable_map = ReachableMap(
+        "left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 1e-4, 0.0, none, 0
+    )
+    reachable_map.save(tmp_path / "map.npz")
     main(["track", str(tmp_path / "rec"), "--map", str(tmp_path / "map.npz"), "--out", str(tmp_path / "out")])
     path = table(tmp_path / "out" / "trajectory.csv")
     assert list(path)[-6:] == [
         "gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg", "reach_probability", "reach_degree", "reach_status",
     ]  # fmt: skip
-    known = np.isin(path["status"], ["tracking", "coasting"])
-    assert (path["reach_status"][~known] == "unknown").all()
-    assert (path["gaze_yaw_deg"][~known] == "").all()
-    assert (path["reach_degree"][~known] == "").all()
+    located = np.isin(path["status"], ["tracking", "coasting"])
+    assert (path["reach_status"][~located] == "unknown").all()
+    assert (path["gaze_yaw_deg"][~located] == "").all()
+    assert (path["reach_degree"][~located] == "").all()
     gaze, xyz = (
-        np.stack([path[name][known].astype(float) for name in names], axis=1)
+        np.stack([path[name][located].astype(float) for name in names], axis=1)
         for names in (("gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg"), ("x_m", "y_m", "z_m"))
     )
     np.testing.assert_allclose(fixation_points(load_icub(), np.deg2rad(gaze)), xyz, atol=1e-6)
-    said = path["reach_status"][known]
+    said = path["reach_status"][located]
     assert (said == np.where(gaze[:, 2] > np.rad2deg(border), "reachable", "unreachable")).all()
     assert set(said) == {"reachable", "unreachable"}
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["map"] == str(tmp_path / "map.npz")
     assert summary["reach"]["reachable"] == int((said == "reachable").sum())
-    assert summary["reach"]["unknown"] == int((~known).sum())
+    assert summary["reach"]["unknown"] == int((~located).sum())
 
 
 def test_with_a_memory_every_frame_says_what_is_about_to_be_touched(
@@ -170,19 +159,13 @@ def test_with_a_memory_every_frame_says_what_is_about_to_be_touched(
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Activation over the body" in page
     first, last = (cv2.imread(str(tmp_path / "out" / "keyframes" / f"{k}.jpg")) for k in (0, 4))
-    red = [int(((one[..., 2] > 220) & (one[..., 1] < 60) & (one[..., 0] < 60)).sum()) for one in (first, last)]
+    red = [int(((image[..., 2] > 220) & (image[..., :2].max(axis=2) < 60)).sum()) for image in (first, last)]
     assert red[1] > red[0] + 50  # taxels that expect a touch
 
 
 def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:
-    main(
-        [
-            "render",
-            *f"--stimulus ball --motion circle --seconds 3 --noise 2 --seed {SEED}".split(),
-            "--out",
-            str(tmp_path / "rec"),
-        ]
-    )
+    words = f"render --stimulus ball --motion circle --seconds 2 --noise 2 --seed {SEED} --out"
+    main([*words.split(), str(tmp_path / "rec")])
     said = {}
     for name, option in (("causal", []), ("smooth", ["--smooth"])):
         main(["track", str(tmp_path / "rec"), *option, "--out", str(tmp_path / name)])
@@ -205,13 +188,13 @@ def test_detections_are_where_the_centre_truly_projects(
         out = tmp_path / "out"
         main(["track", str(approach), "--reduction", str(reduction), "--out", str(out)])
         assert json.loads((out / "summary.json").read_text())["reduction"] == reduction
-    seen = table(out / "detections.csv")
+    detections = table(out / "detections.csv")
     truth = table(approach / "truth.csv")
     for camera in ("left", "right"):
-        of_camera = seen["camera"] == camera
-        frame = seen["frame"][of_camera].astype(int)
-        du = seen["u_px"][of_camera].astype(float) - truth[f"u_{camera}_px"][frame].astype(float)
-        dv = seen["v_px"][of_camera].astype(float) - truth[f"v_{camera}_px"][frame].astype(float)
+        of_camera = detections["camera"] == camera
+        frame = detections["frame"][of_camera].astype(int)
+        du = detections["u_px"][of_camera].astype(float) - truth[f"u_{camera}_px"][frame].astype(float)
+        dv = detections["v_px"][of_camera].astype(float) - truth[f"v_{camera}_px"][frame].astype(float)
         assert np.median(np.hypot(du, dv)) < 0.3 * reduction
 
 
@@ -219,10 +202,7 @@ def test_what_is_bad_in_one_frame_does_not_stop_the_others(
     approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     broken = tmp_path / "broken"
-    for file in approach.rglob("*"):
-        if file.is_file():
-            (broken / file.relative_to(approach)).parent.mkdir(parents=True, exist_ok=True)
-            (broken / file.relative_to(approach)).write_bytes(file.read_bytes())
+    shutil.copytree(approach, broken)
     (broken / "cam" / "left" / "00000040.ppm").write_bytes(b"P6\n320 240\n255\n")
     head = broken / "head" / "data.log"
     lines = head.read_text().splitlines()
@@ -240,10 +220,9 @@ def test_what_is_bad_in_one_frame_does_not_stop_the_others(
     assert summary["skipped"]["bad_joints"] + summary["skipped"]["bad_row"] == 2
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_a_recording_with_a_stamp_that_comes_again_is_tracked(approach: Path, tmp_path: Path, side: str) -> None:
+def test_a_recording_with_a_stamp_that_comes_again_is_tracked(approach: Path, tmp_path: Path) -> None:
     shutil.copytree(approach, tmp_path / "rec")
-    log = tmp_path / "rec" / "cam" / side / "data.log"
+    log = tmp_path / "rec" / "cam" / "left" / "data.log"
     rows = log.read_text().splitlines()[:20]
     rows[6] = " ".join([rows[6].split()[0], rows[5].split()[1], rows[6].split()[2]])
     log.write_text("\n".join(rows))

@@ -4,6 +4,7 @@ import html
 import json
 import re
 import shlex
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from videos import write_video
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
-from pps_vision.app.report import page
 from pps_vision.app.report.approach import distance_and_ttc_of_origin
 from pps_vision.app.report.tracking import read_tracked, report_folder, warnings_of
 from pps_vision.recordings.tables import write_table
@@ -22,9 +22,8 @@ from pps_vision.recordings.tables import write_table
 
 def lines_of_path(text: str) -> list[list[object]]:
     """The points of every line of a report's 3D path."""
-    found = re.search(r'id="path-data">(.*?)</script>', text)
-    assert found
-    return [line["points"] for line in json.loads(found[1])["lines"]]
+    data = re.search(r'id="path-data">(.*?)</script>', text)[1]  # type: ignore[index]
+    return [line["points"] for line in json.loads(data)["lines"]]
 
 
 def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
@@ -50,9 +49,8 @@ def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     np.testing.assert_allclose(tracked.reach, np.arange(40) / 40)
 
 
-def test_the_tables_of_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Numbers with four digits; what is not known is a dash, or left out."""
-    monkeypatch.setattr(page, "image", lambda figure: "")
+def test_the_tables_of_a_report(tmp_path: Path) -> None:
+    """Numbers with four digits; unknown values are a dash or left out."""
     folder = write_results(tmp_path / "results")
     summary = json.loads((folder / "summary.json").read_text())
     summary["errors"] = {"position_rms_mm": 3.14159, "tracked_share": None}
@@ -88,7 +86,7 @@ def test_the_tables_of_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 def test_time_to_contact_is_of_what_comes_nearer_at_a_centimetre_a_second(
     closing_m_s: float, is_approach: bool
 ) -> None:
-    """Whatever it does across the line of sight; at the origin itself there is none."""
+    """Independent of the velocity across the line of sight; at the origin itself there is none."""
     position = np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 0.0]])
     across = np.array([0.0, 5.0, 0.0])
     distance, ttc = distance_and_ttc_of_origin(position, across - closing_m_s * position)
@@ -106,25 +104,28 @@ def test_a_report_without_memory_and_map(tmp_path: Path) -> None:
     assert len(lines_of_path(text)) == 1  # nor is there a truth
 
 
-def test_activations_of_another_run(tmp_path: Path, refused) -> None:
-    folder = write_results(tmp_path / "results")
-    (folder / "activation.csv").write_text("stamp_s,arm:1\n0.0,0.5\n")
-    assert "activation.csv: 1 rows; expected the 40" in refused("report", folder)
-
-
-def test_a_table_without_rows(tmp_path: Path, refused) -> None:
-    file = write_results(tmp_path / "results") / "trajectory.csv"
-    file.write_text(file.read_text().partition("\n")[0] + "\n")
-    assert "trajectory.csv: has no rows; expected one for each pair of images" in refused("report", file.parent)
-
-
-def test_a_table_in_which_a_number_is_a_word(tmp_path: Path, refused) -> None:
-    file = write_results(tmp_path / "results") / "trajectory.csv"
-    lines = file.read_text().split("\n")
-    file.write_text("\n".join([*lines[:3], "soon" + lines[3][lines[3].index(",") :], *lines[4:]]))
-    assert "trajectory.csv:4: could not convert string to float: 'soon'; expected finite" in refused(
-        "report", file.parent
-    )
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("activation.csv", lambda text: "stamp_s,arm:1\n0.0,0.5\n", "activation.csv: 1 rows; expected the 40"),
+        (
+            "trajectory.csv",
+            lambda text: text.partition("\n")[0] + "\n",
+            "trajectory.csv: has no rows; expected one for each pair of images",
+        ),
+        (
+            "trajectory.csv",
+            lambda text: text.replace("\n", "\nsoon", 3).replace("\nsoon", "\n", 2),
+            "trajectory.csv:4: could not convert string to float: 'soon",
+        ),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused(
+    name: str, change: Callable[[str], str], message: str, tmp_path: Path, refused
+) -> None:
+    file = write_results(tmp_path / "results") / name
+    file.write_text(change(file.read_text()))
+    assert message in refused("report", file.parent)
 
 
 def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -151,9 +152,8 @@ def test_the_report_of_a_batch_says_how_to_repeat_it(tmp_path: Path, calib: Path
     words = (str(tmp_path / "*.mp4"), "--out", str(out), "--calib", str(calib), "--order", "3", "--report")
     fails_in_part(*words)
     page = (out / "report.html").read_text()
-    found = re.search("<pre>(.*?)</pre>", page)
-    assert found
-    assert shlex.split(html.unescape(found[1])) == ["pps-vision", "batch", *words]
+    command = re.search("<pre>(.*?)</pre>", page)[1]  # type: ignore[index]
+    assert shlex.split(html.unescape(command)) == ["pps-vision", "batch", *words]
     rows = dict(re.findall("<tr><td>([^<]*)</td><td>([^<]*)</td></tr>", page))
     assert (rows["workers"], rows["order"], rows["max_skew_s"]) == ("1", "3", "0.02")
     assert rows["numpy"] == np.__version__

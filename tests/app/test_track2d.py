@@ -1,4 +1,4 @@
-"""`track2d`: a block that moves over a grey wall, in each form, and what is said of it."""
+"""`track2d`: a block that moves over a grey wall, in each form, and the messages."""
 
 import json
 import shutil
@@ -50,7 +50,7 @@ def test_every_form_holds_the_boxes(frames: Path, tmp_path: Path, capsys: pytest
     assert [(image["frame_id"], image["width"], image["height"]) for image in coco["images"]] == [
         (k + 1, 120, 90) for k in range(N)
     ]
-    written = [[one["image_id"], *one["bbox"], one["score"]] for one in coco["annotations"]]
+    written = [[row["image_id"], *row["bbox"], row["score"]] for row in coco["annotations"]]
     np.testing.assert_allclose(written, [[float(cell) for cell in row.split(",")] for row in rows], atol=1e-4)
 
 
@@ -65,16 +65,8 @@ def test_an_image_that_cannot_be_read_has_no_box(
         assert [line for line in said.err.splitlines() if "skipped" in line and "3.png" in line]
     assert sorted(read_boxes(tmp_path / "csv").frames) == [1, 2, 4, 5, 6]
     coco = json.loads((tmp_path / "coco").read_text())
-    assert [one["image_id"] for one in coco["annotations"]] == [1, 2, 4, 5, 6]
+    assert [row["image_id"] for row in coco["annotations"]] == [1, 2, 4, 5, 6]
     assert len(coco["images"]) == N
-
-
-def test_without_the_image_of_the_first_box_there_is_nothing_to_follow(frames: Path, tmp_path: Path, refused) -> None:
-    (frames / "1.png").write_bytes(b"")
-    line = refused("track2d", frames, *INIT, "--out", tmp_path / "boxes.csv")
-    assert "track2d: --init is the box in that image: " in line
-    assert "1.png" in line
-    assert not (tmp_path / "boxes.csv").exists()
 
 
 def test_csrt_follows_the_block_too(frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

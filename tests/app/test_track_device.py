@@ -1,4 +1,4 @@
-"""`track --device`: the same path as without, and what it refuses."""
+"""`track --device`: the same path as without; refused options."""
 
 import json
 from collections.abc import Callable

@@ -14,7 +14,7 @@ from pps_vision.app.cli import main
 def test_a_report_has_at_most_eight_pictures_spread_over_the_recording(
     n: int, chosen: list[int], tmp_path: Path, calib: Path
 ) -> None:
-    """Told by their images, which are those of the video twice as large, one eye beside the other."""
+    """Identified by their content: the video's images, enlarged twice, left beside right."""
     write_video(tmp_path / "a.mp4", [k / 20 for k in range(n)])
     main(["track", str(tmp_path / "a.mp4"), "--calib", str(calib), "--report", "--out", str(tmp_path / "out")])
     names = {"detections.csv", "trajectory.csv", "summary.json", "report.html", "keyframes"}

@@ -2,12 +2,10 @@
 
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from tracks import track_at
 from videos import coded, number_of, write_video
 
@@ -27,20 +25,20 @@ def position(k: int) -> np.ndarray:
 
 
 def step(k: int) -> TrackerStep:
-    """Lost in the third frame; otherwise approaching the origin at 0.5 m/s, seen by the left eye."""
+    """Lost in the third frame; otherwise approaching the origin at 0.5 m/s, detection by the left eye."""
     stamp_s = START_S + 0.05 * k
     if k == 2:
         return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, np.zeros(3))
     cov = np.eye(12)
     cov[:3, :3] = COV
     track = track_at(position(k), -0.5 * position(k) / np.linalg.norm(position(k)), stamp_s, cov)
-    seen = Detection2D(stamp_s, "left", np.array([10.5 + k, 20.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))
-    return TrackerStep(track, (seen,), None, np.zeros(3))
+    detection = Detection2D(stamp_s, "left", np.array([10.5 + k, 20.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))
+    return TrackerStep(track, (detection,), None, np.zeros(3))
 
 
 @pytest.fixture
 def entities(tmp_path: Path) -> dict[str, list[dict[str, object]]]:
-    """What is in a view: rows of each entity in order of time."""
+    """Rows of each entity of a view, in order of time."""
     rrd = pytest.importorskip("rerun.chunk", reason="needs the extra viewer; in make test-all")
     with ViewFile(tmp_path / "view.rrd") as view:
         for k in range(N):
@@ -48,12 +46,12 @@ def entities(tmp_path: Path) -> dict[str, list[dict[str, object]]]:
             view.add(StereoFrame(coded(k), coded(k + 100), stamp_s, stamp_s), step(k))
         still = np.zeros(3), 0.03, np.zeros(2), np.zeros(2), True, True
         view.finish([Truth(START_S, np.array([1.0, 2.0, 3.0]), *still), Truth(START_S + 1, np.ones(3), *still)])
-    found: dict[str, list[dict[str, object]]] = {}
+    by_entity: dict[str, list[dict[str, object]]] = {}
     for chunk in rrd.RrdReader(tmp_path / "view.rrd").stream():
         for row in chunk.to_record_batch().to_pylist():
             plain = {name.rpartition(":")[2]: value for name, value in row.items() if value is not None}
-            found.setdefault(chunk.entity_path, []).append(plain)
-    return {name: sorted(rows, key=lambda row: row.get("stamp", 0)) for name, rows in found.items()}
+            by_entity.setdefault(chunk.entity_path, []).append(plain)
+    return {name: sorted(rows, key=lambda row: row.get("stamp", 0)) for name, rows in by_entity.items()}
 
 
 def test_a_view_holds_what_was_tracked(entities) -> None:
@@ -62,13 +60,13 @@ def test_a_view_holds_what_was_tracked(entities) -> None:
         assert [number_of(image) for image in images] == [first + k for k in range(N)]
     stamps = [row["stamp"].total_seconds() for row in entities["/left"]]
     np.testing.assert_allclose(stamps, START_S + 0.05 * np.arange(N), rtol=0, atol=1e-6)
-    known = [k for k in range(N) if k != 2]
+    tracked = [k for k in range(N) if k != 2]
     points = [row["positions"] for row in entities["/left/detection"]]
     assert points == [[[10.5 + k, 20.0]] if k != 2 else [] for k in range(N)]
     assert all(row["positions"] == [] for row in entities["/right/detection"])
     ellipsoids = [row for row in entities["/track"] if "half_sizes" in row]
-    assert len(ellipsoids) == len(known)
-    for k, row in zip(known, ellipsoids, strict=True):
+    assert len(ellipsoids) == len(tracked)
+    for k, row in zip(tracked, ellipsoids, strict=True):
         np.testing.assert_allclose(row["centers"][0], position(k), rtol=1e-6)
         x, y, z, w = row["quaternions"][0]
         turn = np.array([
@@ -80,72 +78,11 @@ def test_a_view_holds_what_was_tracked(entities) -> None:
         np.testing.assert_allclose(cov, COV, atol=1e-9)
     assert sum("is_recursive" in row for row in entities["/track"]) == 1
     distance = [row["scalars"][0] for row in entities["/distance"]]
-    np.testing.assert_allclose(distance, [np.hypot(0.3, 0.4 + 0.1 * k) for k in known])
+    np.testing.assert_allclose(distance, [np.hypot(0.3, 0.4 + 0.1 * k) for k in tracked])
     np.testing.assert_allclose([row["scalars"][0] for row in entities["/time_to_contact"]], np.array(distance) / 0.5)
     (path,), (truth,) = entities["/path"], entities["/truth"]
     assert [len(strip) for strip in path["strips"]] == [2, 3]
     np.testing.assert_allclose(truth["strips"], [[[1, 2, 3], [1, 1, 1]]])
-
-
-def test_what_is_logged_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A recorder in the place of Rerun; the middle one of three frames is lost."""
-    logged: list[tuple[object, str, object, bool]] = []
-    now, calls = [None], []
-
-    class Stream:
-        def __init__(self, name: str) -> None:
-            calls.append(name)
-
-        def save(self, path: Path) -> None:
-            calls.append(path)
-
-        def set_time(self, timeline: str, duration: float) -> None:
-            assert timeline == "stamp"
-            now[0] = duration
-
-        def log(self, entity: str, what: object, static: bool = False) -> None:
-            logged.append((now[0], entity, what, static))
-
-        def disconnect(self) -> None:
-            calls.append("closed")
-
-    recorder = SimpleNamespace(
-        RecordingStream=Stream,
-        Image=lambda image: SimpleNamespace(compress=lambda quality: number_of(image)),
-        Points2D=lambda at, colors, radii: [list(one) for one in at],
-        Clear=lambda recursive: ("cleared", recursive),
-        Ellipsoids3D=lambda centers, half_sizes, quaternions, colors: (centers[0], half_sizes[0], quaternions[0]),
-        Scalars=lambda value: value,
-        LineStrips3D=lambda strips, colors: [np.array(strip).tolist() for strip in strips],
-    )
-    monkeypatch.setitem(sys.modules, "rerun", recorder)
-    still = np.zeros(3), 0.03, np.zeros(2), np.zeros(2), True, True
-    with ViewFile(tmp_path / "view.rrd") as view:
-        for k in range(1, 4):
-            stamp_s = START_S + 0.05 * k
-            view.add(StereoFrame(coded(k), coded(k + 100), stamp_s, stamp_s), step(k))
-        view.finish([Truth(START_S, np.ones(3), *still)])
-        assert "closed" not in calls
-    assert calls == ["pps_vision", tmp_path / "view.rrd", "closed"]
-    by_entity: dict[str, list[object]] = {}
-    for stamp_s, entity, what, static in logged:
-        by_entity.setdefault(entity, []).append(what)
-        assert static == (entity in ("path", "truth"))
-        assert stamp_s in {START_S + 0.05 * k for k in range(1, 4)}
-    assert (by_entity["left"], by_entity["right"]) == ([1, 2, 3], [101, 102, 103])
-    assert by_entity["left/detection"] == [[[11.5, 20.0]], [], [[13.5, 20.0]]]
-    assert by_entity["right/detection"] == [[], [], []]
-    first, cleared, last = by_entity["track"]
-    assert cleared == ("cleared", False)
-    for k, (center, lengths, turn) in ((1, first), (3, last)):
-        np.testing.assert_array_equal(center, position(k))
-        axes = Rotation.from_quat(turn).as_matrix() * lengths
-        np.testing.assert_allclose(axes @ axes.T / CHI2_95, COV, atol=1e-12)
-    far = [float(np.linalg.norm(position(k))) for k in (1, 3)]
-    assert by_entity["distance"] == pytest.approx(far)
-    assert by_entity["time_to_contact"] == pytest.approx([one / 0.5 for one in far])
-    assert by_entity["path"] == [[[position(1).tolist()], [position(3).tolist()]]]
-    assert by_entity["truth"] == [[[[1.0, 1.0, 1.0]]]]
 
 
 def test_track_writes_it(tmp_path: Path, calib: Path) -> None:
