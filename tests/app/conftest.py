@@ -36,7 +36,7 @@ def fails_in_part():
 
 @pytest.fixture
 def refused_with(capsys: pytest.CaptureFixture[str]):
-    """Runs a command line that must end with exit code 2; returns what it wrote to the error stream."""
+    """Runs a command line that must end with exit code 2; returns the lines of the error stream."""
 
     def run(*args: object) -> list[str]:
         capsys.readouterr()
@@ -50,7 +50,7 @@ def refused_with(capsys: pytest.CaptureFixture[str]):
 
 @pytest.fixture
 def refused(refused_with):
-    """The same for what must be refused in one line; returns the line."""
+    """The same with an error of one line; returns the line."""
 
     def run(*args: object) -> str:
         lines = refused_with(*args)

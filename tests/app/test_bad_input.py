@@ -13,12 +13,67 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.robot.skin import icub_skin
 
+RENDER = "render --stimulus ball --motion circle --out TMP/rec"
 
-def test_no_such_recording(refused, tmp_path: Path) -> None:
-    line = refused("track", tmp_path / "nowhere", "--out", tmp_path / "out")
-    assert "nowhere" in line
-    assert "nowhere" in refused("track", tmp_path / "nowhere", "--out", tmp_path / "new" / "folder" / "out")
-    assert list(tmp_path.iterdir()) == []
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("track TMP/nowhere --out TMP/new/folder/out", "nowhere"),
+        ("track --out TMP/out", "REC"),
+        ("track TMP --left a* --right b* --out TMP/out", "REC"),
+        ("track --left a* --out TMP/out", "--left a* without --right; expected both"),
+        ("track --left a* --right b* --calib c.yml --out TMP/out", "matches no file"),
+        ("track REC --calib REC/icubEyes.ini REC/icubEyes.ini --out TMP/out", "expected one"),
+        ("track2d REC/cam/left --init 300 200 90 90 --out TMP/b.csv", "320×240"),
+        ("track2d TMP --init 1 1 9 9 --out TMP/b.csv", "no usable frame"),
+        ("track2d TMP/gone --init 1 1 9 9 --out TMP/b.csv", "gone: no such folder"),
+        ("track2d REC/truth.csv --init 1 1 9 9 --out TMP/b.csv", "is no folder and no video; expected a folder with"),
+        ("learn --out TMP/m.npz", "no recording"),
+        ("learn TMP/gone --out TMP/m.npz", "gone"),
+        ("show TMP/gone.npz --out TMP/f.png", "gone.npz"),
+        ("show REC/truth.csv --out TMP/f.png", "truth.csv"),
+        (f"{RENDER} --seconds 0", "--seconds"),
+        (f"{RENDER} --fps -1", "--fps"),
+        (f"{RENDER} --center nan 0 0", "--center"),
+        (f"{RENDER} --center 5 5 5", "in view"),
+        (f"{RENDER} --noise -2", "noise"),
+        (f"{RENDER} --noise 1e300", "noise_sigma = 1e+300; expected a number from 0 to 255"),
+        (f"{RENDER} --speed 0", "speed"),
+        (f"{RENDER} --radius 30", "--radius 30.0 m; expected above 0 and at most 0.3"),
+        (f"{RENDER} --target left_forearm:4711", "left_forearm:4711"),
+        ("render --stimulus whale --motion circle --out TMP/out", "marker, ball, cube, octopus, FILE.stl"),
+        ("bench tracking --n 0 --out TMP/results", "expected at least"),
+        ("bench loop --n 0 --out TMP/results", "expected at least"),
+        ("demo --trials 0 --out TMP/demo", "expected at least"),
+        ("demo --encounters 0 --out TMP/demo", "--encounters 0; expected at least 1"),
+    ],
+)
+def test_a_command_line_that_asks_for_the_impossible(
+    refused, approach: Path, tmp_path: Path, words: str, message: str
+) -> None:
+    line = refused(*words.replace("TMP", str(tmp_path)).replace("REC", str(approach)).split())
+    assert message in line
+    assert not any(file.is_file() for file in tmp_path.rglob("*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("show TMP/other.npz --out TMP/f.png", "other.npz"),
+        ("show TMP/m.npz --out TMP/figure.xyz", "figure.xyz: has the suffix '.xyz'; expected one of ."),
+        ("show TMP/m.npz --out TMP/figure", "figure: has the suffix ''; expected one of ."),
+        ("render --stimulus TMP/half.ply --motion circle --out TMP/out", "half.ply: "),
+        ("render --stimulus ball --motion circle --out TMP", "half.ply"),
+    ],
+)
+def test_files_of_another_kind(refused, tmp_path: Path, words: str, message: str) -> None:
+    """The last would overwrite a folder that is not empty."""
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    save_memory(tmp_path / "m.npz", PPSMemory.empty(icub_skin(("left_palm",))))
+    (tmp_path / "half.ply").write_text("ply\n")
+    assert message in refused(*words.replace("TMP", str(tmp_path)).split())
+    assert {file.name for file in tmp_path.iterdir()} == {"half.ply", "m.npz", "other.npz"}
 
 
 def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Path) -> None:
@@ -29,21 +84,12 @@ def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Pa
     assert not (tmp_path / "out").exists()
 
 
-def test_nothing_is_learned_from_unreadable_recordings(refused, refused_with, tmp_path: Path) -> None:
-    assert "gone" in refused("learn", tmp_path / "gone", "--out", tmp_path / "m.npz")
+def test_nothing_is_learned_from_unreadable_recordings(refused_with, tmp_path: Path) -> None:
     lines = refused_with("learn", tmp_path / "gone", tmp_path / "lost", "--out", tmp_path / "m.npz")
     assert "gone" in lines[0]
     assert "lost" in lines[1]
     assert "none of 2 recordings" in lines[2]
     assert list(tmp_path.iterdir()) == []
-
-
-def test_neither_or_both_kinds_of_input(refused, tmp_path: Path) -> None:
-    assert "REC" in refused("track", "--out", tmp_path / "out")
-    assert "REC" in refused("track", tmp_path, "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
-    images = ("--left", "a*", "--right", "b*")
-    assert "--left a* without --right; expected both" in refused("track", *images[:2], "--out", tmp_path / "out")
-    assert "matches no file" in refused("track", *images, "--calib", "c.yml", "--out", tmp_path / "out")
 
 
 def test_an_unreadable_calibration_is_named_with_its_line(refused, approach: Path, tmp_path: Path) -> None:
@@ -59,79 +105,6 @@ def test_an_unwritable_output(refused, approach: Path, tmp_path: Path) -> None:
     assert "file" in refused("render", "--stimulus", "ball", "--motion", "circle", "--out", tmp_path / "file")
     assert "file: is no folder; expected" in refused("batch", approach, "--out", tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
-
-
-def test_an_output_that_is_not_empty_is_not_overwritten_by_a_recording(refused, tmp_path: Path) -> None:
-    (tmp_path / "thesis.txt").write_text("mine")
-    assert "thesis.txt" in refused("render", "--stimulus", "ball", "--motion", "circle", "--out", tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("--seconds 0", "--seconds"),
-        ("--fps -1", "--fps"),
-        ("--center nan 0 0", "--center"),
-        ("--noise -2", "noise"),
-        ("--speed 0", "speed"),
-        ("--radius 30", "--radius 30.0 m; expected above 0 and at most 0.3"),
-        ("--noise 1e300", "noise_sigma = 1e+300; expected a number from 0 to 255"),
-        ("--target left_forearm:4711", "left_forearm:4711"),
-        ("--center 5 5 5", "in view"),
-    ],
-)
-def test_render_names_what_it_cannot_do(refused, tmp_path: Path, words: str, named: str) -> None:
-    out = tmp_path / "rec"
-    assert named in refused("render", "--stimulus", "ball", "--motion", "circle", *words.split(), "--out", out)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_first_box_outside_the_image(refused, approach: Path, tmp_path: Path) -> None:
-    args = ("track2d", approach / "cam" / "left", "--init", 300, 200, 90, 90, "--out", tmp_path / "b.csv")
-    assert "320×240" in refused(*args)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_without_frames(refused, tmp_path: Path) -> None:
-    init = ("--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
-    assert "no usable frame" in refused("track2d", tmp_path, *init)
-    (tmp_path / "a.png").touch()
-    assert "a.png: is no folder and no video; expected a folder with" in refused("track2d", tmp_path / "a.png", *init)
-    assert "gone: no such folder" in refused("track2d", tmp_path / "gone", *init)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        "bench tracking --n 0 --out results",
-        "bench loop --n 0 --out results",
-        "demo --trials 0",
-    ],
-)
-def test_experiments_on_nothing(refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert "expected at least" in refused(*words.split())
-    assert [file for file in tmp_path.rglob("*") if file.is_file()] == []
-
-
-def test_two_calibrations_for_one_recording(refused, approach: Path, tmp_path: Path) -> None:
-    eyes = approach / "icubEyes.ini"
-    assert "expected one" in refused("track", approach, "--calib", eyes, eyes, "--out", tmp_path / "out")
-
-
-def test_a_memory_that_is_none(refused, tmp_path: Path) -> None:
-    np.savez(tmp_path / "other.npz", a=np.zeros(3))
-    assert "other.npz" in refused("show", tmp_path / "other.npz", "--out", tmp_path / "f.png")
-    assert "gone.npz" in refused("show", tmp_path / "gone.npz", "--out", tmp_path / "f.png")
-    assert not (tmp_path / "f.png").exists()
-
-
-@pytest.mark.parametrize("suffix", [".xyz", ""])
-def test_a_figure_of_an_unknown_format(refused, tmp_path: Path, suffix: str) -> None:
-    save_memory(tmp_path / "m.npz", PPSMemory.empty(icub_skin(("left_palm",))))
-    line = refused("show", tmp_path / "m.npz", "--out", tmp_path / f"figure{suffix}")
-    assert f"figure{suffix}: has the suffix '{suffix}'; expected one of ." in line
-    assert [p.name for p in tmp_path.iterdir()] == ["m.npz"]
 
 
 @pytest.mark.parametrize(
@@ -177,22 +150,10 @@ def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach: Path, tm
     assert "--init is the box in that image" in line
 
 
-def test_nothing_to_learn_from(refused, tmp_path: Path) -> None:
-    assert "no recording" in refused("learn", "--out", tmp_path / "m.npz")
-    assert not (tmp_path / "m.npz").exists()
-
-
-def test_python_control_beside_us_is_refused(refused, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_python_control_beside_us_is_refused(refused, monkeypatch, tmp_path: Path) -> None:
     (tmp_path / "control-0.10.2.dist-info").mkdir()
     monkeypatch.syspath_prepend(str(tmp_path))
     assert "python-control" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
-
-
-def test_a_stimulus_that_is_neither_known_nor_a_mesh(refused, tmp_path: Path) -> None:
-    (tmp_path / "half.ply").write_text("ply\n")
-    for stimulus, named in (("whale", "marker, ball, cube, octopus, FILE.stl"), (tmp_path / "half.ply", "half.ply: ")):
-        assert named in refused("render", "--stimulus", stimulus, "--motion", "circle", "--out", tmp_path / "out")
-        assert not (tmp_path / "out").exists()
 
 
 def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path: Path, calib: Path) -> None:

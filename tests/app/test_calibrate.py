@@ -36,7 +36,7 @@ def pattern(charuco: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("charuco", [False, True])
-def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.CaptureFixture[str]) -> None:
+def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys) -> None:
     rng = np.random.default_rng(SEED)
     board = pattern(charuco)
     for k in range(7):

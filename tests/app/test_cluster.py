@@ -64,7 +64,7 @@ def test_one_of_two_workers_dies(tmp_path: Path, calib: Path) -> None:
     assert not list(tmp_path.glob(".dask-*"))
 
 
-def test_a_cluster_that_is_not_there(tmp_path: Path, calib: Path, refused, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_that_is_not_there(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
     write_video(tmp_path / "a.mp4", [0.0, 0.1])
     words = ("batch", tmp_path / "a.mp4", "--calib", calib, "--out", tmp_path / "out")

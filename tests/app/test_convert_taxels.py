@@ -54,9 +54,7 @@ def convert(*args: object) -> None:
     [MemoryParams(ttc_range_s=(0.0, 1.2)), MemoryParams((-0.05, 0.45), (-np.inf, np.inf), (20, 1))],
     ids=["2D", "1D"],
 )
-def test_a_memory_goes_to_the_robot_and_back(
-    params: MemoryParams, like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_memory_goes_to_the_robot_and_back(params: MemoryParams, like: Path, tmp_path: Path, capsys) -> None:
     memory = learned(params)
     save_memory(tmp_path / "m.npz", memory)
     convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
@@ -77,7 +75,7 @@ def test_a_memory_goes_to_the_robot_and_back(
     np.testing.assert_array_equal(back.part_index, memory.part_index)
 
 
-def test_a_robots_map_is_put_on_our_skin(like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robots_map_is_put_on_our_skin(like: Path, tmp_path: Path, capsys) -> None:
     """It has a taxel that our skin lacks (63), and lacks our taxels that were never touched there."""
     text = like.read_text().replace("nTaxels 0", "nTaxels 2", 1)
     text = text.replace("[r_hand]", "63 (5) (6)\n27 (7) (8)\n[r_hand]")
@@ -104,9 +102,7 @@ def test_parts_of_different_form_are_converted_one_by_one(refused, like: Path, t
     )
 
 
-def test_what_the_robots_form_has_no_place_for_is_said(
-    like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_the_robots_form_has_no_place_for_is_said(like: Path, tmp_path: Path, capsys) -> None:
     save_memory(tmp_path / "m.npz", learned(MemoryParams(sigma_bins=0.75)))
     convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
     said = capsys.readouterr().out
@@ -133,9 +129,7 @@ def test_what_cannot_be_said_in_the_robots_form(refused, memory: PPSMemory, says
     assert not (tmp_path / "t.ini").exists()
 
 
-def test_untouched_taxels_that_the_robot_lacks_are_left_out(
-    like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_untouched_taxels_that_the_robot_lacks_are_left_out(like: Path, tmp_path: Path, capsys) -> None:
     whole = PPSMemory.empty(icub_skin())
     mapped = [name.startswith(("left_forearm", "right_palm")) for name in whole.taxel_ids]
     save_memory(tmp_path / "m.npz", replace(whole, counts=whole.counts + np.reshape(mapped, (-1, 1, 1, 1))))

@@ -78,7 +78,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return rec
 
 
-def diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str], *words: object) -> dict:
+def diagnosis(tmp_path: Path, capsys, *words: object) -> dict:
     """What `track` writes; the same must stand on the terminal."""
     capsys.readouterr()
     main(["track", *map(str, words), "--out", str(tmp_path / "out")])
@@ -100,23 +100,21 @@ def diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str], *words: object
     ],
 )
 def test_a_fault_of_the_recording(
-    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: Callable[[Path], None], advice: str
+    rendered: Path, tmp_path: Path, capsys, damage: Callable[[Path], None], advice: str
 ) -> None:
     shutil.copytree(rendered, tmp_path / "rec")
     damage(tmp_path / "rec")
     assert any(advice in line for line in diagnosis(tmp_path, capsys, tmp_path / "rec")["advice"])
 
 
-def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys) -> None:
     written = diagnosis(tmp_path, capsys, rendered, "--mode", "marker")
     assert written["advice"] == ["--mode generic: no blob of the marker's green is in both images"]
     assert {"candidates_left": 0, "candidates_right": 0}.items() <= written["counts"].items()
     assert written["counts"]["frames"] >= 18  # of 20; where the cameras' poses are in doubt nothing is searched
 
 
-def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(
-    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(rendered: Path, tmp_path: Path, capsys) -> None:
     main(["track", str(rendered), "--out", str(tmp_path / "out")])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert "diagnosis" not in summary
@@ -155,11 +153,6 @@ def still(k: int) -> np.ndarray:
     return texture()[:, :320]
 
 
-def plain(k: int) -> np.ndarray:
-    noise = np.random.default_rng(k).normal(0, 3, (240, 320, 3))
-    return (90 + noise).astype(np.uint8)
-
-
 def turning(k: int) -> np.ndarray:
     return texture()[:, 6 * k : 6 * k + 320]
 
@@ -174,7 +167,7 @@ def turning(k: int) -> np.ndarray:
 )
 def test_fixed_cameras(
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys,
     baseline_m: float,
     disparity_px: float,
     wall: Callable[[int], np.ndarray],
@@ -183,25 +176,6 @@ def test_fixed_cameras(
 ) -> None:
     words = drawn(tmp_path, disparity_px, wall, radius_px, baseline_m)
     assert any(advice in line for line in diagnosis(tmp_path, capsys, *words)["advice"])
-
-
-def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """1.4° before a wall far away; that it moves is said once, when it has begun to."""
-    K = np.array([[300, 0, 159.5], [0, 300, 119.5], [0, 0, 1.0]])
-    middle = np.array([[1, 0, -100], [0, 1, 0], [0, 0, 1.0]])
-
-    def wall(k: int) -> np.ndarray:
-        turn = cv2.Rodrigues(np.deg2rad([0.0, 0.2 * min(k, N - 1 - k), 0.0]))[0]
-        return cv2.warpPerspective(texture(1.5), K @ turn @ np.linalg.inv(K) @ middle, (320, 240))
-
-    words = drawn(tmp_path, 40.0, wall)
-    main(["track", *map(str, words), "--out", str(tmp_path / "out")])
-    cameras = json.loads((tmp_path / "out" / "summary.json").read_text())["cameras"]
-    assert cameras["rotation_deg"] == pytest.approx(1.4, abs=0.1)
-    (warning,) = [line for line in capsys.readouterr().err.splitlines() if "the cameras move" in line]
-    assert warning.startswith("warning: the cameras move although declared fixed, at 0.")
 
 
 @pytest.mark.parametrize("baseline_m", [1e300, 0.0])
@@ -254,7 +228,7 @@ def test_the_counts_of_the_search_name_one_thing_to_try(mode: Mode, counts: dict
 
 @pytest.mark.parametrize(("wall", "shift_px"), [(still, None), (turning, 6.0)])
 def test_cameras_that_move_are_seen_in_a_few_images(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], wall: Callable[[int], np.ndarray], shift_px: float | None
+    tmp_path: Path, capsys, wall: Callable[[int], np.ndarray], shift_px: float | None
 ) -> None:
     words = drawn(tmp_path, 40.0, wall)
     main(["info", *map(str, words), "--json"])
@@ -265,9 +239,7 @@ def test_cameras_that_move_are_seen_in_a_few_images(
         assert warnings[0].endswith("px a frame: do the cameras move?")
 
 
-def test_a_wide_video_of_one_camera_is_not_taken_for_two(
-    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered: Path, tmp_path: Path, capsys) -> None:
     """Its calibration (OpenCV's form) does not say how large the images are."""
     (tmp_path / "calib.yml").write_text(CALIBRATION.format(baseline=-0.068))
     left, right = (
@@ -358,8 +330,6 @@ def test_a_diagnosis_in_words() -> None:
     ("unit_m", "baseline_m", "text"),
     [
         (1.0, 2.5, "2.5 m apart; --unit-m 0.01 makes it 25 mm; --unit-m 0.0254 makes it 63.5 mm"),
-        (1.0, 47.0, "47 m apart; --unit-m 0.001 makes it 47 mm; --unit-m 0.01 makes it 470 mm"),
-        (0.001, 0.0001, "0.1 mm apart; --unit-m 1 makes it 100 mm"),
         (0.001, 1e-7, "0.0001 mm apart"),
     ],
 )

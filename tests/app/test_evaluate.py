@@ -76,16 +76,6 @@ def test_a_lag_is_looked_for_within_half_a_second_and_where_half_of_the_position
         assert evaluate(path(curve(STAMPS), STAMPS + 0.1), part, lag=True).lag_s == pytest.approx(best_s, abs=2e-3)
 
 
-@pytest.mark.parametrize(("stamps", "within_s", "beyond_s"), [([0, 0.05, 0.1], 7.55e-5, 7.7e-5), ([0], 9e-7, 1.1e-6)])
-def test_a_stamp_that_differs_by_rounding_is_the_same(stamps: list[float], within_s: float, beyond_s: float) -> None:
-    """Tolerance: a thousandth of the longest interval, and a microsecond."""
-    truth = path(np.zeros((len(stamps), 3)), np.array(stamps))
-    for sign, end in ((-1, stamps[0]), (1, stamps[-1])):
-        for late_s, n in ((within_s, 1), (beyond_s, 0)):
-            at = path(np.zeros((1, 3)), np.array([end + sign * late_s]))
-            assert len(errors_of(at, truth)[0]) == n
-
-
 def test_three_positions_can_be_scored_and_aligned() -> None:
     turn = Rotation.from_rotvec([0.5, -1.2, 2.0]).as_matrix()
     turned = curve(STAMPS) @ turn.T + [1.0, 2.0, 3.0]
@@ -102,13 +92,9 @@ def test_alignment_turns_the_covariances_too() -> None:
     np.testing.assert_allclose(turned.nees, evaluate(path(position, cov=cov), TRUTH, align=True).nees, rtol=1e-6)
 
 
-def test_a_fast_truth_is_interpolated_and_its_gaps_are_not() -> None:
+def test_a_fast_truth_is_interpolated() -> None:
     fine = STAMPS[0] + np.arange(20 * 200) / 200
     score = evaluate(path(curve(STAMPS + 0.0017), STAMPS + 0.0017), path(curve(fine), fine))
-    assert score.rmse_mm < 0.02
-    keep = (fine < STAMPS[100] - 0.01) | (fine > STAMPS[200] + 0.01)
-    score = evaluate(path(curve(STAMPS)), path(curve(fine[keep]), fine[keep]))
-    assert score.compared == 299
     assert score.rmse_mm < 0.02
 
 
@@ -231,7 +217,7 @@ def test_anipose_tables_are_read(tmp_path: Path) -> None:
         read_path(file, fps=20)
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path, capsys) -> None:
     write_table(tmp_path / "ours.csv", TRAJECTORY, map(trajectory_row, tracks()))
     write_tum(tmp_path / "theirs.tum")
     np.savetxt(tmp_path / "truth.tum", np.c_[STAMPS, curve(STAMPS), np.tile([0, 0, 0, 1.0], (400, 1))], "%.9f")
@@ -250,7 +236,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert lines[1].split()[:4] == [files[0], "400", "2", "2"]
 
 
-def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_without_a_position_are_counted(tmp_path: Path, capsys) -> None:
     """Except for rows with the status searching."""
     rows = [[str(0.1 * k), "0.1", "0.2", "0.3", "tracking"] for k in range(6)]
     rows[0][1:] = "", "", "", "searching"

@@ -9,7 +9,6 @@ import pytest
 from episodes import T, episode_log
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation
 from learning.reach.labels import Labels
@@ -56,9 +55,7 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
     for axis in (gap, activity, speed):
         assert shaded(axis) == [pytest.approx((0.35, 0.55))]  # half a step about the touched stamps
     assert gap.get_ylim() == (0, 30)
-    low, high = activity.get_ylim()
-    assert (low, high) == pytest.approx((0, 1), abs=0.04)
-    assert low < 0 < 1 < high  # lines at the ends are seen
+    assert activity.get_ylim() == pytest.approx((0, 1), abs=0.04)
     assert gap.get_title() == "approach"
     assert "2 cm" in gap.get_ylabel()
     assert "0.4" in activity.get_ylabel()
@@ -115,9 +112,6 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     assert len(figure.axes) == 3  # two panels and the scale
     assert (figure.get_supxlabel(), figure.get_supylabel()) == ("distance D (cm)", "time to contact TTC (s)")
     assert len(figures.landscapes(memory, [1]).axes) == 2
-    assert not any(axis.get_visible() for axis in figures.landscapes(memory, []).axes)
-    bare = Figure().subplots()
-    assert figures.draw_landscape(bare, landscape).get_extent() == [-10, 20, 0, 3]
 
 
 def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> None:
@@ -133,10 +127,7 @@ def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> N
     panels = [axis for axis in figure.axes if axis.get_title()]
     titles = [re.fullmatch(r"vergence (\d+)° \((\d+) cm\)", axis.get_title()) for axis in panels]
     assert [int(title[1]) for title in titles if title] == [13, 17, 22]
-    for title in titles:
-        assert title is not None
-        half_cm = 100 * 0.034 / np.tan(np.deg2rad(int(title[1])) / 2)  # eyes 68 mm apart
-        assert int(title[2]) == pytest.approx(half_cm, abs=1)
+    assert [int(title[2]) for title in titles if title] == [30, 23, 17]  # eyes 68 mm apart: 3.4 cm / tan(v / 2)
     for axis in panels:
         (image,) = axis.images
         assert image.get_extent() == pytest.approx([-40, 60, -30, 10])
@@ -145,13 +136,8 @@ def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> N
         assert degree[:, : int(0.38 * 120)].max() < 0.5 < degree[:, int(0.42 * 120) :].min()
         border = np.vstack([p.vertices for c in axis.collections for p in c.get_paths()])
         assert np.abs(border[:, 0]).max() < 1  # at yaw 0
-    assert not any(axis.get_visible() and not axis.get_title() and axis.images for axis in figure.axes)
-    assert [axis.get_visible() for axis in figure.axes[:4]] == [True, True, True, False]  # two rows of two
     assert "the left hand" in figure.get_suptitle()
     assert (figure.get_supxlabel(), figure.get_supylabel()) == ("neck yaw (°)", "neck pitch (°)")
-    alone = replace(reachable_map, limits=replace(lattice.limits, vergence_rad=tuple(np.deg2rad((12, 14)).tolist())))
-    panel, scale = figures.reachable_space(alone, load_icub()).axes
-    assert (panel.get_title()[:12], scale.get_ylabel()[:25]) == ("vergence 13°", "degree of reachability R ")
     assert figure.axes[-1].get_ylabel() == "degree of reachability R (joint-limits; reachable above 0.5)"
 
 

@@ -36,7 +36,7 @@ def videos(tmp_path: Path) -> list[str]:
     return [word for option, name in files.items() for word in (f"--{option}", str(tmp_path / name))]
 
 
-def test_videos(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_videos(videos: list[str], capsys) -> None:
     main(["info", *videos, "--unit-m", "0.01", "--json"])
     facts = json.loads(capsys.readouterr().out)
     assert (facts["pairs"], facts["image_size"], facts["robot"], facts["gaps"]) == (20, [160, 120], False, 1)
@@ -76,7 +76,7 @@ def test_the_words(videos: list[str]) -> None:
     assert "motion of the cameras: with joints, by which the left camera turns up to 12.35°\n" in turning + "\n"
 
 
-def test_an_implausible_unit(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_implausible_unit(videos: list[str], capsys) -> None:
     main(["info", *videos])
     out = capsys.readouterr().out
     proposed = "--unit-m 0.01 makes it 120 mm; --unit-m 0.0254 makes it 304.8 mm"
@@ -84,7 +84,7 @@ def test_an_implausible_unit(videos: list[str], capsys: pytest.CaptureFixture[st
     assert out.splitlines()[-1].startswith("pps-vision track --left")
 
 
-def test_a_robot(approach: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot(approach: Path, capsys) -> None:
     facts = info(open_recording(approach))
     assert (facts.robot, facts.image_size, facts.pairs) == (True, (320, 240), 80)
     assert (facts.pairs_per_s, facts.baseline_m) == pytest.approx((20, 0.068), rel=0.02)
@@ -114,9 +114,7 @@ def test_a_laboratorys_own_test_needs_a_truth(videos: list[str]) -> None:
         check_error([recording], rmse_mm=1)
 
 
-def test_a_rate_for_a_robots_recording_is_told_and_not_used(
-    approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rate_for_a_robots_recording_is_told_and_not_used(approach: Path, tmp_path: Path, capsys) -> None:
     warning = f"--fps not used: {approach} has stamps of its own"
     main(["info", str(approach), "--fps", "30", "--json"])
     facts = json.loads(capsys.readouterr().out)
@@ -127,7 +125,7 @@ def test_a_rate_for_a_robots_recording_is_told_and_not_used(
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
 
 
-def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_and_versions(approach: Path, tmp_path: Path, capsys) -> None:
     main(["--version"])
     assert capsys.readouterr().out.startswith("pps-vision 0.")
     main(["track", str(approach), "--also", "tum", "--out", str(tmp_path / "out")])
@@ -151,7 +149,7 @@ def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.Cap
     [(0.07, 0.012, None), (0.08, 0.012, "1 intervals are longer than 1.5 times"), (0.07, 0.013, "+13.0 ms from")],
 )
 def test_a_gap_and_a_late_image_are_told_from_what_is_usual(
-    longest_s: float, late_s: float, warned: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    longest_s: float, late_s: float, warned: str | None, tmp_path: Path, capsys
 ) -> None:
     """Of 20 pairs a second, with more than 1.5 intervals between two pairs, or a quarter between two eyes."""
     stamps = [0.05 * k + (longest_s - 0.05) * (k > 5) for k in range(12)]
@@ -178,9 +176,7 @@ def test_what_a_single_pair_without_a_calibration_lacks(approach: Path, tmp_path
     assert facts.warnings[0] == "try a longer recording: there is a single pair"
 
 
-def test_without_a_calibration_the_facts_are_told_and_the_command_has_a_place_for_it(
-    videos: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_calibration_the_facts_are_told_and_the_command_has_a_place_for_it(videos: list[str], capsys) -> None:
     main(["info", *videos[:4]])
     rows = capsys.readouterr().out.splitlines()
     assert "20 pairs of 160×120 pixels, 1.10 s at 20 pairs/s" in rows[0]
@@ -198,7 +194,7 @@ def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(ref
     assert "other.yml: calibrated for 160×160 pixels, images are 80×120; expected the same proportions" in line
 
 
-def test_a_calibration_for_another_size_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_calibration_for_another_size_is_told(tmp_path: Path, capsys) -> None:
     calib = tmp_path / "calib.yml"
     storage = cv2.FileStorage(str(calib), cv2.FILE_STORAGE_WRITE)
     K = np.array([[40.0, 0, 40], [0, 40, 30], [0, 0, 1]])

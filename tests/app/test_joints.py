@@ -33,7 +33,7 @@ def position_rms_mm(rec: Path, out: Path, *more: str) -> float:
     return float(json.loads((out / "summary.json").read_text())["errors"]["position_rms_mm"])
 
 
-def test_a_touch_tells_what_the_eyes_misread(misread: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_touch_tells_what_the_eyes_misread(misread: Path, tmp_path: Path, capsys) -> None:
     table = tmp_path / "joints.csv"
     main(["joints", str(misread), str(tmp_path / "gone"), "--out", str(table)])
     captured = capsys.readouterr()

@@ -40,9 +40,7 @@ def test_learning_goes_on_from_an_earlier_memory(memory_file: Path, approach: Pa
     np.testing.assert_array_equal(load_memory(tmp_path / "twice.npz").counts, 2 * load_memory(memory_file).counts)
 
 
-def test_one_bad_recording_does_not_stop_the_others(
-    memory_file: Path, approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_bad_recording_does_not_stop_the_others(memory_file: Path, approach: Path, tmp_path: Path, capsys) -> None:
     main(["learn", str(tmp_path / "gone"), str(approach), "--out", str(tmp_path / "m.npz")])
     printed = capsys.readouterr()
     assert "gone" in printed.err
@@ -53,7 +51,7 @@ def test_one_bad_recording_does_not_stop_the_others(
 
 @pytest.mark.parametrize("command", ["learn", "joints"])
 def test_a_bug_in_one_recording_is_shown_and_the_others_result_is_written(
-    approach: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+    approach: Path, tmp_path: Path, monkeypatch, command: str
 ) -> None:
     shutil.copytree(approach, tmp_path / "defective")
     read = open_recording
@@ -76,9 +74,7 @@ def test_a_bug_in_one_recording_is_shown_and_the_others_result_is_written(
     assert not out.exists()
 
 
-def test_the_robots_own_skin_events_teach_the_same(
-    memory_file: Path, approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_robots_own_skin_events_teach_the_same(memory_file: Path, approach: Path, tmp_path: Path, capsys) -> None:
     """The same touches as contacts of physical taxels: number 2n and 2n + 1 belong to virtual taxel n."""
     rec = tmp_path / "rec"
     shutil.copytree(approach, rec)
@@ -100,7 +96,7 @@ def test_the_robots_own_skin_events_teach_the_same(
     assert not load_memory(tmp_path / "none.npz").counts.any()
 
 
-def test_nothing_learned_is_said(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_learned_is_said(approach: Path, tmp_path: Path, capsys) -> None:
     rec = tmp_path / "rec"
     shutil.copytree(approach, rec)
     shutil.rmtree(next(rec.rglob("skin")))
@@ -108,7 +104,7 @@ def test_nothing_learned_is_said(approach: Path, tmp_path: Path, capsys: pytest.
     assert "nothing learned" in capsys.readouterr().err
 
 
-def test_show_draws_a_picture(memory_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_show_draws_a_picture(memory_file: Path, tmp_path: Path, capsys) -> None:
     main(["show", str(memory_file), "--out", str(tmp_path / "landscape.png")])
     memory = load_memory(memory_file)
     n = int(memory.counts.any(axis=(1, 2, 3)).sum())

@@ -47,9 +47,7 @@ class Looped(Recording):
 
 @pytest.mark.long
 @pytest.mark.parametrize("options", [["--also", "tum", "anipose", "mot", "coco"], ["--smooth"]], ids=" ".join)
-def test_memory_does_not_grow(
-    options: list[str], approach: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_does_not_grow(options: list[str], approach: Path, tmp_path: Path, monkeypatch) -> None:
     recording = Looped.of(pv.open_recording(approach))
     monkeypatch.setattr(SourceOptions, "open", lambda self: recording)
     monkeypatch.setattr(smoother, "LAG", 20)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.app.report.overlay import VideoFile, draw_pair, flash, save_jpeg, save_png
+from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg, save_png
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 
@@ -47,19 +47,6 @@ def test_each_caption_has_a_line_of_its_own() -> None:
         assert (more >= fewer).all()
         assert np.flatnonzero(more & ~fewer).min() > np.flatnonzero(fewer).max()
     assert np.flatnonzero(rows[2]).max() < 120
-
-
-def test_a_touch_is_flashed_in_red() -> None:
-    canvas = np.zeros((480, 640, 3), np.uint8)
-    flash(canvas)
-    assert (canvas[:, 2] == [250, 40, 40]).all()
-    assert (canvas[2] == [250, 40, 40]).all()
-    assert not canvas[240, 320].any()
-    white = np.full((480, 640, 3), 255, np.uint8)
-    flash(white)
-    word = white[360:440, 20:300]
-    assert (word == [250, 40, 40]).all(axis=2).sum() > 1000
-    assert (word == 0).all(axis=2).sum() > 300  # its outline
 
 
 def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status() -> None:

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from known_track import DT, KnownTrack, Motion, frame_at, run
 
 from control.avoidance import AvoidanceParams
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
-from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, earliest_future
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, icub_setup, load_icub
 from pps_vision.robot.skin import icub_skin
@@ -180,12 +178,6 @@ def test_time_to_contact_is_the_sooner_of_that_of_the_resting_and_of_the_moving_
     """An object at 10 cm/s: a taxel that withdraws faster still predicts the contact that it would have at rest."""
     step, closing = towards_a_resting_object(arm_m_s, -0.1)
     assert step.events.ttc_s[TAXEL_3] == pytest.approx(0.08 / max(closing, 0.1), rel=0.02)
-
-
-@given(st.floats(-9, 9) | st.just(np.inf), st.floats(-9, 9) | st.just(np.inf))
-def test_the_sooner_of_two_times_to_contact(a: float, b: float) -> None:
-    ahead = [t for t in (a, b) if t >= 0]
-    assert earliest_future(np.array([a]), np.array([b]))[0] == (min(ahead) if ahead else b)
 
 
 def test_a_frame_that_is_refused_changes_nothing() -> None:

@@ -16,13 +16,13 @@ class Terminal(io.StringIO):
 
 
 @pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick(monkeypatch) -> None:
     """A line every 50 ms."""
     monkeypatch.setattr(module, "_EVERY_S", 0.05)
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_log_has_whole_lines_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_has_whole_lines_now_and_then(capsys) -> None:
     for _ in progress(range(50), "training", "approach", after_s=0.0):
         time.sleep(0.005)  # a quarter of a second or more
     with progress(desc="map", total=1, after_s=0.0) as bar:
@@ -36,7 +36,7 @@ def test_a_log_has_whole_lines_now_and_then(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.usefixtures("quick")
-def test_what_fails_says_nothing_after_its_reason(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_fails_says_nothing_after_its_reason(capsys) -> None:
     """A batch takes the last line of a recording's error stream for the reason."""
     bar = progress(range(3), "track", after_s=0.0)
     for _ in bar:
@@ -47,12 +47,12 @@ def test_what_fails_says_nothing_after_its_reason(capsys: pytest.CaptureFixture[
     assert capsys.readouterr().err.splitlines()[-1] == "reason"
 
 
-def test_what_is_soon_done_prints_nothing_into_a_log(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_soon_done_prints_nothing_into_a_log(capsys) -> None:
     assert list(progress(range(3), "track")) == [0, 1, 2]
     assert capsys.readouterr().err == ""
 
 
-def test_a_terminal_has_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_has_a_bar(monkeypatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     assert list(progress(range(3), "track", "pair")) == [0, 1, 2]

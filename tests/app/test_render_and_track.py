@@ -198,9 +198,7 @@ def test_detections_are_where_the_centre_truly_projects(
         assert np.median(np.hypot(du, dv)) < 0.3 * reduction
 
 
-def test_what_is_bad_in_one_frame_does_not_stop_the_others(
-    approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_bad_in_one_frame_does_not_stop_the_others(approach: Path, tmp_path: Path, capsys) -> None:
     broken = tmp_path / "broken"
     shutil.copytree(approach, broken)
     (broken / "cam" / "left" / "00000040.ppm").write_bytes(b"P6\n320 240\n255\n")

@@ -128,7 +128,7 @@ def test_a_table_that_does_not_fit_is_refused(
     assert message in refused("report", file.parent)
 
 
-def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_report_of_a_batch(tmp_path: Path, capsys) -> None:
     write_results(tmp_path / "a")
     rows = [
         ("a", "done", 40, 40, 0.925, "", 1.5, "0.2.0", ""),

@@ -11,7 +11,6 @@ from known_track import frame_at
 
 from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory
-from pps_vision.app import simulation
 from pps_vision.app.simulation import (
     Episode,
     Kind,
@@ -105,36 +104,6 @@ def test_a_reach_beyond_the_start_of_an_approach_is_refused(scene: SimulationSce
         make_episode("approach", scene, "left_forearm:3", "ball", np.random.default_rng(SEED), 0.1, reach_m=1.5)
 
 
-def test_near_misses_come_between_the_touches(scene: SimulationScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One in three touches; the others come as near as 4–16 cm, and then the episode ends.  All come at 5–15 cm/s."""
-    nearest_m: list[float] = []
-    speeds_m_s: list[float] = []
-    learned: list[str] = []
-
-    def moved(scene: SimulationScene, episode: Episode, *_: object, **__: object) -> Iterator[SimpleNamespace]:
-        times = np.linspace(0, episode.seconds, 400)
-        taxels, _ = scene.skin.at(scene.robot.at(scene.home))
-        points = np.array([episode.motion(t)[0] for t in times])  # type: ignore[misc]
-        gaps = np.linalg.norm(points[:, None] - taxels, axis=2).min(axis=1) - make_stimulus(episode.stimulus).radius_m
-        nearest_m.append(float(gaps.min()))
-        speeds_m_s.append(float(np.linalg.norm(points[1] - points[0])) / times[1])
-        assert np.argmin(gaps) == 399 or gaps.min() < TOUCH_RADIUS_M
-        return iter(())
-
-    names = {name: lambda name=name: learned.append(name) for name in ("finish", "miss")}
-    monkeypatch.setattr(simulation, "simulate", moved)
-    monkeypatch.setattr(simulation, "new_pipeline", lambda *_: SimpleNamespace(step=None, **names))
-    train(scene, trials=24, touch_every=3)
-    assert learned == ["finish", "miss", "miss"] * 8
-    touching = np.array(nearest_m)[::3]
-    missing = np.delete(nearest_m, slice(None, None, 3))
-    assert (np.abs(touching) < 1e-3).all()
-    assert 0.04 <= missing.min() < 0.06
-    assert 0.13 < missing.max() <= 0.16 + 1e-9
-    assert 0.05 <= min(speeds_m_s) < 0.07
-    assert 0.13 < max(speeds_m_s) <= 0.15
-
-
 @pytest.mark.parametrize(
     ("avoid", "own_motion", "arm_obeys"),
     [(True, "", True), (False, "", False), (True, "arm", False), (True, "head", True)],
@@ -160,7 +129,7 @@ def test_the_robot_moves_by_its_commands_and_its_own_motion(
 
 
 class NoEyes:
-    """In place of rendered eyes: records what they would show and returns black images."""
+    """In place of rendered eyes: records the states, returns black images."""
 
     def __init__(self) -> None:
         self.shown: list[tuple[Stimulus, SceneState, float]] = []
@@ -274,29 +243,3 @@ def test_what_comes_nearer_than_22_cm_to_an_eye_is_not_followed(
         return view.left.center + (distance_m if t == near_at_s else 0.35) * axis, np.zeros(3)
 
     assert can_follow(unseen.robot, unseen.rig, unseen.home, motion, 2.0) == visible
-
-
-def test_a_head_that_sways_turns_by_its_rate(unseen: SimulationScene) -> None:
-    """10°/s in neck yaw and pitch, once in 2 and in 2.5 s."""
-    robot = unseen.robot
-    arm = unseen.arm
-    head = robot.indices(robot.names.gaze_joints)[:2]
-    rate = own_rate(robot, "head", arm, 0.0)
-    assert np.flatnonzero(rate).tolist() == sorted(head)
-    assert rate[head] == pytest.approx(np.deg2rad([10.0, 10.0]))
-    assert own_rate(robot, "head", arm, 1.0)[head] == pytest.approx(np.deg2rad([-10.0, 10 * np.cos(0.8 * np.pi)]))
-    assert own_rate(robot, "head", arm, 2.0)[head[0]] == pytest.approx(np.deg2rad(10.0))
-    assert own_rate(robot, "head", arm, 2.5)[head[1]] == pytest.approx(np.deg2rad(10.0))
-    assert not own_rate(robot, "", arm, 0.3).any()
-
-
-def test_an_arm_that_swings_turns_a_few_degrees_to_each_side(unseen: SimulationScene) -> None:
-    """Amplitudes in degrees and numbers of periods in 20 s; the last two joints and all others rest."""
-    times = np.arange(0, 20, 0.005)
-    arm = unseen.arm
-    swing = np.array([own_rate(unseen.robot, "arm", arm, t) for t in times])
-    assert np.flatnonzero(swing.any(axis=0)).tolist() == sorted(arm[:5])
-    turned_deg = np.rad2deg(np.cumsum(swing, axis=0) * 0.005)[:, arm[:5]]
-    np.testing.assert_allclose(np.ptp(turned_deg, axis=0) / 2, [6, 5, 6, 10, 12], atol=0.1)
-    turns = (np.diff(np.sign(swing[:, arm[:5]]), axis=0) != 0).sum(axis=0)
-    assert (turns / 2).tolist() == [7, 6, 8, 9, 10]

@@ -9,7 +9,7 @@ from tracks import track_at
 
 from pps_vision.app.track import TrackedRecording
 from pps_vision.app.track_statistics import CameraStatistics, PathStatistics, errors_against
-from pps_vision.app.track_summary import headline, summary
+from pps_vision.app.track_summary import headline
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import Observation3D, Status, Track3D, Truth
@@ -73,19 +73,6 @@ def test_the_objects_size_is_the_median_where_it_is_tracked() -> None:
     )
 
 
-def test_a_share_of_no_frame_is_none() -> None:
-    numbers = PathStatistics()
-    assert numbers.tracked_share == 0
-    assert np.isnan(numbers.errors()["tracked_share"])
-    numbers.add(track(0.0, 1.0))
-    assert numbers.tracked_share == 1
-    numbers = PathStatistics()
-    for row in later(track(0.1, 0.0, Status.COASTING)):
-        numbers.add(row)
-    assert numbers.tracked_share == pytest.approx(10 / 11)
-    assert numbers.errors()["tracked_share"] == 0
-
-
 def test_the_residual_is_the_median_of_the_pairs_that_measured() -> None:
     numbers = PathStatistics()
     assert np.isnan(numbers.residual_px)
@@ -104,7 +91,7 @@ def recorded(*stamps_s: tuple[float, float]) -> TrackedRecording:
 
 
 def test_a_pair_s_track_is_that_of_its_mean_stamp() -> None:
-    """The second pair observation three is not tracked; the right image is later."""
+    """The second pair of three is not tracked; the right image is later."""
     run = recorded((0.0, 0.5), (1.0, 1.5), (2.0, 2.5))
     observed = Observation3D(2.25, np.zeros(3), np.eye(3), 0.03, 1e-6, 0.25)
     steps = [
@@ -115,17 +102,6 @@ def test_a_pair_s_track_is_that_of_its_mean_stamp() -> None:
     assert [pair.track for pair in pairs] == [step.track for step in steps]
     assert np.isnan(pairs[0].residual_px)
     assert pairs[1].residual_px == 0.25
-
-
-def test_of_what_is_not_tracked_yet_nothing_is_said() -> None:
-    content = summary(recorded((0.0, 0.0), (0.1, 0.1)), PathStatistics())
-    assert (content["pairs"], content["frames"], content["status"]) == (2, 0, dict.fromkeys(Status, 0))
-    assert (content["followed_by"], content["ms_per_pair"]) == ({}, {})
-    assert content["cameras"] == pytest.approx(
-        {"rotation_deg": 0.0, "rotation_deg_s": 0.0, "joint_delay_ms": np.nan, "joint_delay_std_ms": np.nan},
-        nan_ok=True,
-    )
-    assert {"object", "residual_px", "diagnosis", "errors"}.isdisjoint(content)
 
 
 def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last() -> None:

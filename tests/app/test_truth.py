@@ -37,7 +37,7 @@ def tagged(tmp_path: Path) -> tuple[list[str], np.ndarray]:
     return [*images, "--calib", str(tmp_path / "calib.yml")], np.array(truth)
 
 
-def test_the_path_of_a_point_behind_the_tag(tmp_path: Path, tagged, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_path_of_a_point_behind_the_tag(tmp_path: Path, tagged, capsys) -> None:
     options, truth = tagged
     words = ["truth", *options, "--aruco", "7", "--offset-mm", "0", "0", "-30", "--out", str(tmp_path / "truth.tum")]
     main([*words, "--tag-mm", str(TAG_MM)])

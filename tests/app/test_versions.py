@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import pytest
 import scipy
 
 from pps_vision.app import versions
@@ -23,7 +22,7 @@ def test_versions_are_those_of_the_packages_themselves() -> None:
     assert machine["processor"].endswith(f", {os.cpu_count()} cores")
 
 
-def test_the_commit_is_marked_where_code_differs_from_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commit_is_marked_where_code_differs_from_it(tmp_path: Path, monkeypatch) -> None:
     """In a new repository, with this project's function."""
     git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c"]
     code = tmp_path / "package" / "app" / "code.py"

@@ -25,7 +25,7 @@ def position(k: int) -> np.ndarray:
 
 
 def step(k: int) -> TrackerStep:
-    """Lost in the third frame; otherwise approaching the origin at 0.5 m/s, detection by the left eye."""
+    """Lost in the third frame; otherwise approaching the origin at 0.5 m/s, detected by the left eye."""
     stamp_s = START_S + 0.05 * k
     if k == 2:
         return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, np.zeros(3))
@@ -94,7 +94,7 @@ def test_track_writes_it(tmp_path: Path, calib: Path) -> None:
     assert sum(chunk.num_rows for chunk in chunks if chunk.entity_path == "/right") == 3
 
 
-def test_without_the_extra(tmp_path: Path, calib: Path, refused, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     write_video(tmp_path / "a.mp4", [0.0, 0.1])
     words = ("track", tmp_path / "a.mp4", "--calib", calib, "--viewer", "--out", tmp_path / "out")

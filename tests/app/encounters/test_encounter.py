@@ -16,14 +16,11 @@ from pps_vision.app.encounters.encounter import (
     Condition,
     Encounter,
     EncounterScene,
-    Part,
     draw,
-    draw_posture,
     would_touch,
 )
 from pps_vision.app.encounters.kinematic import can_touch
-from pps_vision.app.encounters.postures import start_posture
-from pps_vision.app.simulation import Side, own_rate
+from pps_vision.app.simulation import own_rate
 from pps_vision.experiments.films.raycast import CYLINDER_COLUMNS, PANEL_COLUMNS, ball_row, first_hit
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.skin import TOUCH_RADIUS_M
@@ -83,15 +80,6 @@ def test_harmless_objects_touch_nothing(scene: EncounterScene, condition: Condit
         if condition == "harmless_passing":
             assert PASS_M[0] - 1e-4 < left.min() < PASS_M[1] + 1e-3
             assert left.min() < left[[0, -1]].min() - 0.02, "it comes nearer and leaves"
-
-
-def test_what_can_be_touched_is_found_by_its_distance(scene: EncounterScene) -> None:
-    """An object a little before the palm can be touched, one a metre above it cannot."""
-    encounter = draw(scene, "reach", 2, 1)
-    palm = scene.robot.at(encounter.q_rad).point(f"{encounter.side}_palm")
-    for above_m, expected in ((0.07, True), (1.0, False)):
-        waiting = replace(encounter, part="palm", motion=lambda t, z=above_m: (palm + np.array([0, 0, z]), np.zeros(3)))
-        assert can_touch(scene, waiting, np.random.default_rng(0)) == expected
 
 
 def test_what_a_forearm_cannot_touch_the_palm_can(scene: EncounterScene) -> None:
@@ -156,29 +144,7 @@ def test_an_arm_that_swings_by_itself_stays_clear_of_the_body(scene: EncounterSc
         assert clearest > 0.02
 
 
-@pytest.mark.parametrize("part", ["inner forearm", "outer forearm", "palm"])
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_arm_is_about_the_parts_posture_and_the_other_one_hangs(
-    scene: EncounterScene, side: Side, part: Part
-) -> None:
-    robot = scene.robot
-    rng = np.random.default_rng(0)
-    sessions = {"inner forearm": ("inner", "left"), "outer forearm": ("outer", "left"), "palm": ("palm", "right")}
-    session, carrier = sessions[part]
-    arm = scene.arm(side)
-    hanging_arm = scene.arm("left" if side == "right" else "right")
-    awaiting = start_posture(robot, session)[scene.arm(carrier)]
-    hanging = start_posture(robot, "palm")[scene.arm("left")]
-    for _ in range(5):
-        q = draw_posture(scene, side, part, rng)
-        np.testing.assert_allclose(q[hanging_arm], hanging)
-        inside = np.clip(awaiting, robot.lower_rad[arm] + np.deg2rad(3), robot.upper_rad[arm] - np.deg2rad(3))
-        assert 0.1 < np.abs(q[arm] - inside).max() < np.deg2rad(15) + 1e-9
-        assert np.all(np.minimum(q - robot.lower_rad, robot.upper_rad - q)[arm] > np.deg2rad(3) - 1e-9)
-        assert scene.self_collision.distance_m(q) > 0.03
-
-
-def test_parts_sides_and_objects_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_sides_and_objects_take_turns(monkeypatch) -> None:
     """All 24 of them in as many encounters, the part first."""
     monkeypatch.setattr(drawing, "draw_one", lambda *arguments: arguments[2:6])
     turns: list[Any] = [draw(None, "through_fast" if k % 2 else "stop", k, 0) for k in range(24)]  # type: ignore[arg-type]

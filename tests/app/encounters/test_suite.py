@@ -96,7 +96,7 @@ def test_errors_of_an_encounter_are_measured_as_they_were_made() -> None:
     assert measured.random_m[1] < 0.1e-3, "the deviate is one along a line, not in the plane"
 
 
-def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch) -> None:
     """The plugged-in controller interrupts the run in the second encounter; the first is not simulated again."""
     (tmp_path / "theirs.py").write_text(PLUGIN)
     monkeypatch.chdir(tmp_path)
