@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import os
 import re
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -23,7 +22,6 @@ FAKE = '''
 
 More of it.
 """
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -49,18 +47,13 @@ def measure(study):
 class Fake(Study):
     SHORT: ClassVar[Mapping[str, Any]] = {"seed": 9}
     seed: int = 0
+    workers: int = 1
     def run(self):
         return measure(self)
     def chart(self, numbers):
         return draw(numbers)
     def tables(self, numbers):
         return tabulate(numbers)
-
-@dataclass(frozen=True)
-class Workers(Fake):
-    workers: int = 1
-    def run(self):
-        return {"third": self.workers / 3, "process": os.getpid()}
 
 @dataclass(frozen=True)
 class Parts(PartsStudy):
@@ -85,7 +78,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
     module = importlib.reload(importlib.import_module("fake_study"))
-    studies = {"fake": module.Fake, "fake_more": module.Fake, "parts": module.Parts, "pps_w": module.Workers}
+    studies = {"fake": module.Fake, "fake_more": module.Fake, "parts": module.Parts}
     monkeypatch.setattr(bench, "catalogue", lambda: studies)
     set_commit(monkeypatch, "1234567")
     (tmp_path / "docs").mkdir()
@@ -199,13 +192,6 @@ def test_a_study_that_fails_stops_no_other(
     assert order == ["bad", "worse", "b", "a"]
 
 
-def test_a_study_alone_runs_in_this_process_and_has_the_workers_for_itself(folder: Path) -> None:
-    bench.bench(["pps"], {"workers": 3})
-    numbers = result(folder, "pps_w")
-    assert numbers["parameters"] == {"seed": 0, "workers": 3}
-    assert numbers["process"] == os.getpid()
-
-
 def test_results_are_compact_and_documents_filled(folder: Path) -> None:
     """A table is of the study with the longest name that it begins with."""
     page = folder / "docs" / "page.md"
@@ -221,7 +207,8 @@ def test_results_are_compact_and_documents_filled(folder: Path) -> None:
     assert (folder / "README.md").read_text() == table
     assert page.read_text().startswith(f"text\n{table}<!-- table: fake_ten_times -->")
     assert page.read_text().count("old") == 2
-    bench.bench(["fake_more"], {"seed": 2})
+    bench.bench(["fake_more"], {"seed": 2, "workers": 3})
+    assert result(folder, "fake_more")["parameters"] == {"seed": 2, "workers": 3}, "a study alone has the workers"
     values = [line.split()[3] for line in page.read_text().splitlines() if "third" in line]
     assert values == ["0.333", "3.33", "0.667", "6.67"]
 
@@ -243,7 +230,7 @@ def test_unknown_studies_and_options_are_refused(folder: Path) -> None:
 def test_the_list_shows_every_study_with_its_parameters(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["bench"])
     lines = capsys.readouterr().out.splitlines()
-    assert lines[:2] == ["fake: Thirds of a seed.", "    seed = 0"]
+    assert lines[:2] == ["fake: Thirds of a seed.", "    seed = 0, workers = 1"]
     assert "    parts = (), seed = 0; parts: first, plain, no_data" in lines
 
 

@@ -1,18 +1,18 @@
-"""Recordings with numbers known in advance: which frames count, what is near, false and lost, and what is touched."""
+"""Recordings with numbers known in advance: frames that count, near and false tracks, touch."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.experiments.films.recordings import EYES_M, FPS, Footage, stare_at, tracker_params, watching
+from pps_vision.experiments.films.recordings import EYES_M, FPS, Footage, tracker_params
 from pps_vision.experiments.films.score import METRICS, judge
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import StereoFrame, Track3D
 
-N, AT_M = 40, 0.3
+N = 40
+AT_M = 0.3
 BLACK = np.zeros((240, 320, 3), np.uint8)
 BOX = (10.0, 20.0, 30.0, 30.0)
 
@@ -23,8 +23,8 @@ def recording() -> Footage:
     stamps = (np.arange(N) / FPS).tolist()
     position = np.tile(EYES_M + np.array([-AT_M, 0, 0]), (N, 1))
     frames = tuple(StereoFrame(BLACK, BLACK, t, t) for t in stamps)
-    seen, boxes = np.ones(N, bool), ((None, BOX), (BOX, None), *((BOX, BOX),) * (N - 2))
-    return Footage(frames, position, np.zeros((N, 3)), seen, boxes, 0.03, icub_rig(load_icub()), None)
+    boxes = ((None, BOX), (BOX, None), *((BOX, BOX),) * (N - 2))
+    return Footage(frames, position, np.zeros((N, 3)), np.ones(N, bool), boxes, 0.03, icub_rig(load_icub()), None)
 
 
 def track(recording: Footage, k: int, off_m: float, std_m: float = 0.001) -> Track3D:
@@ -47,9 +47,15 @@ def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Footag
 def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(recording: Footage) -> None:
     """0.3 m away: near up to 50 mm. What is farther off is false unless it says so."""
     tracks = [track(recording, k, 0.003) for k in range(N)]
-    tracks[5], tracks[9] = track(recording, 5, 0.2), track(recording, 9, 0.2)  # before frames count
-    tracks[12], tracks[13] = track(recording, 12, 0.049), track(recording, 13, 0.051)
-    tracks[14], tracks[15] = track(recording, 14, 0.09, 0.031), track(recording, 15, 0.09, 0.029)
+    for k, off_m, std_m in (
+        (5, 0.2, 0.001),  # before frames count
+        (9, 0.2, 0.001),
+        (12, 0.049, 0.001),
+        (13, 0.051, 0.001),
+        (14, 0.09, 0.031),
+        (15, 0.09, 0.029),
+    ):
+        tracks[k] = track(recording, k, off_m, std_m)
     tracks[16] = Track3D.unknown(recording.frames[16].stamp_s)
     values = judge(recording, tracks)
     assert np.flatnonzero(~values["near"]).tolist() == [3, 4, 5, 6]
@@ -62,9 +68,7 @@ def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(re
     summaries = {name: metric.summary(values[metric.values]) for name, metric in METRICS.items()}
     assert summaries["near_percent"] == pytest.approx(100 * 26 / 30)
     assert summaries["false_percent"] == pytest.approx(100 * 2 / 30)
-    assert summaries["worst_recording_mm"] == summaries["mean_recording_mm"] == pytest.approx(summaries["rms_mm"])
     assert METRICS["worst_recording_mm"].summary(np.array([2.0, 5.0, 3.0])) == 5
-    assert np.isnan(METRICS["worst_recording_mm"].summary(np.empty(0)))
 
 
 def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: Footage) -> None:
@@ -72,13 +76,6 @@ def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: F
     values = judge(hidden, [track(recording, k, 0.2 if k >= 20 else 0.0) for k in range(N)])
     assert values["near"].tolist() == [True] * 10
     assert values["false"].tolist() == [False] * 10 + [True] * 20
-
-
-def test_a_tracker_without_a_track_has_no_error_and_is_never_near(recording: Footage) -> None:
-    values = judge(recording, [Track3D.unknown(frame.stamp_s) for frame in recording.frames])
-    assert not values["near"].any()
-    assert not values["false"].any()
-    assert len(values["error_mm"]) == len(values["recording_rms_mm"]) == 0
 
 
 def test_of_two_equal_objects_the_one_followed_first_counts(recording: Footage) -> None:
@@ -91,10 +88,8 @@ def test_of_two_equal_objects_the_one_followed_first_counts(recording: Footage) 
     assert judge(two, changed)["near"].sum() == 19
 
 
-def test_baselines_are_told_the_first_boxes_of_both_eyes(recording: Footage) -> None:
+def test_baselines_get_the_first_boxes_of_both_eyes(recording: Footage) -> None:
     assert recording.first_boxes == (2, (BOX, BOX))
-    with pytest.raises(ValueError, match="never in view"):
-        _ = replace(recording, boxes=((None, BOX),) * N).first_boxes
 
 
 def test_a_jump_of_the_velocity_counts_for_two_frames(recording: Footage) -> None:
@@ -127,22 +122,3 @@ def test_markers_are_tracked_as_markers_of_their_hue_unless_told_otherwise(recor
     assert (tracker_params(marker).mode, tracker_params(marker).marker.hue_deg) == ("marker", 120.0)
     assert tracker_params(marker, "generic").mode == "generic"
     assert tracker_params(recording, "marker").marker.hue_deg == 0.0
-
-
-def test_states_have_the_stamps_poses_and_motion_that_are_asked_for() -> None:
-    robot, point = load_icub(), EYES_M + np.array([-0.4, 0.0, 0.0])
-    motion = lambda t: (point + np.array([0, 0.1 * t, 0]), np.array([0, 0.1, 0]))  # noqa: E731
-    states = list(watching(motion, 0.5, stare_at(robot, point)))
-    stamps = [t for t, _ in states]
-    assert len(stamps) == 10
-    assert all(later - earlier == pytest.approx(1 / FPS) for earlier, later in pairwise(stamps))
-    for t, state in states:
-        np.testing.assert_allclose(state.position, motion(t)[0])
-        np.testing.assert_allclose(state.velocity, [0, 0.1, 0])
-        np.testing.assert_array_equal(state.q_rad, states[0][1].q_rad)
-    view = icub_rig(robot).view(states[0][1].q_rad)
-    for eye in (view.left, view.right):
-        np.testing.assert_allclose(
-            eye.T_root_camera[:3, 2], (point - eye.center) / np.linalg.norm(point - eye.center), atol=1e-3
-        )
-    assert all(state.position is None for _, state in watching(motion, 0.2, stare_at(robot, point), empty=True))

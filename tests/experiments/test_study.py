@@ -30,14 +30,14 @@ def work(ms: float) -> None:
 
 
 def test_every_method_is_measured_on_every_recording() -> None:
-    seen = []
+    calls = []
 
     def method(recording: float, seed: int) -> dict[str, list[float]]:
-        seen.append((recording, seed))
+        calls.append((recording, seed))
         return {"error": [recording, -recording], "found": [1, 0]}
 
     numbers = compare({"a": lambda seed: 10.0 * seed, "b": float}, {"ours": method}, METRICS, (1, 2))
-    assert seen == [(10.0, 1), (20.0, 2), (1.0, 1), (2.0, 2)]
+    assert calls == [(10.0, 1), (20.0, 2), (1.0, 1), (2.0, 2)]
     assert numbers["a"]["ours"]["rms"] == pytest.approx([np.sqrt(250), 10, 20])
     assert numbers["b"]["ours"]["found_percent"] == pytest.approx([50, 50, 50])
     assert numbers["a"]["ours"]["n"] == 2
@@ -58,18 +58,16 @@ def test_times_are_processor_times_and_their_ratio_is_of_one_recording() -> None
 def test_methods_are_timed_by_turns_and_judged_once() -> None:
     order = []
 
-    def method(name: str, ms: float):
-        def run(_: int, __: int) -> dict[str, list[float]]:
-            order.append(name)
-            return {"error": [float(len(order))], "ms": [ms + order.count(name)]}
+    def run(name: str, ms: float) -> dict[str, list[float]]:
+        order.append(name)
+        return {"error": [float(len(order))], "ms": [ms + order.count(name)]}
 
-        return run
-
-    cells = compare({"a": int}, {"ours": method("ours", 10), "other": method("other", 20)}, METRICS, (1,), "other", 3)
+    methods = {"ours": lambda *_: run("ours", 10), "other": lambda *_: run("other", 20)}
+    cells = compare({"a": int}, methods, METRICS, (1,), "other", 3)["a"]
     assert order == ["ours", "other"] * 3
-    assert cells["a"]["ours"]["ms"] == pytest.approx([11.5, 12, 12.5])
-    assert cells["a"]["ours"]["ratio"][0] == pytest.approx(12 / 22)
-    assert cells["a"]["ours"]["rms"][0] == 1  # the first turn's
+    assert cells["ours"]["ms"] == pytest.approx([11.5, 12, 12.5])
+    assert cells["ours"]["ratio"][0] == pytest.approx(12 / 22)
+    assert cells["ours"]["rms"][0] == 1  # the first turn's
 
 
 def test_intervals_are_of_independent_units() -> None:
@@ -98,9 +96,11 @@ def test_units_without_values_count_for_nothing_and_nothing_is_unknown() -> None
 
 def test_percentages_have_wilsons_interval() -> None:
     """(p + z²/2n ± z √(p(1 − p)/n + z²/4n²)) / (1 + z²/n) for 8 of 10, with z = 1.96."""
-    z, p, n = 1.959964, 0.8, 10
-    middle, half = p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    ends = [100 * (middle + sign * half) / (1 + z**2 / n) for sign in (-1, 1)]
+    z = 1.959964
+    p = 0.8
+    n = 10
+    half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    ends = [100 * (p + z**2 / (2 * n) + sign * half) / (1 + z**2 / n) for sign in (-1, 1)]
     assert percent_of(8, 10) == pytest.approx([80, *ends], abs=1e-4)
     assert np.isnan(percent_of(0, 0)).tolist() == [True] * 3
 
@@ -136,13 +136,9 @@ def test_a_tracking_study_makes_every_kind_from_every_source_with_successive_see
         def run(self) -> dict[str, object]:
             return {}
 
-    def make(kind: str, source: str, seed: int) -> tuple[str, str, int]:
-        return kind, source, seed
-
     study = Some(n=3, seed=5)
     assert list(study.seeds) == [5, 6, 7]
-    assert study.sources == ("rendered", "independent")
     assert Some(scenes="independent").sources == ("independent",)
-    scenarios = study.scenarios(make, ("ball", "marker"))
+    scenarios = study.scenarios(lambda *arguments: arguments, ("ball", "marker"))
     assert list(scenarios) == ["rendered, ball", "rendered, marker", "independent, ball", "independent, marker"]
     assert scenarios["independent, ball"](7) == ("ball", "independent", 7)
