@@ -35,7 +35,8 @@ class Lens:
         """Smallest x/z and y/z, largest x/z and y/z in the image, with a margin of one pixel."""
         c = self.camera
         xy = self._slopes_of_pixels.reshape(-1, 2)
-        (left, top), (right, bottom) = xy.min(axis=0), xy.max(axis=0)
+        (left, top) = xy.min(axis=0)
+        (right, bottom) = xy.max(axis=0)
         return left - 1 / c.fx, top - 1 / c.fy, right + 1 / c.fx, bottom + 1 / c.fy
 
     def map_to(self, pinhole: Camera) -> tuple[Array, Array]:
@@ -63,6 +64,7 @@ def _pinhole(lens: Lens, scale: float) -> Camera:
     focal = scale * np.array([c.fx, c.fy])
     center = scale * (np.array([c.cx, c.cy]) + 0.5) - 0.5  # pixel centres are integers, edges half integers
     slopes = np.array(lens.slopes).reshape(2, 2)  # least and greatest x/z and y/z
-    first, last = np.floor(slopes[0] * focal + center), np.ceil(slopes[1] * focal + center)
+    first = np.floor(slopes[0] * focal + center)
+    last = np.ceil(slopes[1] * focal + center)
     width, height = (last - first + 1).astype(int).tolist()
     return Camera(width, height, *focal.tolist(), *(center - first).tolist())

@@ -5,7 +5,9 @@ This module holds the names that a user chooses from; importing them loads nothi
 
 from typing import Literal
 
-SUMMARY, BATCH, REPORT = "summary.json", "batch.csv", "report.html"
+SUMMARY = "summary.json"
+BATCH = "batch.csv"
+REPORT = "report.html"
 """Files of a tracked recording or of a batch, whose table is `BATCH`."""
 MAX_SKEW_S = 0.02
 """Left and right images further apart in time are no pair, unless the user says otherwise."""

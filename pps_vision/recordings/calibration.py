@@ -22,7 +22,8 @@ def fit_to_images(camera: Camera, image_size: tuple[int, int] | None, file: Path
     if image_size is None or image_size == (camera.width, camera.height):
         return camera
     width, height = image_size
-    sx, sy = width / camera.width, height / camera.height
+    sx = width / camera.width
+    sy = height / camera.height
     if abs(sx * camera.height - height) > 1:  # a pixel of rounding
         found = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
         raise InputError(file, f"{found}; expected the same proportions")

@@ -121,7 +121,8 @@ def _anipose(file: Path, text: str) -> list[Matrices]:
             raise InputError(file, "fisheye is true; expected pinhole cameras")
         rotation = cv2.Rodrigues(_numbers(file, camera, "rotation", 3))[0]
         pose = transform(rotation, _numbers(file, camera, "translation", 3))
-        K, lens = _numbers(file, camera, "matrix", 3, 3), _numbers(file, camera, "distortions")
+        K = _numbers(file, camera, "matrix", 3, 3)
+        lens = _numbers(file, camera, "distortions")
         found.append(_sized(K, lens, *_numbers(file, camera, "size", 2)) | {"pose": pose})
     return found
 

@@ -88,7 +88,8 @@ _Add = Callable[[_Numbered], object]
 @contextmanager
 def open_forms(folder: Path, forms: Iterable[Form], size: tuple[int, int]) -> Iterator[Callable[[TrackedPair], None]]:
     """A function that adds the next pair to the files of these forms in a folder; `size` is width and height."""
-    frame, track = 0, 1
+    frame = 0
+    track = 1
     with ExitStack() as stack:
         adds: list[_Add] = [stack.enter_context(_WRITERS[form](folder, size)) for form in dict.fromkeys(forms)]
 
@@ -150,7 +151,8 @@ def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise InputError(bag_folder, "needs the extra ros: pip install 'pps-vision[ros]'") from error
-    store, kind = get_typestore(Stores.ROS2_JAZZY), "geometry_msgs/msg/PoseWithCovarianceStamped"
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
     known: Any = {name.rsplit("/", 1)[-1]: make for name, make in store.types.items()}
     with Writer(bag_folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         connection = bag.add_connection(f"/{_POINT}", kind, typestore=store)

@@ -138,7 +138,8 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
     usual = (sizes[0] + sizes[1]).most_common(1)[0][0]
     for side, other in ((0, "right"), (1, "left")):
         if usual not in sizes[side]:
-            file, (width, height) = pairs[0][side], sizes[side].most_common(1)[0][0]
+            file = pairs[0][side]
+            (width, height) = sizes[side].most_common(1)[0][0]
             found = f"{width}×{height} pixels; {other} images are {usual[0]}×{usual[1]}; expected one size"
             raise InputError(file.cited, found, file.line)
     return usual
@@ -210,7 +211,8 @@ def _match(left: list[float], right: list[float], max_skew_s: float) -> list[tup
         ]
         for j, chain in zip(within, longer, strict=True):
             best[j + 1] = max(best[j + 1], best[j], chain, key=lambda option: option[0])
-    matches, link = [], best[-1][1]
+    matches = []
+    link = best[-1][1]
     while link is not None:
         i, j, link = link
         matches.append((i, j))

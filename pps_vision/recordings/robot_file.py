@@ -59,7 +59,8 @@ def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -
     """The robot that a robot.toml describes; `urdf` and `skin` replace the files that it names."""
     toml = _Toml.read(file)
     urdf_file = urdf or toml.folder_file("urdf")
-    eyes, mounted = {}, {}
+    eyes = {}
+    mounted = {}
     for eye in _EYES:
         eyes[eye], pose = toml.eye(eye)
         if pose is not None:
@@ -173,12 +174,14 @@ class _Toml:
 
     def home(self, robot: Robot) -> Array:
         """(n_joints,) rad, within the limits."""
-        q, table = np.zeros(robot.n_joints), self.table("home_deg")
+        q = np.zeros(robot.n_joints)
+        table = self.table("home_deg")
         for joint, angle in table.items():
             if joint not in robot.joint_names:
                 self.refuse(joint, f"one of {', '.join(robot.joint_names)}", "unknown joint")
             index = robot.joint_names.index(joint)
-            low, high = np.rad2deg(robot.lower_rad[index]), np.rad2deg(robot.upper_rad[index])
+            low = np.rad2deg(robot.lower_rad[index])
+            high = np.rad2deg(robot.upper_rad[index])
             if isinstance(angle, bool) or not isinstance(angle, int | float) or not low <= angle <= high:
                 self.refuse(joint, f"degrees from {low:.4g} to {high:.4g}", f"home_deg {angle!r} of")
             q[index] = np.deg2rad(angle)

@@ -69,7 +69,10 @@ def _table(file: Path) -> list[Row]:
 
 def _icub_part(file: Path) -> list[Row]:
     """The virtual taxels of the iCub's file, each where its representative is."""
-    part, representatives, physical, calibrated = "", None, [], False
+    part = ""
+    representatives = None
+    physical = []
+    calibrated = False
     for line, text in enumerate(read_lines(file, "a skin part's calibration"), start=1):
         key, _, value = text.strip().partition(" ") if not calibrated else ("", "", text)
         try:

@@ -39,8 +39,10 @@ def read_touches(log: Path, representatives: Representatives | None, problems: l
             return ()
         expected = "contacts ((4 whole numbers) (5 vectors of 3) (taxels) pressure)"
     else:
-        representatives, expected = None, "touched taxels as part:id"
-    touches, bad = [], []
+        representatives = None
+        expected = "touched taxels as part:id"
+    touches = []
+    bad = []
     for row in rows:
         try:
             ids = _named_taxels(row.words) if representatives is None else _of_contacts(row.words, representatives)

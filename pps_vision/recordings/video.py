@@ -70,7 +70,8 @@ class Video:
         """Return a frame as RGB uint8, or what is wrong with it."""
         at = self._last[0]
         if index < at or (self.has_stamps and index > at + _FAR):
-            self._frames, at = self._decoded(index), -1
+            self._frames = self._decoded(index)
+            at = -1
         try:
             while at < index:
                 at, frame = next(self._frames)

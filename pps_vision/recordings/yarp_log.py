@@ -31,7 +31,8 @@ def read_log(log: Path, n_numbers: int | None, problems: list[Problem], distinct
     noted and skipped.  InputError if the log cannot be opened, or holds rows but no readable one.
     """
     expected = "index, stamp and " + ("words" if n_numbers is None else f"{n_numbers} numbers")
-    rows, bad = [], []
+    rows = []
+    bad = []
     for line, text in enumerate(read_lines(log, f"rows of {expected}"), start=1):
         words = text.split()
         row = _parse(line, words, n_numbers) if words else None
@@ -49,7 +50,8 @@ def _parse(line: int, words: list[str], n_numbers: int | None) -> LogRow | None:
     """The row, or None if it has not the form of one."""
     numbers = [_number_or_none(word) for word in words]
     begin = len(words) - n_numbers if n_numbers is not None else (*numbers, None).index(None)
-    head, payload = numbers[: max(begin, 0)], numbers[max(begin, 0) :]
+    head = numbers[: max(begin, 0)]
+    payload = numbers[max(begin, 0) :]
     if len(head) not in (2, 3) or any(value is None or not abs(value) < _STAMP_LIMIT_S for value in head):
         return None
     if n_numbers is not None and None in payload:
@@ -81,7 +83,8 @@ def _in_order(log: Path, rows: list[LogRow], problems: list[Problem], distinct_s
         before[i] = at[length - 1] if length else -1
         best_ends[length : length + 1] = [-rows[i].stamp_s]
         at[length : length + 1] = [i]
-    kept, i = [], at[-1] if at else -1
+    kept = []
+    i = at[-1] if at else -1
     while i >= 0:
         kept.append(rows[i])
         i = before[i]

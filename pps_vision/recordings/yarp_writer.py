@@ -26,7 +26,9 @@ class YarpWriter:
     """
 
     def __init__(self, folder: Path, setup: RobotSetup) -> None:
-        self._target, self._setup, self._eyes = folder, setup, (setup.rig.left, setup.rig.right)
+        self._target = folder
+        self._setup = setup
+        self._eyes = (setup.rig.left, setup.rig.right)
         self._stack = ExitStack()
         self._logs: dict[str, TextIO] = {}
         self._rows = dict.fromkeys((*_IMAGES, *setup.ports, "skin"), 0)

@@ -40,7 +40,9 @@ def test_neighbouring_names_cancel(T_a_b: Array, T_b_c: Array, p_c: Array) -> No
 def test_stacks_of_transforms_and_points_are_mapped_one_by_one(rng: np.random.Generator) -> None:
     rotations = Rotation.random(6, rng=rng).as_matrix().reshape(2, 3, 3, 3)
     stack = np.zeros((2, 3, 4, 4))
-    stack[..., :3, :3], stack[..., :3, 3], stack[..., 3, 3] = rotations, rng.normal(size=(2, 3, 3)), 1.0
+    stack[..., :3, :3] = rotations
+    stack[..., :3, 3] = rng.normal(size=(2, 3, 3))
+    stack[..., 3, 3] = 1.0
     np.testing.assert_allclose(inverse(stack) @ stack, np.broadcast_to(np.eye(4), stack.shape), atol=1e-14)
     points = rng.normal(size=(4, 5, 3))
     moved = move_points(stack[0, 0], points)

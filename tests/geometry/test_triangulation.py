@@ -82,7 +82,8 @@ def test_covariance_and_residual_are_what_sampling_finds(
     for i in range(n):
         result = triangulate(view, pixels[0][i], pixels[1][i], *covs, more_px2)
         assert result is not None
-        points[i], chi2[i] = result.p_root, result.mahalanobis
+        points[i] = result.p_root
+        chi2[i] = result.mahalanobis
     variance = np.diag(exact.cov_root)
     standard_error = np.sqrt((np.outer(variance, variance) + exact.cov_root**2) / (n - 1))
     np.testing.assert_array_less(np.abs(np.cov(points.T) - exact.cov_root), 5 * standard_error)

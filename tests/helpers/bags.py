@@ -70,7 +70,8 @@ class BagWriter:
         )
 
     def _message(self, kind: str, stamp_s: float, **fields: Any) -> Any:
-        nanoseconds, types = round(stamp_s * 1e9), self._store.types
+        nanoseconds = round(stamp_s * 1e9)
+        types = self._store.types
         stamp = types["builtin_interfaces/msg/Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
         number = {"seq": 0} if self._is_ros1 else {}
         header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **number)

@@ -11,7 +11,8 @@ STAMPS = 5.0 + 0.1 * np.arange(T)
 
 def episode_log(with_reach: bool) -> EpisodeLog:
     """Two taxels, the second touched at the fifth and sixth stamp; reachable from the eighth stamp on."""
-    rng, truth = np.random.default_rng(0), np.column_stack([0.01 * np.arange(T), np.zeros(T), np.full(T, 0.3)])
+    rng = np.random.default_rng(0)
+    truth = np.column_stack([0.01 * np.arange(T), np.zeros(T), np.full(T, 0.3)])
     touched = np.zeros((T, 2), bool)
     touched[4:6, 1] = True
     status = [ReachStatus.UNKNOWN] * 2 + [ReachStatus.UNREACHABLE] * 5 + [ReachStatus.REACHABLE] * 4

@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 SIZE = (640, 480)
 K = (np.array([[520.0, 0, 318], [0, 524, 236], [0, 0, 1]]), np.array([[498.0, 0, 330], [0, 500, 249], [0, 0, 1]]))
-R, T = Rotation.from_rotvec([0.01, -0.06, 0.02]).as_matrix(), np.array([-0.12, 0.003, 0.004])
+R = Rotation.from_rotvec([0.01, -0.06, 0.02]).as_matrix()
+T = np.array([-0.12, 0.003, 0.004])
 
 
 def seen(pattern: np.ndarray, pixel_m: float, pose_R: np.ndarray, pose_t: np.ndarray, side: int) -> np.ndarray:

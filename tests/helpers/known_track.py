@@ -39,7 +39,9 @@ def frame_at(stamp_s: float, q_left: Array, q_right: Array | None = None) -> Ste
 def run(pipeline: Pipeline, seconds: float = 2.0, latency_s: float = 0.0) -> tuple[list[PipelineStep], Array]:
     """The steps of a robot that starts at home and obeys the commands, each for one period from `latency_s` after its
     stamp on, and its joints (T, n) before each."""
-    q, steps, joints = home(pipeline.robot), [], []
+    q = home(pipeline.robot)
+    steps = []
+    joints = []
     late, part = divmod(latency_s / DT + 1e-9, 1)
     for k in range(int(seconds / DT)):
         steps.append(pipeline.step(frame_at(DT * k, q)))

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-PACKAGES, SHARE_OF_EXPERIMENTS = ("pps_vision", "rendering", "tracking", "learning", "control"), 0.1
+PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
+SHARE_OF_EXPERIMENTS = 0.1
 _SWAPS = {
     **{"Lt": "LtE Gt", "LtE": "Lt GtE", "Gt": "GtE Lt", "GtE": "Gt LtE", "Eq": "NotEq", "NotEq": "Eq", "In": "NotIn"},
     **{"NotIn": "In", "Is": "IsNot", "IsNot": "Is", "And": "Or", "Or": "And", "Add": "Sub", "Sub": "Add"},
@@ -38,7 +39,8 @@ def _of_node(node: Any) -> Iterator[tuple[Any, str]]:
 
 def mutations(statement: ast.stmt) -> list[tuple[Any, str]]:
     """Mutations of the nodes of a statement, not of those in it, of annotations or of messages."""
-    found, nodes = list[tuple[Any, str]](), list[Any]([statement])
+    found = list[tuple[Any, str]]()
+    nodes = list[Any]([statement])
     for node in nodes:  # which grows
         found += _of_node(node)
         parts = vars(node) | {"annotation": None, "returns": None}

@@ -25,9 +25,14 @@ N = 40
 def write_results(folder: Path) -> Path:
     """A helix before the cameras, lost once, with truth, detections, reachability, activations and two key frames."""
     (folder / "keyframes").mkdir(parents=True)
-    tracks, detections, truth, reach, felt = [], [], [], [], []
+    tracks = []
+    detections = []
+    truth = []
+    reach = []
+    felt = []
     for k in range(N):
-        t, angle = 0.05 * k, 0.3 * k
+        t = 0.05 * k
+        angle = 0.3 * k
         position = np.array([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.8 - 0.01 * k])
         truth.append((t, *position))
         reach.append(Reachability(t, np.zeros(3), k / N, k / N, ReachStatus.REACHABLE))

@@ -38,7 +38,8 @@ def write_video(
         stream.codec_context.time_base = Fraction(1, 1000)
         for k, stamp_s in enumerate(stamps_s):
             frame = av.VideoFrame.from_ndarray(coded(k, size), format="rgb24")
-            frame.pts, frame.time_base = round(1000 * stamp_s), Fraction(1, 1000)
+            frame.pts = round(1000 * stamp_s)
+            frame.time_base = Fraction(1, 1000)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return file

@@ -13,7 +13,8 @@ from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTrack
 
 def _upright(polygons: Array) -> Array:
     """(n, 4) axis-aligned boxes x, y, w, h around polygons (n, 4, 2)."""
-    low, high = polygons.min(axis=1), polygons.max(axis=1)
+    low = polygons.min(axis=1)
+    high = polygons.max(axis=1)
     return np.hstack([low, high - low])
 
 

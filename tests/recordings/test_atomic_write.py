@@ -163,7 +163,8 @@ def test_a_file_appears_when_the_block_ends_and_keeps_its_suffix(tmp_path: Path)
 
 @pytest.mark.parametrize("link", ["same", "symbolic", "hard"])
 def test_what_is_read_is_not_written_over(tmp_path: Path, link: str) -> None:
-    source, out = tmp_path / "source.npz", tmp_path / "out.npz"
+    source = tmp_path / "source.npz"
+    out = tmp_path / "out.npz"
     source.write_text("mine")
     match link:
         case "same":

@@ -13,12 +13,15 @@ from pps_vision.recordings.yaml_text import parse_yaml
 
 SIZE = (640, 480)
 K1, K2 = (np.array([[f, 0, 320], [0, f + 5, 240], [0, 0, 1.0]]) for f in (500, 520))
-D1, D2 = [-0.3, 0.1, 0.001, 0.002], [-0.2, 0.05, 0.003, 0.004]
+D1 = [-0.3, 0.1, 0.001, 0.002]
+D2 = [-0.2, 0.05, 0.003, 0.004]
 ROTATION = np.array([0.01, -0.1, 0.02])
 T_RIGHT_LEFT = np.eye(4)
-T_RIGHT_LEFT[:3, :3], T_RIGHT_LEFT[:3, 3] = cv2.Rodrigues(ROTATION)[0], (-0.12, 0.003, 0.01)
+T_RIGHT_LEFT[:3, :3] = cv2.Rodrigues(ROTATION)[0]
+T_RIGHT_LEFT[:3, 3] = (-0.12, 0.003, 0.01)
 T_BODY_LEFT = np.eye(4)
-T_BODY_LEFT[:3, :3], T_BODY_LEFT[:3, 3] = cv2.Rodrigues(np.array([0.4, 1.1, -0.3]))[0], (0.05, -0.2, 0.3)
+T_BODY_LEFT[:3, :3] = cv2.Rodrigues(np.array([0.4, 1.1, -0.3]))[0]
+T_BODY_LEFT[:3, 3] = (0.05, -0.2, 0.3)
 
 
 def intrinsics(K: np.ndarray) -> list[float]:
@@ -69,7 +72,8 @@ def ros(folder: Path) -> list[Path]:
 def anipose(folder: Path) -> list[Path]:
     """Poses from the world, here the left camera turned."""
     world = np.eye(4)
-    world[:3, :3], world[:3, 3] = cv2.Rodrigues(np.array([0.2, -0.5, 0.1]))[0], (0.3, 0.2, 1.0)
+    world[:3, :3] = cv2.Rodrigues(np.array([0.2, -0.5, 0.1]))[0]
+    world[:3, 3] = (0.3, 0.2, 1.0)
     text = ""
     for k, (pose, K, D) in enumerate([(world, K1, D1), (T_RIGHT_LEFT @ world, K2, D2)]):
         text += (

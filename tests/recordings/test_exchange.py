@@ -33,7 +33,8 @@ def pairs() -> list[TrackedPair]:
     """Nothing in the first pair; lost in the sixth; another track afterwards."""
     found = []
     for k in range(N):
-        stamp_s, images = 1403636579.75 + 0.05 * k, (Path(f"left/{k}.png"), Path(f"right/{k}.png"))
+        stamp_s = 1403636579.75 + 0.05 * k
+        images = (Path(f"left/{k}.png"), Path(f"right/{k}.png"))
         if k in (0, 5):
             track = Track3D.unknown(stamp_s, Status.LOST if k == 5 else Status.SEARCHING)
             found.append(TrackedPair(images, track, ()))
@@ -136,7 +137,8 @@ def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
         read = [bag.deserialize(data, connection.msgtype) for connection, _, data in bag.messages()]
     assert len(read) == len(known)
     for message, track in zip(read, known, strict=True):
-        point, stamp = message.pose.pose.position, message.header.stamp
+        point = message.pose.pose.position
+        stamp = message.header.stamp
         turn = message.pose.pose.orientation
         assert [point.x, point.y, point.z] == track.position.tolist()
         assert [turn.x, turn.y, turn.z, turn.w] == [0, 0, 0, 1]

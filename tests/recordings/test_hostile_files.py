@@ -212,7 +212,9 @@ def test_an_image_that_states_too_many_pixels_is_not_decoded(tmp_path: Path, nam
 
 def test_what_is_no_regular_file_is_not_opened(rec: Written, tmp_path: Path) -> None:
     """A pipe that nobody writes to would block without end."""
-    image, truth, memory = rec.folder / "cam/left/00000001.ppm", rec.folder / "truth.csv", tmp_path / "m.npz"
+    image = rec.folder / "cam/left/00000001.ppm"
+    truth = rec.folder / "truth.csv"
+    memory = tmp_path / "m.npz"
     for file in (image, truth):
         file.unlink()
     for file in (image, truth, memory):

@@ -89,7 +89,8 @@ def test_a_bag_is_read(tmp_path: Path, kind: str) -> None:
 
 def test_rectified_topics_have_the_rectified_cameras(tmp_path: Path) -> None:
     """Their K is the projection's and they have no lens, whatever the raw camera's."""
-    raw, P = np.array([[33.0, 0, 10.0], [0, 34, 8.0], [0, 0, 1]]), [projection(0.0), projection(0.12)]
+    raw = np.array([[33.0, 0, 10.0], [0, 34, 8.0], [0, 0, 1]])
+    P = [projection(0.0), projection(0.12)]
     for kind, lens in (("image_rect", 0.0), ("image_raw", -0.1)):
         with writing(tmp_path, "ros1.bag" if lens else "ros2") as bag:
             for side, name in enumerate(("left", "right")):
@@ -121,7 +122,8 @@ def test_joints_of_a_robot_are_interpolated(tmp_path: Path) -> None:
 def test_encodings(tmp_path: Path) -> None:
     """Grey, alpha, and Bayer patterns of red alone, whose inside is red; a pattern is called by its first four pixels,
     row by row."""
-    rgb, grey = images()[0, 0], images()[0, 0, ..., :1]
+    rgb = images()[0, 0]
+    grey = images()[0, 0, ..., :1]
     bayer = {pattern: np.zeros((SIZE[1], SIZE[0], 1), np.uint8) for pattern in ("rggb", "bggr", "gbrg", "grbg")}
     for pattern, image in bayer.items():
         row, column = divmod(pattern.index("r"), 2)

@@ -15,7 +15,8 @@ HEADER = "part,frame,taxel,x_m,y_m,z_m,nx,ny,nz\n"
 
 @pytest.mark.parametrize(("length", "is_one"), [(0.45, False), (0.6, True), (2.0, True)])
 def test_a_normal_is_about_as_long_as_one(tmp_path: Path, length: float, is_one: bool) -> None:
-    robot, file = read_robot(ARM7).robot, tmp_path / "skin.csv"
+    robot = read_robot(ARM7).robot
+    file = tmp_path / "skin.csv"
     file.write_text(f"{HEADER}forearm,forearm,3,0.1,0.2,0.3,0,{-length},0\n")
     if is_one:
         np.testing.assert_allclose(read_skin([file], robot).parts[0].normals, [[0, -1, 0]])

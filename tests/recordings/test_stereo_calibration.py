@@ -191,7 +191,8 @@ def test_a_long_file_is_read_up_to_a_limit(tmp_path: Path) -> None:
 
 
 def test_a_scaled_calibration_is_noted_once(tmp_path: Path) -> None:
-    file, warnings = stereo(tmp_path / "a.yml", image_width=1280, image_height=960), list[str]()
+    file = stereo(tmp_path / "a.yml", image_width=1280, image_height=960)
+    warnings = list[str]()
     read_stereo_calibration([file], SIZE, warnings=warnings)
     assert warnings == [f"{file} is for 1280×960 pixels, scaled to images of 640×480"]
     read_stereo_calibration([file], (1280, 960), warnings=(unscaled := []))

@@ -55,9 +55,11 @@ def test_the_next_frame_costs_one_frame_and_one_far_ahead_or_before_a_seek(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With a key frame every twelve, a seek to half a hundred frames before it costs less than 63."""
-    decoded, pixels = list[object](), reader._pixels
+    decoded = list[object]()
+    pixels = reader._pixels
     monkeypatch.setattr(reader, "_pixels", lambda *frame: decoded.append(frame) or pixels(*frame))
-    video, costs = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(252)], size=(80, 20))), []
+    video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(252)], size=(80, 20)))
+    costs = []
     for k in (0, 1, 1, 101, 202, 201, 3, 250):
         decoded.clear()
         assert number_of(video.load(k)) == k
@@ -111,7 +113,8 @@ def test_one_name_is_enough_for_each_option(tmp_path: Path, calib: Path) -> None
 @pytest.mark.parametrize(("more", "warned"), [(2, False), (3, True)])
 def test_a_video_that_ends_early_is_the_one_that_is_named(tmp_path: Path, calib: Path, more: int, warned: bool) -> None:
     recording = two(tmp_path, calib, [k / 25 for k in range(17)], [k / 25 for k in range(17 + more)])
-    left, right = tmp_path / "l.mp4", tmp_path / "r.mp4"
+    left = tmp_path / "l.mp4"
+    right = tmp_path / "r.mp4"
     said = f"{left} ends early (17 frames, 0.64 s); {right} has {more} more"
     assert recording.warnings == ((said,) if warned else ())
     (row,) = map(str, recording.problems)
@@ -144,7 +147,8 @@ def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_im
     assert Video(write_video(tmp_path / "v.mkv", stamps)).stated_s == pytest.approx(2.0, abs=0.05)
     assert Video(write_video(tmp_path / "v.mp4", stamps)).stated_s == 0
     with av.open(str(tmp_path / "v.mkv")) as images, av.open(str(tmp_path / "sound.mkv"), "w") as both:
-        stream, sound = both.add_stream_from_template(images.streams.video[0]), both.add_stream("pcm_s16le", 8000)
+        stream = both.add_stream_from_template(images.streams.video[0])
+        sound = both.add_stream("pcm_s16le", 8000)
         for packet in images.demux(video=0):
             packet.stream = stream
             both.mux(packet) if packet.size else None
@@ -225,7 +229,9 @@ def test_memory_does_not_grow_with_the_video(tmp_path: Path) -> None:
 def test_a_video_one_pixel_high_is_read(tmp_path: Path) -> None:
     with av.open(str(tmp_path / "v.mkv"), "w") as container:
         stream = container.add_stream("ffv1", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 16, 1, "bgr0"
+        stream.width = 16
+        stream.height = 1
+        stream.pix_fmt = "bgr0"
         row = np.arange(48, dtype=np.uint8).reshape(1, 16, 3)
         container.mux(stream.encode(av.VideoFrame.from_ndarray(row, format="rgb24")))
         container.mux(stream.encode())

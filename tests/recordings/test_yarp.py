@@ -39,9 +39,11 @@ def problems_of(folder: Path) -> tuple[list[tuple[ProblemKind, str, int | None]]
 
 def test_joints_between_samples_cost_the_same_in_a_long_log() -> None:
     """Equal to interpolation over the whole log; a log 1000 times as long takes less than 20 times as long."""
-    rng, ms = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    ms = []
     for n in (1_000, 1_000_000):
-        stamps, samples = np.cumsum(rng.uniform(0.01, 0.1, n)), rng.normal(size=(n, 3))
+        stamps = np.cumsum(rng.uniform(0.01, 0.1, n))
+        samples = rng.normal(size=(n, 3))
         at = rng.uniform(stamps[0] - 1, stamps[-1] + 1, 200)
         begun = process_time()
         found = [interpolated(stamps, samples, t) for t in at]
@@ -96,7 +98,8 @@ def test_a_row_of_an_image_with_more_than_a_pixel_code_is_skipped(rec: Written) 
 def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec: Written, tmp_path: Path) -> None:
     own = (rec.folder / "icubEyes.ini").read_text()
     (tmp_path / "other.ini").write_text(own.replace("cx 174.742", "cx 165.742"))
-    mine, other = open_recording(rec.folder).rig, open_recording(rec.folder, calib=tmp_path / "other.ini").rig
+    mine = open_recording(rec.folder).rig
+    other = open_recording(rec.folder, calib=tmp_path / "other.ini").rig
     assert mine.left.cx - other.left.cx == pytest.approx(9 * 8 / 320)  # the images are 8 pixels wide, not 320
     with pytest.raises(InputError, match=r"calib has 2 files; expected one icubEyes\.ini with REC"):
         open_recording(rec.folder, calib=[tmp_path / "other.ini"] * 2)
@@ -247,7 +250,8 @@ def as_dumped(rec: Written, kind: str) -> None:
             names = [f"{name} [{'mono_float' if kind == 'depth' else 'rgb'}]" for name in names]
         else:
             names = [f"frame_{k:08d}" for k in range(len(rows))]
-            code, size = cv2.VideoWriter.fourcc(*"HFYU"), images[0].shape[1::-1]
+            code = cv2.VideoWriter.fourcc(*"HFYU")
+            size = images[0].shape[1::-1]
             video = cv2.VideoWriter(str(log.with_name(f"video.{kind}")), code, 20, size)
             for image in images:
                 video.write(image)
@@ -365,7 +369,8 @@ def test_a_missing_port_is_named(rec: Written, port: str, message: str) -> None:
 
 def test_offsets_are_added_to_the_encoders(rec: Written, tmp_path: Path) -> None:
     (tmp_path / "joints.csv").write_text("joint,offset_deg\nneck_yaw,3\n")
-    plain, offset = open_recording(rec.folder), open_recording(rec.folder, joints=tmp_path / "joints.csv")
+    plain = open_recording(rec.folder)
+    offset = open_recording(rec.folder, joints=tmp_path / "joints.csv")
     added = [b.joints_left_rad - a.joints_left_rad for a, b in zip(plain, offset, strict=True)]  # type: ignore[operator]
     expected = np.zeros(len(added[0]))
     expected[ROBOT.indices(("neck_yaw",))] = np.deg2rad(3)
@@ -422,7 +427,8 @@ def test_no_content_of_a_log_breaks_the_reader(rec: Written, port: str, content:
     log = rec.folder / port / "data.log"
     sound = log.read_bytes()
     log.write_bytes(content)
-    refusal, joints = str(rec.folder), []
+    refusal = str(rec.folder)
+    joints = []
     try:
         joints = [frame.joints_left_rad for frame in open_recording(rec.folder)]
     except InputError as error:

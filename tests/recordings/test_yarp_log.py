@@ -94,7 +94,8 @@ def test_no_content_breaks_it(tmp_path_factory: pytest.TempPathFactory, content:
     log = tmp_path_factory.mktemp("fuzz") / "data.log"
     log.write_bytes(content)
     problems: list[Problem] = []
-    rows, refusal = [], ""
+    rows = []
+    refusal = ""
     try:
         rows = read_log(log, n_numbers, problems)
     except InputError as error:

@@ -120,9 +120,12 @@ def test_the_left_forearm_is_in_view_from_home(robot: Robot, rig: StereoRig) -> 
     gone[robot.indices(("left_shoulder_pitch",))] = 0.0  # the arm hangs down
     forearm = robot.at(q).point("left_forearm", [(0.0, -0.05, 0.012), (0.0, -0.07, 0.012), (0.0, -0.09, 0.012)])
     with Eyes(robot, rig, make_stimulus("ball")) as eyes:
-        frame, without = eyes.render(SceneState(q), 0.0), eyes.render(SceneState(gone), 0.0)
+        frame = eyes.render(SceneState(q), 0.0)
+        without = eyes.render(SceneState(gone), 0.0)
     for side in ("left", "right"):
-        image, bare, view = getattr(frame, side), getattr(without, side), getattr(rig.view(q), side)
+        image = getattr(frame, side)
+        bare = getattr(without, side)
+        view = getattr(rig.view(q), side)
         for u, v in np.rint(view.project(forearm)).astype(int):
             assert image[v, u].max() < 60  # the cover is nearly black
             assert bare[v, u].max() > 70  # and nothing behind it is

@@ -26,7 +26,9 @@ def drawn(robot: Robot, rig: StereoRig, state: SceneState, fidelity: Fidelity) -
 def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot: Robot, rig: StereoRig, q: Array) -> None:
     """Over the ball and the 2 px around it, and over the whole image; of eyes with pixels twice as large."""
     rig = replace(rig, left=rig.left.reduced(2), right=rig.right.reduced(2))
-    state, ball, eye = SceneState(q, PLACE), make_stimulus("ball"), rig.view(q).left
+    state = SceneState(q, PLACE)
+    ball = make_stimulus("ball")
+    eye = rig.view(q).left
     exact = ray_cast(robot, eye, state, ball.radius_m, ball.parts[0].color, samples=3)
     sight = PLACE - eye.center
     distance = np.linalg.norm(sight)
@@ -37,7 +39,9 @@ def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot: Robot, rig: S
         square = (drawn(robot, rig, state, fidelity) - exact) ** 2
         return float(np.sqrt(square[near].mean())), float(np.sqrt(square.mean()))
 
-    coarse, usual, fine = (errors(Fidelity(fineness=1)), errors(Fidelity()), errors(Fidelity(scale=2)))
+    coarse = errors(Fidelity(fineness=1))
+    usual = errors(Fidelity())
+    fine = errors(Fidelity(scale=2))
     print(f"ball, whole: {coarse}, {usual}, {fine} grey levels")
     assert coarse[0] > 1.5 * usual[0]
     assert usual[0] > 1.5 * fine[0]

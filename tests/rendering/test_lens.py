@@ -50,6 +50,7 @@ def test_without_distortion_the_pinhole_image_is_only_cut_out() -> None:
     lens = Lens(Camera(32, 24, 30.0, 31.0, 15.3, 11.2))
     (pinhole,) = pinholes([lens], 1.0)
     image = np.random.default_rng(0).integers(0, 255, (pinhole.height, pinhole.width), np.uint8)
-    du, dv = round(pinhole.cx - 15.3), round(pinhole.cy - 11.2)
+    du = round(pinhole.cx - 15.3)
+    dv = round(pinhole.cy - 11.2)
     out = cv2.remap(image, *lens.map_to(pinhole), cv2.INTER_LINEAR)
     assert np.array_equal(out, image[dv : dv + 24, du : du + 32])

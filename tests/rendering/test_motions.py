@@ -22,7 +22,8 @@ from rendering.motions import (
 from rendering.names import MotionName
 
 CENTER = np.array([-0.3, -0.1, 0.12])
-POINT, NORMAL = np.array([-0.25, -0.2, 0.05]), np.array([0.6, 0.0, 0.8])
+POINT = np.array([-0.25, -0.2, 0.05])
+NORMAL = np.array([0.6, 0.0, 0.8])
 TAXEL = Target(POINT, NORMAL, lambda start: POINT + 0.05 * (start - POINT) / np.linalg.norm(start - POINT))
 SPEED = 0.10
 
@@ -34,7 +35,8 @@ def random_motion(kind: MotionName, seed: int) -> Motion:
 @pytest.mark.parametrize("kind", get_args(MotionName))
 @pytest.mark.parametrize("seed", range(3))
 def test_velocity_is_the_derivative_of_position(kind: MotionName, seed: int) -> None:
-    motion, h = random_motion(kind, seed), 1e-4
+    motion = random_motion(kind, seed)
+    h = 1e-4
     errors = []
     for t in np.random.default_rng(seed).uniform(h, 12, 300):
         slope = (motion(t + h)[0] - motion(t - h)[0]) / (2 * h)
@@ -60,7 +62,8 @@ def test_paths_differ_between_draws_and_repeat_with_the_seed() -> None:
 
 
 def test_an_approach_starts_in_the_cone_ends_before_the_taxel_and_withdraws_along_its_path() -> None:
-    point, normal = POINT, NORMAL
+    point = POINT
+    normal = NORMAL
     for seed in range(50):
         motion = random_motion("approach", seed)
         assert isinstance(motion, Approach)
@@ -71,7 +74,8 @@ def test_an_approach_starts_in_the_cone_ends_before_the_taxel_and_withdraws_alon
         assert end - point == pytest.approx(0.05 * away / np.linalg.norm(away), abs=1e-9)
         assert not velocity.any()
         for before_s in (0.2, 1.0):
-            there, back = motion(motion.contact_s - before_s), motion(motion.contact_s + motion.dwell_s + before_s)
+            there = motion(motion.contact_s - before_s)
+            back = motion(motion.contact_s + motion.dwell_s + before_s)
             assert there[0] == pytest.approx(back[0], abs=1e-9)
             assert there[1] == pytest.approx(-back[1], abs=1e-9)
             assert np.linalg.norm(there[1]) == pytest.approx(SPEED)
@@ -81,7 +85,8 @@ def test_an_approach_starts_in_the_cone_ends_before_the_taxel_and_withdraws_alon
 
 def test_reaches_bow_as_stated_and_arrive_at_speed() -> None:
     """At half of the path a curve has gone half of the way that its control point is aside, 0.15 of the length."""
-    rng, bows = np.random.default_rng(3), []
+    rng = np.random.default_rng(3)
+    bows = []
     for _ in range(300):
         reach = make_reach(rng, POINT, NORMAL, 0.3, 0.5)
         path = np.array([reach(t)[0] for t in np.linspace(0, reach.arrives_s, 201)])
@@ -184,7 +189,8 @@ def test_draws_fill_what_they_are_drawn_from() -> None:
 
 
 def test_a_recede_is_an_approach_reversed() -> None:
-    near_end, far_end = random_motion("approach", 4), random_motion("recede", 4)
+    near_end = random_motion("approach", 4)
+    far_end = random_motion("recede", 4)
     assert isinstance(near_end, Approach)
     assert isinstance(far_end, Recede)
     for t in np.linspace(0, near_end.contact_s, 7):

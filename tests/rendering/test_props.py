@@ -19,7 +19,8 @@ ASIDE = np.array([-0.34, 0.06, 0.14])
 
 
 def test_a_distractor_looks_like_the_same_thing_as_a_stimulus(robot: Robot, rig: StereoRig, q: Array) -> None:
-    ball, cube = make_stimulus("ball"), make_stimulus("cube")
+    ball = make_stimulus("ball")
+    cube = make_stimulus("cube")
     velocity = np.array([0.0, 0.4, 0.0])
     sensor = Sensor(blur_s=0.04)
     assert rig.view(q).left.sees(ASIDE, margin_px=20)
@@ -33,7 +34,8 @@ def test_a_distractor_looks_like_the_same_thing_as_a_stimulus(robot: Robot, rig:
 
 def test_a_board_hides_what_is_behind_it(robot: Robot, rig: StereoRig, q: Array) -> None:
     eye = rig.view(q).left
-    between, facing = 0.5 * (PLACE + eye.center), rotation_to(eye.center - PLACE)
+    between = 0.5 * (PLACE + eye.center)
+    facing = rotation_to(eye.center - PLACE)
     halfway = between + 0.05 * facing[:, 0]  # its edge on the line of sight
     with Eyes(robot, rig, make_stimulus("ball"), props=((board(0.1, 0.2),),)) as eyes:
         red = {}
@@ -62,11 +64,13 @@ def test_a_patch_is_as_large_as_it_is_turned(robot: Robot, rig: StereoRig, q: Ar
     """Seen face on its pixels span the solid angle of a disc; at 60° half of it; from its edge next to none."""
     eye = rig.view(q).left
     facing = rotation_to(eye.center - PLACE)
-    whole, level = np.pi * 0.015**2 / np.sum((eye.center - PLACE) ** 2), None
+    whole = np.pi * 0.015**2 / np.sum((eye.center - PLACE) ** 2)
+    level = None
     disc = Part(trimesh.creation.cylinder(0.015, 0.001, sections=48), GREEN)
     with Eyes(robot, rig, Stimulus("marker", 0.015, (disc,))) as eyes:
         for turned, share in ((0.0, 1.0), (60.0, 0.5), (90.0, 0.0)):
-            c, s = np.cos(np.deg2rad(turned)), np.sin(np.deg2rad(turned))
+            c = np.cos(np.deg2rad(turned))
+            s = np.sin(np.deg2rad(turned))
             rotation = facing @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
             image = eyes.render(SceneState(q, PLACE, rotation=rotation), 0.0).left.astype(int)
             green = image[..., 1] - image[..., ::2].max(axis=2)

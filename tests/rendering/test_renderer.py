@@ -24,7 +24,8 @@ PLACE = np.array([-0.36, -0.06, 0.12])
 
 
 def turned(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
@@ -43,7 +44,8 @@ def test_depth_is_the_distance_along_the_axis() -> None:
     assert depth(0, 0) == np.inf
     # off the axis: the first root of |t·ray − center| = r, times the ray's z
     ray = np.array([10 / 100, 5 / 100, 1.0])
-    b, c = ray @ [0, 0, 0.5], 0.25 - 0.01
+    b = ray @ [0, 0, 0.5]
+    c = 0.25 - 0.01
     assert depth(60, 45) == pytest.approx((b - np.sqrt(b * b - ray @ ray * c)) / (ray @ ray), abs=1e-3)
 
 
@@ -68,9 +70,11 @@ def test_what_turns_is_lit_anew_and_its_old_mesh_is_freed() -> None:
     def resident_mb() -> float:
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
-    renderer, view = shared_renderer(), View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
+    renderer = shared_renderer()
+    view = View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
     node = Node(surface_of([sphere(0.1, (1, 0, 0), fineness=6)]))
-    shown, memory = [], []
+    shown = []
+    memory = []
     for k in range(23):
         node.T_root_node = transform(turned(0.1 * k), (0, 0, 0.5))
         shown.append(renderer.color([node], view))
@@ -100,7 +104,8 @@ def test_a_turned_body_is_lit_as_one_made_so(robot: Robot, rig: StereoRig, q: Ar
 
 def test_after_an_error_the_next_image_is_as_if_there_had_been_none() -> None:
     """What was uploaded before the error is not seen in later images."""
-    renderer, view = shared_renderer(), View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
+    renderer = shared_renderer()
+    view = View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
     near, far = (Node(surface_of([sphere(0.1, (1, 0, 0))]), transform(translation=(0, 0, z))) for z in (0.5, 0.9))
     expected = renderer.color([far], view)
     broken = Node(far.surface)

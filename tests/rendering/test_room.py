@@ -25,7 +25,8 @@ def picture(k: int) -> Array:
 def test_six_walls_close_a_box_around_the_robot() -> None:
     corners, normals, _ = quads()
     walls = corners[:6].reshape(-1, 3).round(9)
-    low, high = walls.min(axis=0), walls.max(axis=0)
+    low = walls.min(axis=0)
+    high = walls.max(axis=0)
     assert ((walls == low) | (walls == high)).all()
     places, counts = np.unique(walls, axis=0, return_counts=True)
     assert len(places) == 8
@@ -66,7 +67,8 @@ def test_each_surface_shows_its_own_picture_upright() -> None:
     """Corners 0, 1, 2, 3: the picture's top left, top right, bottom left, bottom right, seen from inside."""
     corners, normals, uv = quads()
     for k, (one, normal, at) in enumerate(zip(corners, normals, uv, strict=True)):
-        rightward, downward = one[1] - one[0], one[2] - one[0]
+        rightward = one[1] - one[0]
+        downward = one[2] - one[0]
         assert np.cross(downward, rightward) @ normal > 0
         tile = min(k, 6)
         px = np.column_stack([at[:, 0] * atlas().shape[1], (1 - at[:, 1]) * atlas().shape[0]])

@@ -52,8 +52,10 @@ def test_dark_and_bright_stay_within_eight_bits() -> None:
 
 
 def test_the_generator_decides() -> None:
-    sensor, rng = Sensor(noise_sigma=2), np.random.default_rng(3)
-    first, second = expose(sensor, flat(100), rng), expose(sensor, flat(100), rng)
+    sensor = Sensor(noise_sigma=2)
+    rng = np.random.default_rng(3)
+    first = expose(sensor, flat(100), rng)
+    second = expose(sensor, flat(100), rng)
     assert not np.array_equal(first, second)
     assert np.array_equal(first, expose(sensor, flat(100), np.random.default_rng(3)))
 

@@ -17,7 +17,9 @@ from rendering.stimuli import Stimulus, make_stimulus
 
 def silhouettes(stimulus: Stimulus, n: int = 60) -> tuple[float, Array]:
     """Mean area (m²) and centre (3,) of the shadows that parallel light throws, from all around."""
-    scale, areas, centers = 150 / (2 * stimulus.radius_m), [], []
+    scale = 150 / (2 * stimulus.radius_m)
+    areas = []
+    centers = []
     for R in Rotation.random(n, rng=np.random.default_rng(0)).as_matrix():
         shadow = np.zeros((301, 301), np.uint8)
         for part in stimulus.parts:
@@ -126,7 +128,8 @@ def test_senseless_things_are_refused() -> None:
 
 def test_a_surface_has_the_triangles_of_its_parts_in_their_colours() -> None:
     """A ball has smooth normals, a cube four of the same at each of its faces."""
-    ball, box = sphere(0.1, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0)), board(0.1, 0.2, (0.0, 1.0, 0.0))
+    ball = sphere(0.1, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0))
+    box = board(0.1, 0.2, (0.0, 1.0, 0.0))
     whole = surface_of([ball, box])
     corners, colors, normals = (a[whole.faces] for a in (whole.positions, whole.colors, whole.normals))
     expected = np.concatenate([ball.mesh.triangles, box.mesh.triangles])

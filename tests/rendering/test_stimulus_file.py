@@ -42,7 +42,8 @@ def test_a_mesh_covers_the_hull_of_its_projected_corners(
     corners = PLACE + 0.001 * (WEDGE - [80 / 3, 25, 20]) @ R.T
     for side in ("left", "right"):
         view = getattr(rig.view(q), side)
-        rvec, c = cv2.Rodrigues(view.T_camera_root[:3, :3])[0], view.camera
+        rvec = cv2.Rodrigues(view.T_camera_root[:3, :3])[0]
+        c = view.camera
         px = cv2.projectPoints(corners, rvec, view.T_camera_root[:3, 3], c.K, np.array(c.distortion))[0]
         expected = np.zeros((240, 320), np.uint8)
         cv2.fillConvexPoly(expected, cv2.convexHull(np.rint(16 * px).astype(np.int32)), 1, shift=4)
@@ -54,7 +55,8 @@ def test_a_mesh_covers_the_hull_of_its_projected_corners(
 
 def test_the_radius_is_that_of_the_sphere_with_the_mean_silhouette(tmp_path: Path) -> None:
     """By Cauchy's theorem a quarter of the hull's surface; of a sphere its own, of a ring that of the disc it spans."""
-    ball, ring = tmp_path / "ball.stl", tmp_path / "ring.stl"
+    ball = tmp_path / "ball.stl"
+    ring = tmp_path / "ring.stl"
     trimesh.creation.icosphere(4, 0.03).export(ball)
     trimesh.creation.annulus(0.02, 0.05, 0.03, sections=128).export(ring)
     assert load_stimulus(ball).radius_m == pytest.approx(0.03, rel=0.003)
@@ -98,7 +100,8 @@ def test_a_triangle_whose_corner_is_none_of_the_file_is_refused(tmp_path: Path, 
     kinds = [f"property float {axis}" for axis in "xyz"]
     header = ["ply", "format ascii 1.0", "element vertex 4", *kinds, "element face 4"]
     header += ["property list uchar int vertex_indices", "end_header"]
-    corners, faces = ["0 0 0", "0.1 0 0", "0 0.1 0", "0 0 0.1"], ["3 0 2 1", "3 0 1 3", "3 0 3 2"]
+    corners = ["0 0 0", "0.1 0 0", "0 0.1 0", "0 0 0.1"]
+    faces = ["3 0 2 1", "3 0 1 3", "3 0 3 2"]
     file = tmp_path / "solid.ply"
     file.write_text("\n".join([*header, *corners, *faces, "3 1 2 3", ""]))
     assert len(load_stimulus(file).parts) == 1

@@ -19,7 +19,8 @@ def test_pixels_are_opencvs_projection_of_the_centre(robot: Robot, rig: StereoRi
         truth = eyes.truth(SceneState(q, IN_VIEW, velocity), 2.5)
     for view, px in ((rig.view(q).left, truth.left_px), (rig.view(q).right, truth.right_px)):
         T = view.T_camera_root
-        rvec, camera = cv2.Rodrigues(T[:3, :3])[0], view.camera
+        rvec = cv2.Rodrigues(T[:3, :3])[0]
+        camera = view.camera
         expected = cv2.projectPoints(IN_VIEW, rvec, T[:3, 3], camera.K, np.array(camera.distortion))[0]
         assert np.allclose(px, expected.ravel(), atol=1e-6)
     assert truth.stamp_s == 2.5

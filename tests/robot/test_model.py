@@ -81,7 +81,8 @@ def test_another_robot_is_used_by_naming_its_frames(tmp_path: Path) -> None:
     robot = Robot(planar_urdf(tmp_path), PLANAR_NAMES)
     q = np.zeros(robot.n_joints)
     first, second = robot.indices(robot.names.arm("left"))
-    q[first], q[second] = 0.4, -1.1
+    q[first] = 0.4
+    q[second] = -1.1
     posture = robot.at(q)
     elbow = 0.3 * np.array([np.cos(0.4), np.sin(0.4), 0])
     hand = elbow + 0.2 * np.array([np.cos(-0.7), np.sin(-0.7), 0])

@@ -275,7 +275,8 @@ def test_what_is_wrong_in_a_skin_file_is_named(tmp_path: Path, old: str, new: st
 def test_the_icubs_own_skin_file_has_our_taxels() -> None:
     """The forearm's calibration names the virtual taxels; ours are of the paper."""
     setup: RobotSetup = robot_setup(skin=shared_data("icub_files", "skin_positions", "left_forearm_mesh.txt"))
-    (part,), (ours, *_) = setup.skin.parts, icub_setup().skin.parts
+    (part,) = setup.skin.parts
+    (ours, *_) = icub_setup().skin.parts
     assert (part.name, part.frame) == ("left_forearm", "left_forearm")
     assert set(ours.ids) <= set(part.ids)
     where = [part.ids.index(i) for i in ours.ids]

@@ -108,7 +108,8 @@ class _Episode:
             self.pipeline._arms = [first._replace(params=ReachingParams(HOME_ARM_RAD, side=side, **waits)), *others]  # type: ignore[arg-type]
             anywhere = Reachability(0.0, np.zeros(3), 1.0, 1.0, ReachStatus.REACHABLE)
             self.pipeline._reachability = lambda q, track: anywhere  # type: ignore[assignment]
-        self.stamp_s, self.command = 0.0, JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)
+        self.stamp_s = 0.0
+        self.command = JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)
         self.taxels = skin.at(robot.at(self.q))
         result.starts[self.start] += 1
         self._watch()
@@ -148,7 +149,8 @@ class _Episode:
 
     def _start(self) -> Array:
         """A posture (n_joints,); random ones keep 20 mm of distance unless they start "near itself"."""
-        robot, rng = self.robot, self.rng
+        robot = self.robot
+        rng = self.rng
         for _ in range(2000):
             q = home(robot) if self.start == "home" else rng.uniform(robot.lower_rad, robot.upper_rad)
             chosen = rng.random(robot.n_joints) < 0.3
@@ -173,7 +175,9 @@ class _Episode:
 
     def _check(self, command: JointVelocity, as_predicted: bool) -> None:
         """Check a command over the whole time for which it may be held."""
-        robot, q, dq = self.robot, self.q, command.dq_rad_s
+        robot = self.robot
+        q = self.q
+        dq = command.dq_rad_s
         end = q + command.hold_s * dq
         excess = [np.maximum(np.maximum(p - robot.upper_rad, robot.lower_rad - p), 0.0) for p in (q, end)]
         if np.any(excess[1] > excess[0]):
@@ -224,7 +228,8 @@ class _Episode:
         mean = np.zeros((4, 3))
         if self.path == "through the arm":
             phase = (stamp_s if np.isfinite(stamp_s) else 0.0) % 3.0
-            mean[0], mean[1] = positions[0] + (0.2 - 0.1 * phase) * normals[0], -0.1 * normals[0]
+            mean[0] = positions[0] + (0.2 - 0.1 * phase) * normals[0]
+            mean[1] = -0.1 * normals[0]
         elif self.path == "at rest on the arm":
             mean[0] = positions[k] + rng.uniform(-0.02, 0.1) * normals[k]
         elif self.path == "jumping":

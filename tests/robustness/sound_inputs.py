@@ -49,7 +49,8 @@ class Reader:
 
 
 def _recording(folder: Path) -> list[Path]:
-    setup, rng = icub_setup(), np.random.default_rng(0)
+    setup = icub_setup()
+    rng = np.random.default_rng(0)
     robot = setup.robot
     q = home(robot)
     with YarpWriter(folder / "rec", setup) as writer:
@@ -116,7 +117,8 @@ def _read_taxels(folder: Path) -> None:
 
 def _use_memory(memory: PPSMemory) -> None:
     """Look up activations, which must be probabilities."""
-    (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
+    (d0, d1) = memory.params.distance_range_m
+    (t0, t1) = memory.params.ttc_range_s
     n = len(memory.taxel_ids)
     for share in (0.0, 0.3, 1.0):
         d, t = (0.0 if not np.isfinite(a + b) else a + share * (b - a) for a, b in ((d0, d1), (t0, t1)))
@@ -331,7 +333,9 @@ def _video(suffix: str, codec: str) -> Reader:
         rng = np.random.default_rng(0)
         with av.open(str(folder / f"video.{suffix}"), "w") as container:
             stream = cast(av.VideoStream, container.add_stream(codec, rate=20))
-            stream.width, stream.height, stream.pix_fmt = 32, 24, "yuv420p"
+            stream.width = 32
+            stream.height = 24
+            stream.pix_fmt = "yuv420p"
             for _ in range(5):
                 pixels = rng.integers(0, 256, (24, 32, 3), dtype=np.uint8)
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))

@@ -12,14 +12,18 @@ from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame
 
-RED, RADIUS_M, FPS, EVERY = (210.0, 45.0, 40.0), 0.035, 20, 2
+RED = (210.0, 45.0, 40.0)
+RADIUS_M = 0.035
+FPS = 20
+EVERY = 2
 ROBOT = load_icub()
 RIG = icub_rig(ROBOT)
 
 
 def swaying(t_s: float) -> Array:
     """A configuration whose neck turns by up to 5°/s."""
-    yaw, pitch = 0.06 * np.sin(1.5 * t_s), -0.2 + 0.04 * np.sin(1.1 * t_s)
+    yaw = 0.06 * np.sin(1.5 * t_s)
+    pitch = -0.2 + 0.04 * np.sin(1.1 * t_s)
     return set_gaze(ROBOT, home(ROBOT), yaw=yaw, pitch=pitch, vergence=0.16)
 
 
@@ -45,7 +49,8 @@ def film(
     stamps = np.arange(round(seconds * fps)) / fps
     frames = [frame(RIG, pose(t), [Sphere(position(t), RADIUS_M, RED), *others(t)], t, rng) for t in stamps]
     path = np.array([position(t) for t in stamps])
-    seen, boxes = np.ones(len(frames), bool), ((None, None),) * len(frames)
+    seen = np.ones(len(frames), bool)
+    boxes = ((None, None),) * len(frames)
     return Footage(tuple(frames), path, np.zeros_like(path), seen, boxes, RADIUS_M, RIG, Silhouette(ROBOT))
 
 
@@ -60,7 +65,8 @@ def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Fo
         if (from_s - 1e-6 - slack <= one.stamp_s < to_s - 1e-6 - slack) == inside
     ]
     picked.sort(key=lambda one: one[0].stamp_s)
-    frames, position = tuple(one for one, _ in picked), np.array([p for _, p in picked])
+    frames = tuple(one for one, _ in picked)
+    position = np.array([p for _, p in picked])
     return replace(usual, frames=frames, position=position, visible=np.ones(len(frames), bool))
 
 

@@ -31,7 +31,8 @@ class Demand:
 def check(demand: Demand, tracks: Sequence[Track3D], truth: Array) -> None:
     """AssertionError where a run's tracks do not show what is demanded; `truth` (n, 3) m."""
     whole(tracks)
-    stamps, status = np.array([t.stamp_s for t in tracks]), np.array([t.status for t in tracks])
+    stamps = np.array([t.stamp_s for t in tracks])
+    status = np.array([t.status for t in tracks])
     known = np.array([t.is_known for t in tracks])
     error = np.array([t.position - p for t, p in zip(tracks, truth, strict=True)])
     std, std_of_velocity = (
@@ -64,7 +65,8 @@ def _tracked(name: str, when: Mask, status: Array, error: Array, std: Array, nee
     """In all frames, as accurately as is asked, and as is stated."""
     assert when.sum() >= 4
     assert (status[when] == Status.TRACKING).all(), f"not tracked {name} it: {', '.join(status[when])}"
-    off_m, stated_m = np.linalg.norm(error[when], axis=1).max(), std[when].max()
+    off_m = np.linalg.norm(error[when], axis=1).max()
+    stated_m = std[when].max()
     assert max(off_m, stated_m) < accuracy_m, f"{name} it {off_m:.4f} m off, {stated_m:.4f} m stated"
     assert nees[when].max() < HONEST, f"{name} it χ² {nees[when].max():.0f}"
 

@@ -22,8 +22,11 @@ from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, Track3D
 
-ROBOT, SKIN, DEG = load_icub(), icub_skin(("left_forearm", "left_palm")), np.pi / 180
-BODIES, ARM = SelfCollision(ROBOT), ROBOT.indices(ROBOT.names.arm("left"))
+ROBOT = load_icub()
+SKIN = icub_skin(("left_forearm", "left_palm"))
+DEG = np.pi / 180
+BODIES = SelfCollision(ROBOT)
+ARM = ROBOT.indices(ROBOT.names.arm("left"))
 HEAD = ROBOT.indices(("neck_pitch", "neck_roll", "neck_yaw", "eyes_tilt", "left_eye_pan", "right_eye_pan"))
 GAZES = {"J IV.1": FixationParams(), "neck and eyes": NeckAndEyesParams()}
 FASTEST = np.where(np.isin(np.arange(ROBOT.n_joints), HEAD[3:]), 180 * DEG, 60 * DEG)
@@ -90,7 +93,9 @@ def encounter(
     told = latency_s if known_latency_s is None else known_latency_s
     given = PipelineParams(latency_s=told, hold_s=0.2, **params)  # type: ignore[arg-type]
     pipeline = Pipeline(given, ROBOT, SKIN, KnownTrack(motion), MEMORY, np.random.default_rng(0))  # type: ignore[arg-type]
-    q, log, late = home(ROBOT) if start is None else start, Log(), round(latency_s / DT)
+    q = home(ROBOT) if start is None else start
+    log = Log()
+    late = round(latency_s / DT)
     waiting = [np.zeros(ROBOT.n_joints)] * late
     for k in range(int(seconds / DT)):
         step = pipeline.step(frame_at(k * DT, q))
@@ -116,12 +121,14 @@ def test_commands_that_take_effect_late(latency_s: float, told: str) -> None:
 @pytest.mark.parametrize("gaze", GAZES)
 def test_the_eyes_keep_the_object_in_view_while_the_arm_avoids(gaze: str) -> None:
     """Eyes that stay where they were when it came lose it."""
-    start, rig = gaze_at(ROBOT, home(ROBOT), visit(0.0)[0]), icub_rig(ROBOT)
+    start = gaze_at(ROBOT, home(ROBOT), visit(0.0)[0])
+    rig = icub_rig(ROBOT)
     log = encounter(start=start, fixation=GAZES[gaze])
     avoiding = [k for k, mode in enumerate(log.modes) if mode == "avoid"]
 
     def in_view(k: int, q: Array) -> bool:
-        view, p = rig.view(q), visit(k * DT)[0]
+        view = rig.view(q)
+        p = visit(k * DT)[0]
         return view.left.sees(p) and view.right.sees(p)
 
     assert len(avoiding) > 20
@@ -222,10 +229,15 @@ def test_a_target_where_no_eye_can_follow(gaze: str, place: str) -> None:
 
 def drive(activations: Callable[[int], Array], steps: int = 200) -> Log:
     """An arm with these activations by an object of unknown position."""
-    q, state, log, last, last_q = home(ROBOT), ArmState(), Log(), None, None
+    q = home(ROBOT)
+    state = ArmState()
+    log = Log()
+    last = None
+    last_q = None
     params = AvoidanceParams(HOME_ARM_RAD)
     for k in range(steps):
-        posture, track = ROBOT.at(q), Track3D.unknown(k * DT)
+        posture = ROBOT.at(q)
+        track = Track3D.unknown(k * DT)
         arm = ArmInput(k * DT, posture, SKIN, activations(k), track, self_collision=BODIES)
         state, response = avoidance.step(params, state, arm)
         command = limits.limit(LimitParams(), BODIES, posture, response.command, last, last_q)

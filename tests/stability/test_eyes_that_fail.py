@@ -23,7 +23,9 @@ from pps_vision.app.simulation import (
 )
 from pps_vision.types import Image, Status, StereoFrame
 
-FAILS_S, RECOVERS_S, LOST_WITHIN_S = 1.5, 2.65, 0.6
+FAILS_S = 1.5
+RECOVERS_S = 2.65
+LOST_WITHIN_S = 0.6
 Fault = Callable[[StereoFrame, StereoFrame], StereoFrame]  # present frame, last good frame → what is seen
 Met = Callable[[str], EpisodeLog]
 
@@ -32,7 +34,8 @@ class FaultyEyes:
     """Eyes that do not work from `FAILS_S` to `RECOVERS_S`."""
 
     def __init__(self, eyes, fault: Fault) -> None:
-        self.eyes, self.fault = eyes, fault
+        self.eyes = eyes
+        self.fault = fault
         self.good: StereoFrame | None = None
 
     def set_stimulus(self, stimulus) -> None:
@@ -102,7 +105,8 @@ def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(
     scene: SimulationScene, met: Met, fault: str
 ) -> None:
     log = met(fault)
-    status, error = np.array(log.status), np.linalg.norm(log.track_m - log.truth_m, axis=1)
+    status = np.array(log.status)
+    error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     for seen in ((log.stamps_s > FAILS_S - 0.3) & (log.stamps_s < FAILS_S), log.stamps_s > RECOVERS_S + 0.6):
         assert (status[seen] == Status.TRACKING).all()
         assert error[seen].max() < 0.01

@@ -64,7 +64,8 @@ def small(case: Case) -> FilmScene:
 
 @pytest.mark.parametrize("name", [*USUAL, *(pytest.param(name, marks=pytest.mark.long) for name in FURTHER)])
 def test_a_case_is_tracked_within_its_limits(name: str) -> None:
-    case, limits = BY_NAME.get(name, LARGE), LIMITS.get(name, Limits())
+    case = BY_NAME.get(name, LARGE)
+    limits = LIMITS.get(name, Limits())
     film = Film(small(case), SEED, Path("absent"))
     found = scored(case, film, film, case.tracker(film.hue_deg))
     print(name, {key: round(value, 1) for key, value in found.items()})

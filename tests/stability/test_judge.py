@@ -65,7 +65,8 @@ def test_only_an_honest_tracker_passes(name: str) -> None:
 
 def test_each_demand_is_one_of_its_own() -> None:
     """An honest run spoiled in one way fails."""
-    demand, truth = Demand(), np.array([circle(t) for t in STAMPS])
+    demand = Demand()
+    truth = np.array([circle(t) for t in STAMPS])
     good = honest(demand, circle)
 
     def spoiled(k: int, one: Track3D) -> list[Track3D]:

@@ -38,7 +38,8 @@ def filmed(name: str, mode: Mode) -> tuple[dict[str, float], list[float], Tracke
     film, frames = cast(name)
     params = TrackerParams(mode, marker=MarkerParams(film.hue_deg))
     tracker = Tracker(params, film.rig, np.random.default_rng(SEED))
-    tracks, turned = [], []
+    tracks = []
+    turned = []
     for frame in frames:
         tracks.append(tracker.step(frame).track)
         turned.append(float(np.rad2deg(np.linalg.norm(tracker.camera_motion.rotation_rad))))

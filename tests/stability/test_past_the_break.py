@@ -18,7 +18,9 @@ from pps_vision.types import Array, Image, Mask, Status, Track3D
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
 
-FROM_S, TO_S, SECONDS = 1.0, 1.8, 2.8
+FROM_S = 1.0
+TO_S = 1.8
+SECONDS = 2.8
 OURS = {"ours": TrackerParams(), "ours, marker": TrackerParams("marker", marker=MarkerParams(hue_deg=0.0))}
 
 
@@ -51,7 +53,8 @@ def random(image: Image) -> Image:
 def passing(t_s: float) -> list[Sphere]:
     """A grey ball that passes before the red one, between it and the eyes."""
     view = usual().rig.view(swaying(t_s))
-    eyes, aside = 0.5 * (view.left.center + view.right.center), view.left.T_root_camera[:3, 0]
+    eyes = 0.5 * (view.left.center + view.right.center)
+    aside = view.left.T_root_camera[:3, 0]
     return [Sphere(eyes + 0.6 * (circle(t_s) - eyes) + 0.25 * (t_s - 1.4) * aside, 0.06, (110.0, 115.0, 105.0))]
 
 
@@ -124,20 +127,23 @@ def _case(how: str, mode: str) -> object:
 
 @pytest.mark.parametrize(("how", "mode"), [_case(how, mode) for how in DISTURBANCES for mode in OURS])
 def test_what_breaks_it_is_owned_to_and_got_over(how: str, mode: str) -> None:
-    footage, disturbance = disturbed(how), DISTURBANCES[how]
+    footage = disturbed(how)
+    disturbance = DISTURBANCES[how]
     tracks = tracked(footage, replace(OURS[mode], stamp_error_s=disturbance.stamp_error_s))
     check(disturbance.demand, tracks, footage.position)
 
 
 def test_frames_out_of_order_are_refused_and_change_nothing() -> None:
-    frames, params = usual().frames, OURS["ours"]
+    frames = usual().frames
+    params = OURS["ours"]
     tracker, undisturbed = (Tracker(params, usual().rig, rng()) for _ in range(2))
     for k, frame in enumerate(frames[:24]):
         if k > 3:
             for wrong in (frames[k - 1], frames[k - 3], replace(frame, stamp_right_s=frames[k - 2].stamp_right_s)):
                 with pytest.raises(ValueError, match="expected rising stamps"):
                     tracker.step(wrong)
-        ours, theirs = tracker.step(frame).track, undisturbed.step(frame).track
+        ours = tracker.step(frame).track
+        theirs = undisturbed.step(frame).track
         assert ours.status == theirs.status
         np.testing.assert_array_equal(ours.mean, theirs.mean)
         np.testing.assert_array_equal(ours.cov, theirs.cov)

@@ -16,7 +16,8 @@ from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
-ROBOT, LIMITS = load_icub(), GazeLimits()
+ROBOT = load_icub()
+LIMITS = GazeLimits()
 SMALL = MapParams(n_labels=400, round_labels=100, n_babble=5000, lattice=0.12)
 ARM = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm")
 
@@ -90,9 +91,11 @@ def test_targets_behind_the_head_and_at_the_eyes_are_not_fixated():
 
 def test_singular_arms_are_reached_and_walked_without_nan():
     """The elbow as straight as it goes, and the upper arm along the first axis, where the next turns nothing new."""
-    lower, upper = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
+    lower = np.array(ArmLimits().lower_rad)
+    upper = np.array(ArmLimits().upper_rad)
     arm = rng().uniform(lower, upper, (2000, 4))
-    arm[::2, 3], arm[1::2, 1] = lower[3], 0.0
+    arm[::2, 3] = lower[3]
+    arm[1::2, 1] = 0.0
     gaze = gaze_for_points(ROBOT, ARM.positions(arm)[0])
     labels = ReachOracle(ROBOT, "right", SMALL, rng()).label(gaze[np.isfinite(gaze[:, 0])][:200])
     assert labels.answered.mean() > 0.99
@@ -121,7 +124,8 @@ def test_flipped_labels_do_less_than_their_share(learned, percent):
     )
     verdict = again.query(labels.gaze_rad)
     assert np.isfinite([verdict.probability, verdict.degree]).all()
-    before, after = misjudged(learned), misjudged(again)
+    before = misjudged(learned)
+    after = misjudged(again)
     print(f"{percent} % flipped: {100 * before:.2f} → {100 * after:.2f} % misjudged")
     assert after < before + 0.6 * percent / 100
 
@@ -135,7 +139,9 @@ def ball_distance(gaze, center, radius):
     return far - radius, at
 
 
-CENTER, HOLE, OUTER = isotropic(np.array([0.1, 0.0, 0.9])), 0.3, 0.65
+CENTER = isotropic(np.array([0.1, 0.0, 0.9]))
+HOLE = 0.3
+OUTER = 0.65
 
 
 def shell(gaze):
@@ -156,7 +162,8 @@ def shell(gaze):
 def test_a_hole_in_what_is_reached_stays_a_hole():
     learned = learned_from(shell, "right", rng(), replace(SMALL, n_labels=900, round_labels=300, lattice=0.06))
     gaze = np.random.default_rng(SEED + 4).uniform(LIMITS.lower, LIMITS.upper, (20_000, 3))
-    said, hole = learned.query(gaze), ball_distance(gaze, CENTER, HOLE)[0]
+    said = learned.query(gaze)
+    hole = ball_distance(gaze, CENTER, HOLE)[0]
     outer = ball_distance(gaze, CENTER, OUTER)[0]
     assert np.isfinite([said.probability, said.degree]).all()
     assert (hole < -0.1).sum() > 50
@@ -174,7 +181,8 @@ def test_a_hole_in_what_is_reached_stays_a_hole():
 def test_a_joint_that_is_stuck_throughout(joint):
     """With the elbow stuck the hand stays on a sphere: nothing but that sheet is reached, which has no room."""
     limits = ArmLimits()
-    lower, upper = np.array(limits.lower_rad), np.array(limits.upper_rad)
+    lower = np.array(limits.lower_rad)
+    upper = np.array(limits.upper_rad)
     lower[joint] = upper[joint] = (lower[joint] + upper[joint]) / 2
     params = replace(SMALL, arm_limits=ArmLimits(tuple(lower), tuple(upper)))
     learned = train_reachable_map(ROBOT, "right", rng(), params)
@@ -196,7 +204,8 @@ def test_babbling_that_often_fails_still_teaches(babbled):
     """Half of what could be fixated is not; in a tenth of the rest something else is, in another the encoder sticks."""
     random = np.random.default_rng(SEED + 3)
     kept = random.random(len(babbled.arm_rad)) < 0.5
-    arm, gaze = babbled.arm_rad[kept], babbled.gaze_rad[kept]
+    arm = babbled.arm_rad[kept]
+    gaze = babbled.gaze_rad[kept]
     wrong, stuck = random.random((2, len(gaze))) < 0.1
     gaze[wrong] = random.uniform(LIMITS.lower, LIMITS.upper, (wrong.sum(), 3))
     arm[stuck, 3] = np.deg2rad(60)
@@ -212,7 +221,8 @@ def test_what_inverse_kinematics_cannot_answer_is_counted_not_called_unreachable
         return x, J
 
     # starts only where it is known, so that the tree of babbled hands can stand
-    lower, upper = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
+    lower = np.array(ArmLimits().lower_rad)
+    upper = np.array(ArmLimits().upper_rad)
     tried = rng().uniform(lower, [np.deg2rad(-45), *upper[1:]], (3000, 4))
     hand = replace(HandModel.of(ROBOT, half_known), tried=tried)
     few = replace(SMALL, n_labels=120, round_labels=60)

@@ -7,7 +7,8 @@ from pps_vision.experiments.films.recordings import tracker_params
 from pps_vision.experiments.severity.tracking import leave_view
 from tracking.tracker import Tracker
 
-OUT_S, NEAR_M = 2.0, 0.06
+OUT_S = 2.0
+NEAR_M = 0.06
 
 
 @pytest.mark.parametrize(

@@ -102,13 +102,15 @@ def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
 
 
 def test_duplicated_trials_give_the_same_map():
-    once, thrice = learned(trials(12)), learned(3 * trials(12))
+    once = learned(trials(12))
+    thrice = learned(3 * trials(12))
     D, TTC = sees([0.01, 0.0, 0.06], [0.0, 0.0, -0.1])
     np.testing.assert_allclose(activation(thrice, D, TTC), activation(once, D, TTC))
 
 
 def test_two_stimuli_at_once_are_each_perceived_as_if_alone():
-    p, v = np.array([[0.0, 0.0, 0.08], [0.09, 0.0, 0.03]]), np.array([[0.0, 0.0, -0.1], [0.0, 0.0, -0.05]])
+    p = np.array([[0.0, 0.0, 0.08], [0.09, 0.0, 0.03]])
+    v = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, -0.05]])
     both = sees(p, v)
     alone = [sees(p[k], v[k]) for k in range(2)]
     np.testing.assert_array_equal(both, np.stack(alone, axis=1))
@@ -147,7 +149,8 @@ def test_a_touch_with_no_track_and_a_track_with_no_touch():
 
 def test_gaps_and_stale_samples_cost_samples_but_nothing_else():
     """Half of an approach lost, a frozen stamp, a stamp that is no number: all counted is from what was seen."""
-    stamps, tracks = 0.05 * np.arange(30), approach()
+    stamps = 0.05 * np.arange(30)
+    tracks = approach()
     whole = run(stamps, tracks, touched_at=(28,))
     gapped = run(stamps, [None if 8 <= k < 18 else track for k, track in enumerate(tracks)], touched_at=(28,))
     assert np.all(gapped.memory.counts <= whole.memory.counts)
@@ -162,7 +165,8 @@ def test_gaps_and_stale_samples_cost_samples_but_nothing_else():
 def test_variances_never_get_negative_or_lost():
     rng = np.random.default_rng(SEED)
     half = rng.normal(size=(6, 6)) * 10.0 ** rng.uniform(-9, 0, (200, 1, 1))
-    d, v = rng.normal(0, 0.1, (200, 3)), rng.normal(0, 0.1, (200, 3))
+    d = rng.normal(0, 0.1, (200, 3))
+    v = rng.normal(0, 0.1, (200, 3))
     var_D, var_TTC = distance_and_ttc_variance(ReceptiveField(), d, UP, v, half @ half.swapaxes(1, 2))
     assert np.all(np.isfinite(var_D) & (var_D >= 0) & (var_TTC >= 0))
 
@@ -178,7 +182,8 @@ def test_a_memory_of_other_taxels_is_refused():
 
 
 def test_one_place_for_all_taxels_is_that_place_for_each():
-    one, each = activation(MEMORY, 0.05, 0.5), activation(MEMORY, np.full(4, 0.05), np.full(4, 0.5))
+    one = activation(MEMORY, 0.05, 0.5)
+    each = activation(MEMORY, np.full(4, 0.05), np.full(4, 0.5))
     np.testing.assert_array_equal(one, each)
     places = np.array([[0.02], [0.08]])
     np.testing.assert_array_equal(activation(MEMORY, places, 0.5), activation(MEMORY, places * np.ones(4), 0.5))

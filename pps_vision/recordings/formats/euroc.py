@@ -21,7 +21,8 @@ def recognises(source: Source) -> bool:
 def open_source(source: Source) -> Recording:
     """Open `source.folder`; InputError if its images or its calibration cannot be used."""
     refuse_robot_options(source)
-    folder, problems = Path(str(source.folder)), list[Problem]()
+    folder = Path(str(source.folder))
+    problems = list[Problem]()
     cameras = _cameras(folder)
     if lacking := [camera for camera in cameras if not (camera / "data.csv").exists()]:
         raise InputError(lacking[0], "no data.csv; expected both cameras, cam0 and cam1, with a data.csv each")

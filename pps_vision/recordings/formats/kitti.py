@@ -25,7 +25,8 @@ def open_source(source: Source) -> Recording:
     if cameras is None:
         raise InputError(folder, "images of one camera only; expected image_2 and image_3, or image_0 and image_1")
     left, right = ([str(folder / f"image_{camera}")] for camera in cameras)
-    stamps, own = folder / "times.txt", folder / "calib.txt"
+    stamps = folder / "times.txt"
+    own = folder / "calib.txt"
     times = None if source.fps else read_times(source.times or stamps)
     recording = open_stereo_images(left, right, source.fps, times, source.max_skew_s)
     replaced = (f"--fps {source.fps:g} replaces the stamps of {stamps}",) if source.fps and stamps.exists() else ()

@@ -64,13 +64,16 @@ def open_source(source: Source) -> Recording:
     Raises:
         InputError: The bag cannot be read, or lacks topics, a calibration or joints.
     """
-    file, problems = Path(str(source.folder)), list[Problem]()
+    file = Path(str(source.folder))
+    problems = list[Problem]()
     bag = Bag(file)
     topics = [bag.image_topic("left", source.left), bag.image_topic("right", source.right)]
     left, right = (distinct_stamps(bag.images(topic), problems) for topic in topics)
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(file, pairs, problems)
-    rig, calibration_at, warnings = None, "", list[str]()
+    rig = None
+    calibration_at = ""
+    warnings = list[str]()
     if source.calib:
         rig = fixed_rig(source.calib, size, source.unit_m, warnings=warnings)
     elif missing := [topic for topic in topics if bag.info_topic(topic) is None]:
@@ -86,7 +89,8 @@ def open_source(source: Source) -> Recording:
         return recording
     if source.taxels:
         raise InputError("recording", f"taxels {source.taxels} with a ROS bag; expected it with an iCub's folder REC")
-    joints, setup = bag.joints(source.robot), source.robot
+    joints = bag.joints(source.robot)
+    setup = source.robot
     offsets_rad = read_joint_offsets(source.joints, setup.robot.joint_names) if source.joints else 0.0
     posed = with_joints(pairs, joints, problems, setup, offsets_rad)
     if not posed:
@@ -223,7 +227,8 @@ class Messages:
     """The messages of a topic: the next one costs one, an earlier one a new beginning."""
 
     def __init__(self, bag: Bag, topic: str) -> None:
-        self.bag, self.connection = bag, bag.topics(_IMAGES)[topic]
+        self.bag = bag
+        self.connection = bag.topics(_IMAGES)[topic]
         self._next: Iterator[Any] = iter(())
         self._last: tuple[int, Any] = -1, None
 
@@ -233,7 +238,8 @@ class Messages:
         if index == at:
             return message
         if index < at or at < 0:
-            self._next, at = iter(self.bag.reader.messages([self.connection])), -1
+            self._next = iter(self.bag.reader.messages([self.connection]))
+            at = -1
         while at < index:
             (_, _, data), at = next(self._next), at + 1
         self._last = at, self.bag.reader.deserialize(data, self.connection.msgtype)
@@ -274,7 +280,9 @@ def _pixels(message: Any) -> Image | str:
     if message.encoding not in _CONVERSIONS:
         return f"has the encoding {message.encoding!r}; expected one of {', '.join(_CONVERSIONS)}"
     conversion, channels = _CONVERSIONS[message.encoding]
-    height, width, step = int(message.height), int(message.width), int(message.step)
+    height = int(message.height)
+    width = int(message.width)
+    step = int(message.step)
     data = np.asarray(message.data, dtype=np.uint8)
     if not (0 < height * width <= MOST_PIXELS and step >= width * channels and data.size >= height * step):
         return f"states {width}×{height} pixels, {step} bytes a row, and holds {data.size} bytes"

@@ -110,7 +110,8 @@ def open_stereo_images(
     name = _briefly(left_globs)
     if fps is None:
         sides = [_stamped(_matched(patterns), times, problems) for patterns in (left_globs, right_globs)]
-        pairs, warnings = pair_by_stamp(sides[0], sides[1], max_skew_s, problems), tuple[str, ...]()
+        pairs = pair_by_stamp(sides[0], sides[1], max_skew_s, problems)
+        warnings = tuple[str, ...]()
     else:
         pairs = _by_frame(left_globs, right_globs, fps, problems)
         stamps_s = [stamp_in(left.path) for left, _ in pairs]

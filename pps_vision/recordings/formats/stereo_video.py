@@ -28,7 +28,8 @@ def open_source(source: Source) -> Recording:
     check_options(source)
     times = read_times(source.times) if source.times else None
     if source.folder is not None:
-        name, (left, right) = str(source.folder), open_halves(source.folder, source.fps, times)
+        name = str(source.folder)
+        (left, right) = open_halves(source.folder, source.fps, times)
     else:
         if not (len(source.left) == len(source.right) == 1):
             raise InputError("recording", "expected one left and one right video")
@@ -36,7 +37,8 @@ def open_source(source: Source) -> Recording:
         left, right = (open_video(Path(side[0]), source.fps, times) for side in (source.left, source.right))
     problems: list[Problem] = []
     warnings = list(_ends_early(left, right, source.max_skew_s))
-    own, step_s = left[0].video.pts, left[0].video.time_base_s
+    own = left[0].video.pts
+    step_s = left[0].video.time_base_s
     if source.fps and left[0].video.has_stamps:
         warnings += replaced_rate(source.fps, [step_s * pts for pts in own])
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)

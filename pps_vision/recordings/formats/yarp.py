@@ -57,7 +57,8 @@ def open_source(source: Source) -> Recording:
     Raises:
         InputError: No frame remains, or a log, the calibration or another file cannot be read at all.
     """
-    folder, problems = Path(str(source.folder)), list[Problem]()
+    folder = Path(str(source.folder))
+    problems = list[Problem]()
     if len(source.calib) > 1:
         raise InputError("recording", f"calib has {len(source.calib)} files; expected one icubEyes.ini with REC")
     setup = source.robot or _icub(folder)
@@ -79,7 +80,8 @@ def open_source(source: Source) -> Recording:
     pairs = pair_by_stamp(eyes[0], eyes[1], source.max_skew_s, problems)
     posed = with_joints(pairs, joints, problems, setup, offsets_rad)
     image_size = usual_size(folder, posed, problems)
-    own, truth = folder / "icubEyes.ini", folder / "truth.csv"
+    own = folder / "icubEyes.ini"
+    truth = folder / "truth.csv"
     eyes_file = source.calib[0] if source.calib else own if own.exists() else None
     return Recording(
         name=str(folder),
@@ -115,7 +117,8 @@ def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
             problems.append(Problem(ProblemKind.ROW, log, row.line, found))
             continue
         if frame := _FRAME.fullmatch(row.words[0]):
-            video, index = video or _video(log), int(frame[1])
+            video = video or _video(log)
+            index = int(frame[1])
             if index < len(video.pts):
                 files.append(VideoFrame(video.path, row.stamp_s, log=log, line=row.line, video=video, index=index))
             else:
@@ -150,7 +153,8 @@ def _refuse_depth(folder: Path, side: str) -> None:
 
 def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Array, Array]:
     """Stamps (n,) and encoder readings (n, n_joints) in degrees."""
-    stamps, samples = [], []
+    stamps = []
+    samples = []
     for row in read_log(log, n_joints, problems):
         sample = np.array(row.words, dtype=float)
         if np.all(np.abs(sample) < _LARGEST_DEG):
@@ -216,7 +220,8 @@ def find_ports(folder: Path, joint_ports: Sequence[str]) -> dict[str, Path]:
     whose name holds left or right.  InputError if two logs claim one port.
     """
     ports: dict[str, Path] = {}
-    logs, known = sorted(_logs(folder)), {_plain(port): port for port in (*joint_ports, "skin")}
+    logs = sorted(_logs(folder))
+    known = {_plain(port): port for port in (*joint_ports, "skin")}
     for log in logs:
         port = _port(log.parent.relative_to(folder), log, known)
         if port in ports:
