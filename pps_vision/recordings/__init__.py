@@ -1,6 +1,6 @@
 """Readers and writers of recordings, calibrations and results.
 
-This module holds the names that a user chooses from; importing them loads nothing else.
+This module holds the names that a user chooses from; importing them loads no other module.
 """
 
 from typing import Literal

@@ -1,8 +1,8 @@
 """Outputs that appear whole or not at all: written under a temporary name, then renamed.
 
 One rule for all commands.  Refused are an output that is also read, one that is no regular file (a device, a FIFO), a
-folder that holds anything, and an output that another run is writing to.  What a killed run has left behind is removed
-by the next run with the same output.
+folder that holds anything, and an output that another run is writing to.  The remains of a killed run are
+removed by the next run with the same output.
 """
 
 import errno
@@ -31,7 +31,7 @@ _unfinished: set[Path] = set()  # lock files and temporary folders of the output
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A temporary folder whose files become those of `folder` when the block ends; it vanishes if the block fails.
+    """A temporary folder that becomes `folder` when the block ends, and is removed if the block fails.
 
     An existing folder that is empty is replaced in one step.  Where it cannot be (a disk is mounted there, its place is
     not writable) or should not be (this process runs in it, as the shell that has started it), it is filled file by
@@ -132,7 +132,9 @@ def _resolved(path: Path) -> Path:
     try:
         final = path.resolve()
         if final.is_symlink():
-            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))  # from Python 3.13 on `resolve` leaves a loop as it is
+            raise OSError(
+                errno.ELOOP, os.strerror(errno.ELOOP)
+            )  # from Python 3.13 on `resolve` leaves a loop unresolved
     except (OSError, RuntimeError) as error:  # up to Python 3.12 it is a RuntimeError
         raise InputError(path, f"cannot be written: {first_line(error)}; expected a writable place") from error
     return final
@@ -152,7 +154,7 @@ def _temporary_folder(output: Path, name: str, place: Path) -> Iterator[Path]:
     try:
         _unfinished.update((lock, partial))
         for file in list(place.iterdir()):
-            if file != lock and _is_ours(file.name, name):  # of a run that was killed, since the lock is ours
+            if file != lock and _is_ours(file.name, name):  # left by a killed run: we hold the lock
                 shutil.rmtree(file, ignore_errors=True)
         partial.mkdir()
         yield partial
@@ -192,13 +194,13 @@ def _lock(lock: Path, output: Path) -> int:
 
 
 def _rename(partial: Path, final: Path, output: Path) -> None:
-    """Move what was written to its place, or, where something has appeared there, beside it."""
+    """Move the output to its place, or beside it if a file has appeared there."""
     try:
         partial.replace(final)
     except OSError as error:
-        kept = final.with_name(f"{final.stem}-{secrets.token_hex(4)}{final.suffix}")
-        partial.replace(kept)
-        raise InputError(output, f"cannot be written: {first_line(error)}; what was written is {kept}") from error
+        rescued = final.with_name(f"{final.stem}-{secrets.token_hex(4)}{final.suffix}")
+        partial.replace(rescued)
+        raise InputError(output, f"cannot be written: {first_line(error)}; the output is kept in {rescued}") from error
 
 
 def write_json(file: Path, content: Mapping[str, object]) -> None:

@@ -17,16 +17,16 @@ def fit_to_images(camera: Camera, image_size: tuple[int, int] | None, file: Path
     """
     if not camera.is_usable():
         numbers = f"fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}"
-        found = f"{camera.width}×{camera.height} pixels, {numbers}, distortion {camera.distortion}"
-        raise InputError(file, f"{found}; expected a camera whose pixels can be traced back to distinct directions")
+        reason = f"{camera.width}×{camera.height} pixels, {numbers}, distortion {camera.distortion}"
+        raise InputError(file, f"{reason}; expected a camera whose pixels can be traced back to distinct directions")
     if image_size is None or image_size == (camera.width, camera.height):
         return camera
     width, height = image_size
     sx = width / camera.width
     sy = height / camera.height
     if abs(sx * camera.height - height) > 1:  # a pixel of rounding
-        found = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
-        raise InputError(file, f"{found}; expected the same proportions")
+        reason = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
+        raise InputError(file, f"{reason}; expected the same proportions")
     return replace(
         camera,
         width=width,

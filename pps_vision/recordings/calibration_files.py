@@ -36,7 +36,7 @@ their names those of both."""
 
 
 def read_matrices(file: Path, text: str, cameras: tuple[int, int]) -> Matrices | None:
-    """Return what a calibration of one of these tools holds, None if it is of another; lengths in its own unit.
+    """Return the cameras of a calibration of one of these tools, None for any other file; lengths in its own unit.
 
     Args:
         file: Where the text is from.
@@ -115,7 +115,7 @@ def _anipose(file: Path, text: str) -> list[Matrices]:
     names = sorted(name for name in content if name.startswith("cam"))
     if len(names) != 2:
         raise InputError(file, f"holds {len(names)} cameras; expected [cam_0] and [cam_1]")
-    found = []
+    values = []
     for camera in (_table(file, content, name) for name in names):
         if camera.get("fisheye"):
             raise InputError(file, "fisheye is true; expected pinhole cameras")
@@ -123,8 +123,8 @@ def _anipose(file: Path, text: str) -> list[Matrices]:
         pose = transform(rotation, _numbers(file, camera, "translation", 3))
         K = _numbers(file, camera, "matrix", 3, 3)
         lens = _numbers(file, camera, "distortions")
-        found.append(_sized(K, lens, *_numbers(file, camera, "size", 2)) | {"pose": pose})
-    return found
+        values.append(_sized(K, lens, *_numbers(file, camera, "size", 2)) | {"pose": pose})
+    return values
 
 
 def _sized(K: Array, D: Array, width: float, height: float) -> Matrices:
@@ -164,10 +164,10 @@ def _numbers(file: Path, content: Mapping[str, Any], key: str, *shape: int) -> A
     try:
         items = value if isinstance(value, list) else [value]
         items = [item for row in items for item in (row if isinstance(row, list) else [row])]
-        found = np.array([finite(str(item)) for item in items], dtype=float)
-        if np.any(np.abs(found) > _LARGEST):
+        values = np.array([finite(str(item)) for item in items], dtype=float)
+        if np.any(np.abs(values) > _LARGEST):
             raise ValueError
-        return found.reshape(shape) if shape else found
+        return values.reshape(shape) if shape else values
     except ValueError:
         wanted = f"{'×'.join(map(str, shape))} numbers" if shape else "numbers"
         raise InputError(file, f"{key} is {str(value)[:80]}; expected {wanted}") from None

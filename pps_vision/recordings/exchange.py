@@ -28,7 +28,7 @@ from pps_vision.recordings import Form
 from pps_vision.recordings.tables import Box, open_table
 from pps_vision.types import Array, Detection2D, Status, Track3D
 
-_POINT = "object"  # what Anipose's columns and COCO's category call what is tracked
+_POINT = "object"  # name of the object in Anipose's columns and COCO's category
 _ANIPOSE = (
     *(f"{_POINT}_{name}" for name in ("x", "y", "z", "error", "ncams", "score")),
     *(f"M_{row}{column}" for row in range(3) for column in range(3)),
@@ -78,8 +78,11 @@ class _Numbered:
 
     def boxes(self, camera: str) -> list[SeenBox]:
         """The boxes of one camera's detections."""
-        seen = [detection for detection in self.pair.detections if detection.camera == camera]
-        return [SeenBox(self.frame, self.track, one.box_px, one.score) for one in seen]
+        camera_detections = [detection for detection in self.pair.detections if detection.camera == camera]
+        return [
+            SeenBox(self.frame, self.track, camera_detection.box_px, camera_detection.score)
+            for camera_detection in camera_detections
+        ]
 
 
 _Add = Callable[[_Numbered], object]
@@ -109,8 +112,8 @@ def _tum(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     with (folder / "trajectory.tum").open("w") as stream:
         stream.write(_TUM_HEADER)
 
-        def add(one: _Numbered) -> None:
-            track = one.pair.track
+        def add(camera_detection: _Numbered) -> None:
+            track = camera_detection.pair.track
             if track.is_known:
                 stream.write(_tum_row(track.stamp_s, track.position))
 
@@ -132,11 +135,20 @@ def _anipose(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     """The table that Anipose's triangulation makes, with one point "object"; score is that of the worse image."""
     with open_table(folder / "trajectory_anipose.csv", _ANIPOSE) as write:
 
-        def add(one: _Numbered) -> None:
-            pair = one.pair
-            seen = pair.detections if pair.track.is_known else ()
-            score = min((float(detection.score) for detection in seen), default=0.0)
-            write((*pair.track.position, pair.residual_px, len(seen), score, *_NO_ROTATION, one.frame - 1))
+        def add(camera_detection: _Numbered) -> None:
+            pair = camera_detection.pair
+            camera_detections = pair.detections if pair.track.is_known else ()
+            score = min((float(detection.score) for detection in camera_detections), default=0.0)
+            write(
+                (
+                    *pair.track.position,
+                    pair.residual_px,
+                    len(camera_detections),
+                    score,
+                    *_NO_ROTATION,
+                    camera_detection.frame - 1,
+                )
+            )
 
         yield add
 
@@ -153,22 +165,22 @@ def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
         raise InputError(bag_folder, "needs the extra ros: pip install 'pps-vision[ros]'") from error
     store = get_typestore(Stores.ROS2_JAZZY)
     kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
-    known: Any = {name.rsplit("/", 1)[-1]: make for name, make in store.types.items()}
+    known_pairs: Any = {name.rsplit("/", 1)[-1]: make for name, make in store.types.items()}
     with Writer(bag_folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         connection = bag.add_connection(f"/{_POINT}", kind, typestore=store)
 
-        def add(one: _Numbered) -> None:
-            track = one.pair.track
+        def add(camera_detection: _Numbered) -> None:
+            track = camera_detection.pair.track
             if not track.is_known:
                 return
             nanoseconds = round(1e9 * track.stamp_s)
-            stamp = known["Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            stamp = known_pairs["Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
             x, y, z = track.position.tolist()
-            pose = known["Pose"](known["Point"](x, y, z), known["Quaternion"](0.0, 0.0, 0.0, 1.0))
+            pose = known_pairs["Pose"](known_pairs["Point"](x, y, z), known_pairs["Quaternion"](0.0, 0.0, 0.0, 1.0))
             cov = np.diag([0.0, 0, 0, -1, -1, -1])
             cov[:3, :3] = track.cov[:3, :3]
-            message = known["PoseWithCovarianceStamped"](
-                known["Header"](stamp, "root"), known["PoseWithCovariance"](pose, cov.ravel())
+            message = known_pairs["PoseWithCovarianceStamped"](
+                known_pairs["Header"](stamp, "root"), known_pairs["PoseWithCovariance"](pose, cov.ravel())
             )
             bag.write(connection, nanoseconds, store.serialize_cdr(message, kind))
 
@@ -180,9 +192,9 @@ def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     with ExitStack() as stack:
         files = {camera: stack.enter_context((folder / f"mot_{camera}.txt").open("w")) for camera in _CAMERAS}
 
-        def add(one: _Numbered) -> None:
+        def add(camera_detection: _Numbered) -> None:
             for camera, file in files.items():
-                file.writelines(map(_mot_row, one.boxes(camera)))
+                file.writelines(map(_mot_row, camera_detection.boxes(camera)))
 
         yield add
 
@@ -191,9 +203,9 @@ def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
 def _coco(folder: Path, size: tuple[int, int]) -> Iterator[_Add]:
     with open_coco(folder / "coco.json", size) as add_image:
 
-        def add(one: _Numbered) -> None:
-            for camera, image in zip(_CAMERAS, one.pair.images, strict=True):
-                add_image(camera, one.frame, image, one.boxes(camera))
+        def add(camera_detection: _Numbered) -> None:
+            for camera, image in zip(_CAMERAS, camera_detection.pair.images, strict=True):
+                add_image(camera, camera_detection.frame, image, camera_detection.boxes(camera))
 
         yield add
 
@@ -212,9 +224,10 @@ def write_mot(file: Path, boxes: Iterable[SeenBox]) -> None:
     file.write_text("".join(map(_mot_row, boxes)))
 
 
-def _mot_row(seen: SeenBox) -> str:
-    x, y, width, height = map(float, seen.box_px)
-    return f"{seen.frame},{seen.track},{x + 1!r},{y + 1!r},{width!r},{height!r},{float(seen.score)!r},-1,-1,-1\n"
+def _mot_row(seen_box: SeenBox) -> str:
+    x, y, width, height = map(float, seen_box.box_px)
+    box = f"{x + 1!r},{y + 1!r},{width!r},{height!r}"
+    return f"{seen_box.frame},{seen_box.track},{box},{float(seen_box.score)!r},-1,-1,-1\n"
 
 
 @contextmanager
@@ -233,11 +246,16 @@ def open_coco(file: Path, size: tuple[int, int]) -> Iterator[Callable[[str, int,
             where = {"id": images + 1, "file_name": str(path), "width": size[0], "height": size[1]}
             stream.write(", " * (images > 0) + json.dumps(where | {"frame_id": frame, "camera": camera}))
             images += 1
-            for seen in boxes:
-                x, y, w, h = map(float, seen.box_px)
-                what = {"id": annotations + 1, "image_id": images, "category_id": 1, "track_id": seen.track}
-                box = {"bbox": [x, y, w, h], "area": w * h, "iscrowd": 0, "score": float(seen.score)}
-                waiting.write(", " * (annotations > 0) + json.dumps(what | box))
+            for seen_box in boxes:
+                x, y, w, h = map(float, seen_box.box_px)
+                identity = {
+                    "id": annotations + 1,
+                    "image_id": images,
+                    "category_id": 1,
+                    "track_id": seen_box.track,
+                }
+                box = {"bbox": [x, y, w, h], "area": w * h, "iscrowd": 0, "score": float(seen_box.score)}
+                waiting.write(", " * (annotations > 0) + json.dumps(identity | box))
                 annotations += 1
 
         stream.write(f'{{"info": {json.dumps({"description": _WRITER})}, "images": [')

@@ -48,7 +48,7 @@ class ImageFile:
         return self.path.name
 
     def load(self) -> Image | str:
-        """The image as RGB uint8, or what is wrong with it."""
+        """The image as RGB uint8, or the reason why there is none."""
         try:
             data = read_bytes(self.path, "an image")
         except InputError as error:
@@ -57,7 +57,7 @@ class ImageFile:
 
 
 def decode_bytes(data: bytes) -> Image | str:
-    """The image of a file's content as RGB uint8, or what is wrong with it."""
+    """The image of a file's content as RGB uint8, or the reason why there is none."""
     try:
         n_pixels = _pixels_stated(data)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if n_pixels <= MOST_PIXELS else None
@@ -76,9 +76,9 @@ def number_in(path: Path) -> int | None:
 
 def stamp_in(path: Path) -> float | None:
     """The time since 1970 that a file is named after, s: "1403636579.763556", or 13 (ms), 16 (µs) or 19 (ns) digits."""
-    if not (found := _STAMP.search(path.stem)):
+    if not (match := _STAMP.search(path.stem)):
         return None
-    seconds, digits = found.groups()
+    seconds, digits = match.groups()
     return float(seconds) if seconds else int(digits) / 10 ** (len(digits) - 10)
 
 

@@ -20,7 +20,7 @@ class ImageSequence:
 
     files: tuple[ImageFile, ...]
     image_size: tuple[int, int]  # width, height
-    problems: list[Problem]  # of the last iteration
+    problems: list[Problem]  # from the last iteration
 
     def __len__(self) -> int:
         return len(self.files)
@@ -36,15 +36,15 @@ class ImageSequence:
 
 
 def open_frames(folder: Path) -> ImageSequence:
-    """The images of a folder in natural order, or those of a video; InputError if there is none that can be read."""
+    """The images of a folder in natural order, or of a video; InputError if none is readable."""
     files: tuple[ImageFile, ...]
     if is_video(folder):
         files = tuple(open_video(folder, fps=1.0))
     elif folder.is_dir():
         files = tuple(ImageFile(path, 0.0) for path in images_in(folder))
     else:
-        found = "is no folder and no video" if folder.exists() else "no such folder"
-        raise InputError(folder, f"{found}; expected a folder with the frames of a sequence, or a video")
+        reason = "is no folder and no video" if folder.exists() else "no such folder"
+        raise InputError(folder, f"{reason}; expected a folder with the frames of a sequence, or a video")
     first = next((image for image in map(decode, files) if not isinstance(image, Problem)), None)
     if first is None:
         raise InputError(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")

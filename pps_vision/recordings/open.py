@@ -1,6 +1,6 @@
 """Open a recording, whatever its format: `pps_vision.open_recording`.
 
-A format is a module of `pps_vision.recordings.formats` with `FORMAT`, what it is in words, `recognises(source)` and
+A format is a module of `pps_vision.recordings.formats` with `FORMAT`, its description, `recognises(source)` and
 `open_source(source)`; it is found there without being named here.  `HAS_STAMPS` says that its stamps are always its
 own, `TAKES_TOPICS` that left and right are topics.
 """
@@ -37,7 +37,7 @@ def open_recording(
     """Open the recording of an iCub, an EuRoC or KITTI folder, videos, or any stereo images with a calibration.
 
     Iterating the recording decodes its frames one at a time; it also holds `rig`, `robot`, `touches`, `truth` and
-    `problems` (what was skipped, and why).
+    `problems` (rows and images that were skipped, with reasons).
 
     Args:
         folder: Folder of an iCub's recording in yarpdatadumper layout, as `render` writes it; an EuRoC or KITTI folder;
@@ -46,13 +46,13 @@ def open_recording(
             With a ROS bag: the topic of the left images.
         right: Right images, paired with the left ones by stamp, or with `fps` by the last number in their names.
         calib: Calibration of `left` and `right` of OpenCV, Kalibr, ROS, KITTI, EuRoC or aniposelib, a file or several;
-            with `folder` instead of its own.  Without any the recording has no `rig` and cannot be tracked.
+            in place of the one in `folder`.  Without any the recording has no `rig` and cannot be tracked.
         times: Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns.
         fps: Frames per second, where neither files nor names hold stamps, or instead of these (not in the recordings of
             an iCub, EuRoC folders and ROS bags).
         unit_m: Metres per length unit of the calibration.
         joints: Offsets to add to the encoders, as `pps-vision joints` writes them.
-        taxels: The robot's taxels*.ini, for a recording of its own skin events.
+        taxels: The robot's taxels*.ini, for a recording of its skin events.
         max_skew_s: Left and right images further apart in time are no pair.
         robot: Whose recording it is; default: an iCub.
 
@@ -77,14 +77,14 @@ def open_recording(
     if source.folder is not None and not source.folder.exists():
         raise InputError(source.folder, "no such file or folder; expected a recording, or a side-by-side video")
     names = sorted(module.name for module in iter_modules(formats.__path__))
-    known = [import_module(f"{formats.__name__}.{name}") for name in names]
-    module = next((module for module in known if module.recognises(source)), None)
+    modules = [import_module(f"{formats.__name__}.{name}") for name in names]
+    module = next((module for module in modules if module.recognises(source)), None)
     if source.folder is not None and (left or right) and not getattr(module, "TAKES_TOPICS", False):
         raise InputError("recording", "expected either REC, or left and right images or videos with calib")
     if module is None:
         is_empty = source.folder is not None and source.folder.is_dir() and not any(source.folder.iterdir())
-        found = "an empty folder" if is_empty else "no recording"
-        raise InputError(str(source.folder), f"{found}; expected {'; or '.join(module.FORMAT for module in known)}")
+        reason = "an empty folder" if is_empty else "no recording"
+        raise InputError(str(source.folder), f"{reason}; expected {'; or '.join(module.FORMAT for module in modules)}")
     recording: Recording = module.open_source(source)
     unused = [f"--{name}" for name in ("fps", "times") if getattr(source, name) is not None]
     if unused and getattr(module, "HAS_STAMPS", False):
@@ -93,6 +93,6 @@ def open_recording(
     return replace(recording, unit_m=source.unit_m)
 
 
-def _several(given: Sequence[Path | str] | Path | str) -> tuple[str, ...]:
+def _several(paths: Sequence[Path | str] | Path | str) -> tuple[str, ...]:
     """One name, or several."""
-    return (str(given),) if isinstance(given, Path | str) else tuple(map(str, given))
+    return (str(paths),) if isinstance(paths, Path | str) else tuple(map(str, paths))

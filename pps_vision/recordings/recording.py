@@ -28,7 +28,7 @@ _SAME_RATE = 0.01  # by which 29.97 and 30 frames a second differ, and more
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What a recording is opened from; the fields are those of `pps_vision.open_recording`."""
+    """Arguments of `pps_vision.open_recording`."""
 
     folder: Path | None
     left: tuple[str, ...]
@@ -56,10 +56,10 @@ class Recording:
     """Stereo pairs in order of time; iterating decodes them one at a time.
 
     `len` counts the pairs, those included whose image turns out to be unreadable: they are
-    skipped and added to `problems`, which holds all that was skipped so far.  `name` is the
-    source as it was given; `robot` whose joints the frames carry, and `rig` its cameras, where known, else
-    `calibration_at` says where a calibration is expected.  `warnings` say what was read but is probably not what was
-    meant; `unit_m` is the unit of the calibration as it was given.
+    skipped and added to `problems`, which collects everything skipped up to now.  `name` is the
+    source's path; `robot` whose joints the frames carry, and `rig` its cameras, where known, else
+    `calibration_at` says where a calibration is expected.  `warnings` name input that was read but is
+    probably a mistake; `unit_m` is the requested unit of the calibration.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Recording:
 
     @property
     def skipped(self) -> int:
-        """How many things were skipped so far."""
+        """Number of rows and images skipped up to now."""
         return sum(problem.count for problem in self.problems)
 
     def calibrated(self) -> StereoRig:
@@ -136,12 +136,12 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
         why = f"; {bad[0]}" if bad else ""
         raise InputError(source, f"no usable frame; expected at least one readable pair of left and right images{why}")
     usual = (sizes[0] + sizes[1]).most_common(1)[0][0]
-    for side, other in ((0, "right"), (1, "left")):
+    for side, other_side in ((0, "right"), (1, "left")):
         if usual not in sizes[side]:
             file = pairs[0][side]
             (width, height) = sizes[side].most_common(1)[0][0]
-            found = f"{width}×{height} pixels; {other} images are {usual[0]}×{usual[1]}; expected one size"
-            raise InputError(file.cited, found, file.line)
+            reason = f"{width}×{height} pixels; {other_side} images are {usual[0]}×{usual[1]}; expected one size"
+            raise InputError(file.cited, reason, file.line)
     return usual
 
 
@@ -170,14 +170,14 @@ def pair_by_stamp(
 
 def distinct_stamps(files: Iterable[FileT], problems: list[Problem]) -> list[FileT]:
     """The files in the order of their stamps; of several with one stamp the first, the others are noted."""
-    kept: list[FileT] = []
+    unique_files: list[FileT] = []
     for file in sorted(files, key=lambda file: file.stamp_s):
-        if kept and file.stamp_s == kept[-1].stamp_s:
-            found = f"{file.title} has the stamp of {kept[-1].title}; expected each once"
-            problems.append(Problem(ProblemKind.STAMP, file.cited, file.line, found))
+        if unique_files and file.stamp_s == unique_files[-1].stamp_s:
+            reason = f"{file.title} has the stamp of {unique_files[-1].title}; expected each once"
+            problems.append(Problem(ProblemKind.STAMP, file.cited, file.line, reason))
         else:
-            kept.append(file)
-    return kept
+            unique_files.append(file)
+    return unique_files
 
 
 def note_unpaired(files: Sequence[ImageFile], paired: set[int], wanted: str, problems: list[Problem]) -> None:
@@ -185,8 +185,8 @@ def note_unpaired(files: Sequence[ImageFile], paired: set[int], wanted: str, pro
     for is_paired, places in groupby(range(len(files)), paired.__contains__):
         row = [files[place] for place in places]
         if not is_paired:
-            found = f"{row[0].title} is" if len(row) == 1 else f"{row[0].title} to {row[-1].title} ({len(row)}) are"
-            message = f"{found} unpaired; expected a {wanted}"
+            reason = f"{row[0].title} is" if len(row) == 1 else f"{row[0].title} to {row[-1].title} ({len(row)}) are"
+            message = f"{reason} unpaired; expected a {wanted}"
             problems.append(Problem(ProblemKind.UNPAIRED, row[0].cited, row[0].line, message, len(row)))
 
 

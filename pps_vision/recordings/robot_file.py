@@ -95,7 +95,7 @@ def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -
 
 @dataclass(frozen=True)
 class _Toml:
-    """The values of a robot.toml, and its lines for what is wrong with one."""
+    """The values of a robot.toml, and their lines for error messages."""
 
     file: Path
     lines: list[str]
@@ -108,23 +108,23 @@ class _Toml:
             values = tomllib.loads(text)
         except (ValueError, RecursionError) as error:
             at = re.search(r"at line (\d+)", str(error))
-            found = f"cannot be read as TOML: {first_line(error)}"
-            raise InputError(file, found, int(at[1]) if at else None) from error
+            reason = f"cannot be read as TOML: {first_line(error)}"
+            raise InputError(file, reason, int(at[1]) if at else None) from error
         toml = cls(file, text.split("\n"), values)
-        known = (*_FILES, *_JOINTS, *_LINKS, *_EYES, *_TABLES)
+        valid_keys = (*_FILES, *_JOINTS, *_LINKS, *_EYES, *_TABLES)
         for key in values:
-            if key not in known:
-                toml.refuse(key, f"one of {', '.join(known)}", "unknown key")
+            if key not in valid_keys:
+                toml.refuse(key, f"one of {', '.join(valid_keys)}", "unknown key")
         for key in ("urdf", "skin", *_EYES):
             if key not in values:
                 raise InputError(file, f"no {key}; expected {', '.join(('urdf', 'skin', *_EYES))}")
         return toml
 
-    def refuse(self, key: str, expected: str, found: str | None = None) -> Never:
+    def refuse(self, key: str, expected: str, reason: str | None = None) -> Never:
         """Raise InputError for a key, by the line in which it first stands."""
         pattern = re.compile(rf"\s*\[?\s*[\"']?{re.escape(key)}[\"']?\s*[\]=]")
         line = next((n for n, text in enumerate(self.lines, start=1) if pattern.match(text)), None)
-        shown = f"{key} {self.values[key]!r}"[:80] if found is None else f"{found} {key}"
+        shown = f"{key} {self.values[key]!r}"[:80] if reason is None else f"{reason} {key}"
         raise InputError(self.file, f"{shown}; expected {expected}", line)
 
     def word(self, key: str, default: str) -> str:
@@ -163,10 +163,10 @@ class _Toml:
             self.refuse(key, expected)
         return key, (str(value["link"]), pin.SE3(pin.rpy.rpyToMatrix(np.deg2rad(rpy)), xyz).homogeneous)
 
-    def check_known(self, key: str, names: Any, known: Any) -> None:
+    def check_known(self, key: str, names: Any, valid_keys: Any) -> None:
         for name in names:
-            if name not in known:
-                self.refuse(key, f"some of {', '.join(known)}", f"unknown {name!r} in")
+            if name not in valid_keys:
+                self.refuse(key, f"some of {', '.join(valid_keys)}", f"unknown {name!r} in")
 
     def table(self, key: str) -> dict[str, Any]:
         value = self.values.get(key, {})
@@ -189,9 +189,9 @@ class _Toml:
 
     def ports(self, robot: Robot) -> dict[str, tuple[str, ...]]:
         ports = {port: self._words(port, names, port) for port, names in self.table("ports").items()}
-        known = (*robot.joint_names, "-", *(("version", "vergence") if robot.names.gaze_joints else ()))
+        valid_keys = (*robot.joint_names, "-", *(("version", "vergence") if robot.names.gaze_joints else ()))
         for port, names in ports.items():
             for name in names:
-                if name not in known:
-                    self.refuse(port, f"joints of {', '.join(known)}", f"unknown {name!r} in port")
+                if name not in valid_keys:
+                    self.refuse(port, f"joints of {', '.join(valid_keys)}", f"unknown {name!r} in port")
         return ports or {"joints": robot.joint_names}

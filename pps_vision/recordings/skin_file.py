@@ -27,10 +27,10 @@ def read_skin(files: Sequence[Path], robot: Robot) -> Skin:
     """The skin of a robot from one file or several.
 
     Raises:
-        InputError: A file cannot be read, or a row has no known frame, no taxel of its own, or no normal.
+        InputError: A file cannot be read, or a row has no known frame, no new taxel, or no normal.
     """
     parts: dict[tuple[str, str], list[Row]] = {}
-    seen: set[tuple[str, int]] = set()
+    taxels_read: set[tuple[str, int]] = set()
     for file in files:
         for row in _table(file) if file.suffix.lower() == ".csv" else _icub_part(file):
             line, part, frame, taxel, values = row
@@ -38,16 +38,16 @@ def read_skin(files: Sequence[Path], robot: Robot) -> Skin:
                 raise InputError(file, f"part {part!r}; expected a name of letters, digits and _", line)
             if frame not in robot.frame_ids:
                 raise InputError(file, f"frame {frame!r}; expected one of {', '.join(robot.frame_ids)}", line)
-            if (part, taxel) in seen or taxel < 0:
+            if (part, taxel) in taxels_read or taxel < 0:
                 raise InputError(file, f"taxel {part}:{taxel}; expected each number from 0 once", line)
             if not np.linalg.norm(values[3:]) > 0.5:
                 raise InputError(file, f"normal {values[3:]}; expected one of length 1", line)
-            seen.add((part, taxel))
+            taxels_read.add((part, taxel))
             parts.setdefault((part, frame), []).append(row)
     names = [part for part, _ in parts]
     if not parts or len(set(names)) < len(names):
-        found = "no taxel" if not parts else f"part {max(names, key=names.count)} in several frames"
-        raise InputError(files[0] if files else "skin", f"{found}; expected taxels, those of a part in one frame")
+        reason = "no taxel" if not parts else f"part {max(names, key=names.count)} in several frames"
+        raise InputError(files[0] if files else "skin", f"{reason}; expected taxels, those of a part in one frame")
     return Skin(tuple(_part(*names, rows) for names, rows in parts.items()))
 
 

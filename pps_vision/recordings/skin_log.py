@@ -26,7 +26,7 @@ def read_touches(log: Path, representatives: Representatives | None, problems: l
     """Return the touched virtual taxels by stamp; rows that cannot be read are added to `problems` and left out.
 
     Contacts on body parts that `representatives` does not name are left out; without `representatives` a log of
-    contacts is noted and none of it is read.
+    contacts is noted and not read.
 
     Raises:
         InputError: The log cannot be opened, or holds rows but no readable one.
@@ -34,8 +34,8 @@ def read_touches(log: Path, representatives: Representatives | None, problems: l
     rows = read_log(log, None, problems)
     if any(row.words[0].startswith("((") for row in rows if row.words):
         if representatives is None:
-            found = "the robot's contacts; expected --taxels TAXELS.ini, which says what virtual taxels they touch"
-            problems.append(Problem(ProblemKind.TOUCHES, log, None, found))
+            reason = "the robot's contacts; expected --taxels TAXELS.ini, which says what virtual taxels they touch"
+            problems.append(Problem(ProblemKind.TOUCHES, log, None, reason))
             return ()
         expected = "contacts ((4 whole numbers) (5 vectors of 3) (taxels) pressure)"
     else:

@@ -3,8 +3,8 @@
 | key | holds |
 |---|---|
 | `K1` or `M1`, `D1` | camera matrix (3×3) and distortion (k1, k2, p1, p2, k3) of the left camera |
-| `K2` or `M2`, `D2` | those of the right camera |
-| `camera_matrix` or `intrinsic`, `distortion_coefficients` or `distortion` | those of a file of one camera |
+| `K2` or `M2`, `D2` | the same of the right camera |
+| `camera_matrix` or `intrinsic`, `distortion_coefficients` or `distortion` | the same in a file of one camera |
 | `R`, `T` | pose of the left camera's frame in the right camera's: p_right = R p_left + T |
 | `image_width`, `image_height` | optional: the image size that the camera matrices are for |
 
@@ -76,13 +76,13 @@ def cameras_of(
         raise InputError("calibration", f"unit_m {unit_m}; expected the positive length of the unit in metres")
     entries: dict[str, Entry] = {}
     sides = ["1", "2"]
-    for path, found in files:
-        if "K" in found:
+    for path, entry in files:
+        if "K" in entry:
             if not sides:
                 raise InputError(path, "is one camera more than two; expected a left and a right one")
             side = sides.pop(0)
-            found = {key + side * (key in _OF_ONE_CAMERA): value for key, value in found.items()}
-        entries |= {key: (path, value) for key, value in found.items()}
+            entry = {key + side * (key in _OF_ONE_CAMERA): value for key, value in entry.items()}
+        entries |= {key: (path, value) for key, value in entry.items()}
     names = ", ".join(dict.fromkeys(str(path) for path, _ in files))
     left, right = (_camera(names, entries, side, image_size, warnings) for side in ("1", "2"))
     if "pose1" in entries and "pose2" in entries:
@@ -109,7 +109,7 @@ def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:
     try:
         storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         nodes = [(key, storage.getNode(name)) for name, key in _KEYS.items()]
-        found = {
+        entry = {
             key: np.asarray(node.real() if node.isInt() or node.isReal() else node.mat(), dtype=float)
             for key, node in nodes
             if not node.empty()
@@ -118,12 +118,12 @@ def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:
         place = re.findall(r"\((\d+)\): ([^\n]+)", str(error))
         why, line = (place[-1][1].rstrip("'"), int(place[-1][0])) if place else (first_line(error), None)
         raise InputError(file, f"cannot be parsed: {why}; expected OpenCV's XML, YAML or JSON", line) from error
-    if not found:
+    if not entry:
         raise InputError(file, f"holds no calibration; expected one of the keys {', '.join(_KEYS)}")
-    for key, matrix in found.items():
+    for key, matrix in entry.items():
         if not np.all(np.isfinite(matrix)):
             raise InputError(file, f"{key} is {str(matrix.tolist())[:80]}; expected finite numbers")
-    return found
+    return entry
 
 
 def _required(names: str, entries: Mapping[str, Entry], key: str, shape: tuple[int, ...]) -> Entry:
@@ -146,25 +146,27 @@ def _camera(
     file, K = _required(names, entries, f"K{side}", (3, 3))
     fx, fy, cx, cy = (float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
     if not (fx > 0 and fy > 0 and np.allclose(K, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), atol=1e-6 * fx)):
-        found = f"K{side} is {np.round(K, 3).tolist()}"
-        raise InputError(file, f"{found}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0")
+        entry = f"K{side} is {np.round(K, 3).tolist()}"
+        raise InputError(file, f"{entry}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0")
     coefficients = np.append(entries.get(f"D{side}", (file, np.zeros(0)))[1], np.zeros(5))
     if np.any(coefficients[5:] != 0):
-        found = f"D{side} is {str(coefficients[:-5].tolist())[:80]}"
-        raise InputError(entries[f"D{side}"][0], f"{found}; expected none but k1, k2, p1, p2, k3 other than zero")
+        entry = f"D{side} is {str(coefficients[:-5].tolist())[:80]}"
+        raise InputError(entries[f"D{side}"][0], f"{entry}; expected none but k1, k2, p1, p2, k3 other than zero")
     k1, k2, p1, p2, k3 = coefficients[:5].tolist()
     sizes = [
         entries[key][1].item() if key in entries else None
         for name in ("image_width", "image_height")
         for key in [name + side if name + side in entries else name]
     ]
-    width, height = (asked if size is None else size for size, asked in zip(sizes, image_size, strict=True))
+    width, height = (
+        expected_size if size is None else size for size, expected_size in zip(sizes, image_size, strict=True)
+    )
     if not all(1 <= size <= LARGEST_SIDE_PX and float(size).is_integer() for size in (width, height)):
-        found = f"image_width {width}, image_height {height}"
-        raise InputError(file, f"{found}; expected whole numbers of pixels, at most {LARGEST_SIDE_PX}")
+        entry = f"image_width {width}, image_height {height}"
+        raise InputError(file, f"{entry}; expected whole numbers of pixels, at most {LARGEST_SIDE_PX}")
     camera = Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3))
     fitted = fit_to_images(camera, image_size, file)
-    found = f"{file} is for {camera.width}×{camera.height} pixels, scaled to images of {fitted.width}×{fitted.height}"
-    if warnings is not None and fitted is not camera and found not in warnings:
-        warnings.append(found)
+    entry = f"{file} is for {camera.width}×{camera.height} pixels, scaled to images of {fitted.width}×{fitted.height}"
+    if warnings is not None and fitted is not camera and entry not in warnings:
+        warnings.append(entry)
     return fitted

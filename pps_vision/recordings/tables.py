@@ -76,14 +76,14 @@ def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
     places = [header.index(name) for name in columns]
     for line, row in rows:
         if len(row) > len(header):
-            found = f"{len(row)} fields under {len(header)} columns"
-            raise InputError(file, f"{found}; expected a field for each column, and points in numbers", line)
+            reason = f"{len(row)} fields under {len(header)} columns"
+            raise InputError(file, f"{reason}; expected a field for each column, and points in numbers", line)
     return [(line, [row[k] if k < len(row) else "" for k in places]) for line, row in rows[1:] if row]
 
 
 def csv_rows(file: Path, expected: str) -> list[tuple[int, list[str]]]:
-    """The number of its last line and the stripped fields of each row; InputError, which says what was `expected`,
-    where a file cannot be read."""
+    """The number of its last line and the stripped fields of each row; InputError, ending in `expected`, for a
+    file that cannot be read."""
     reader = csv.reader(read_lines(file, expected))
     try:
         return [(reader.line_num, [field.strip() for field in row]) for row in reader]
@@ -111,7 +111,7 @@ def covariances(fields: Array) -> Array:
 
 
 def detection_row(frame: int, detection: Detection2D, status: Status) -> tuple[object, ...]:
-    """A row of `DETECTIONS`: number of the frame, what was detected in one image, and status of the tracker."""
+    """A row of `DETECTIONS`: number of the frame, detection in one image, and status of the tracker."""
     cov = detection.cov_px[np.triu_indices(2)]
     return (frame, detection.stamp_s, detection.camera, *detection.center_px, *cov, detection.score, status)
 

@@ -29,7 +29,7 @@ OUR_NAMES = {
 
 @dataclass(frozen=True)
 class PartMap:
-    """What one body part has learned.
+    """Learned map of one body part.
 
     `mapping` (size,) says which virtual taxel each physical one belongs to, −1 none; `extent` is the range of
     D in m and, in 2-D, of TTC in s (low, high each); `counts` by virtual taxel are (D bins, TTC bins, 2)
@@ -47,7 +47,7 @@ def read_taxels(file: Path) -> tuple[PartMap, ...]:
     """Return the maps of a taxels*.ini, one a body part.
 
     Raises:
-        InputError: Names the file, the line and the value, and what was expected.
+        InputError: The file is malformed; the message names file, line and value.
     """
     sections = read_sections(file, "a taxels*.ini")
     for entry in sections.pop("").entries.values():
@@ -58,7 +58,7 @@ def read_taxels(file: Path) -> tuple[PartMap, ...]:
 
 
 def representatives(maps: Sequence[PartMap]) -> dict[str, tuple[int, ...]]:
-    """By body part as it is called here, which virtual taxel each physical one belongs to, −1 none."""
+    """Virtual taxel of each physical taxel (−1: none), by our name of the body part."""
     return {OUR_NAMES.get(part.name, part.name): part.mapping for part in maps}
 
 
@@ -80,10 +80,10 @@ def _part(section: Section) -> PartMap:
             continue
         if not (key.isascii() and key.isdecimal() and len(key) < 10):
             raise entry.error(f"{', '.join(_KEYS)} and the numbers of taxels")
-        both = entry.lists(whole, n_distances * n_times, 2)
-        if not 0 <= min(map(min, both)) <= max(map(max, both)) <= _LARGEST:
+        count_lists = entry.lists(whole, n_distances * n_times, 2)
+        if not 0 <= min(map(min, count_lists)) <= max(map(max, count_lists)) <= _LARGEST:
             raise entry.error("counts from 0 to 2^53")
-        samples = [np.array(one, np.int64).reshape(n_distances, n_times) for one in both]
+        samples = [np.array(values, np.int64).reshape(n_distances, n_times) for values in count_lists]
         counts[int(key)] = np.stack(samples, axis=-1)
     if len(counts) != n_taxels.whole():
         raise n_taxels.error(f"{len(counts)}, as many taxels as follow")

@@ -1,4 +1,4 @@
-"""What the readers of all text formats share: lines of a file, and the numbers in them."""
+"""Shared by the readers of text formats: lines of a file, and the numbers in them."""
 
 from math import isfinite
 from pathlib import Path
@@ -10,7 +10,7 @@ def read_lines(file: Path, expected: str) -> list[str]:
     """Return the lines of a file without a byte-order mark; bytes that are not UTF-8 become U+FFFD.
 
     Raises:
-        InputError: The file cannot be read; the message ends in what was `expected`.
+        InputError: The file cannot be read; the message ends in `expected`.
     """
     return read_bytes(file, expected).decode("utf-8-sig", errors="replace").split("\n")
 

@@ -15,7 +15,7 @@ _EXPECTED = "a stamp a row, in s or digits of ms, µs or ns since 1970, each lat
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Stamps in the order of their rows; `names` are those of their images, or empty."""
+    """Stamps in the order of their rows, and the names of their images, if given."""
 
     file: Path
     stamps_s: tuple[float, ...]
@@ -36,8 +36,8 @@ class Times:
             return [replace(file, stamp_s=by_name[file.path.name]) for file in files if file.path.name in by_name]
         if len(files) != len(self.stamps_s):
             where = f"{files[0].path.parent}" if files and type(files[0]) is ImageFile else "the video"
-            found = f"{len(self.stamps_s)} stamps for {len(files)} images of {where}"
-            raise InputError(self.file, f"{found}; expected one for each, or rows of stamp and name")
+            reason = f"{len(self.stamps_s)} stamps for {len(files)} images of {where}"
+            raise InputError(self.file, f"{reason}; expected one for each, or rows of stamp and name")
         return [replace(file, stamp_s=stamp_s) for file, stamp_s in zip(files, self.stamps_s, strict=True)]
 
 

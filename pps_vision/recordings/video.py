@@ -50,12 +50,12 @@ class Video:
                 self.stated_s = (container.duration or 0) / 1e6 if states_it else 0.0
         except (av.error.FFmpegError, IndexError, ValueError, MemoryError) as error:
             damaged = isinstance(error, av.error.InvalidDataError)
-            found = "it is damaged, cut off or no video" if damaged else first_line(error)
-            raise InputError(path, f"cannot be read: {found}; expected a whole video") from error
+            reason = "it is damaged, cut off or no video" if damaged else first_line(error)
+            raise InputError(path, f"cannot be read: {reason}; expected a whole video") from error
         if not pts or min(self.image_size) < 1 or self.image_size[0] * self.image_size[1] > MOST_PIXELS:
             width, height = self.image_size
-            found = f"{len(pts)} frames of {width}×{height} pixels"
-            raise InputError(path, f"{found}; expected frames of at most {MOST_PIXELS} pixels")
+            reason = f"{len(pts)} frames of {width}×{height} pixels"
+            raise InputError(path, f"{reason}; expected frames of at most {MOST_PIXELS} pixels")
         stamps = sorted({stamp for stamp in pts if stamp is not None})
         self.has_stamps = len(stamps) == len(pts) and self.time_base_s > 0
         self.pts = stamps if self.has_stamps else list(range(len(pts)))
@@ -67,7 +67,7 @@ class Video:
         return av.open(str(self.path), options=_CONTAINERS)
 
     def load(self, index: int) -> Image | str:
-        """Return a frame as RGB uint8, or what is wrong with it."""
+        """Return a frame as RGB uint8, or the reason why there is none."""
         at = self._last[0]
         if index < at or (self.has_stamps and index > at + _FAR):
             self._frames = self._decoded(index)
@@ -124,7 +124,7 @@ class VideoFrame(ImageFile):
         return f"frame {self.index}"
 
     def load(self) -> Image | str:
-        """The image as RGB uint8, or what is wrong with it."""
+        """The image as RGB uint8, or the reason why there is none."""
         image = self.video.load(self.index)
         if isinstance(image, str) or self.part == "whole":
             return image

@@ -10,7 +10,7 @@ from pps_vision.errors import cite
 
 
 class ProblemKind(StrEnum):
-    """What was skipped; the keys of the counts in summary.json."""
+    """Kinds of skipped input: keys of the counts in summary.json."""
 
     IMAGE = "bad_image"
     ROW = "bad_row"

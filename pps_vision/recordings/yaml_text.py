@@ -46,13 +46,13 @@ def _content(file: Path, node: yaml.Node) -> Any:
     entries: dict[str, Any] = {}
     for key, value in node.value:
         if not isinstance(key, yaml.ScalarNode) or key.value in entries:
-            found = f"{key.value} again" if isinstance(key, yaml.ScalarNode) else "a collection as a key"
-            raise _not_yaml(file, found, key.start_mark.line)
+            reason = f"{key.value} again" if isinstance(key, yaml.ScalarNode) else "a collection as a key"
+            raise _not_yaml(file, reason, key.start_mark.line)
         entries[key.value] = _content(file, value)
     return entries
 
 
-def _not_yaml(file: Path, found: str, line: int) -> InputError:
+def _not_yaml(file: Path, reason: str, line: int) -> InputError:
     """The error of a line that is counted from 0."""
     expected = "expected YAML of mappings, lists, numbers and words, each key once"
-    return InputError(file, f"cannot be parsed: {found}; {expected}", line + 1)
+    return InputError(file, f"cannot be parsed: {reason}; {expected}", line + 1)

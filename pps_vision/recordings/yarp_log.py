@@ -77,21 +77,21 @@ def _in_order(log: Path, rows: list[LogRow], problems: list[Problem], distinct_s
     bisect, rule = (bisect_left, "increase") if distinct_stamps else (bisect_right, "never go backwards")
     best_ends: list[float] = []  # −stamp at the end of the best run of every length
     at: list[int] = []  # the row that is there
-    before = [-1] * len(rows)
+    previous = [-1] * len(rows)
     for i in range(len(rows) - 1, -1, -1):
         length = bisect(best_ends, -rows[i].stamp_s)
-        before[i] = at[length - 1] if length else -1
+        previous[i] = at[length - 1] if length else -1
         best_ends[length : length + 1] = [-rows[i].stamp_s]
         at[length : length + 1] = [i]
-    kept = []
+    chain = []
     i = at[-1] if at else -1
     while i >= 0:
-        kept.append(rows[i])
-        i = before[i]
-    lines = {row.line for row in kept}
+        chain.append(rows[i])
+        i = previous[i]
+    lines = {row.line for row in chain}
     problems += [
         Problem(ProblemKind.STAMP, log, row.line, f"stamp {row.stamp_s} s; expected stamps that {rule}")
         for row in rows
         if row.line not in lines
     ]
-    return kept
+    return chain

@@ -22,8 +22,8 @@ def parse_lists(text: str) -> Nested:
         elif word == ")":
             if len(stack) == 1:
                 raise ValueError("a bracket closes that none opened")
-            done = stack.pop()
-            stack[-1].append(done)
+            finished = stack.pop()
+            stack[-1].append(finished)
         else:
             stack[-1].append(word)
     if len(stack) > 1:
@@ -104,7 +104,7 @@ def read_sections(file: Path, expected: str) -> dict[str, Section]:
     Comments (// or #) are left out.
 
     Raises:
-        InputError: The file cannot be read (the message ends in what was `expected`), or a section, or a key within
+        InputError: The file cannot be read (the message ends in `expected`), or a section, or a key within
             one, comes twice.
     """
     section = Section(file, 1, "", {})

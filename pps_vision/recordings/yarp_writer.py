@@ -35,7 +35,7 @@ class YarpWriter:
         self._truth: list[Truth] = []
 
     def __enter__(self) -> "YarpWriter":
-        with ExitStack() as stack:  # undoes what was begun if beginning fails
+        with ExitStack() as stack:  # closes the opened files if a later one fails
             self._folder = stack.enter_context(whole_folder(self._target))
             for port in self._rows:
                 place = self._folder / port

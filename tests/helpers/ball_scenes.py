@@ -37,9 +37,9 @@ def look(view: View, spheres: list[Sphere], rng: np.random.Generator | None = No
     near = np.zeros(image.shape[:2], bool)
     for sphere in spheres:  # seen under a few pixels more than its radius
         away = sphere.center - view.center
-        far = float(np.linalg.norm(away))
-        cosine = np.sqrt(max(1 - (1.02 * sphere.radius_m / far + 0.01) ** 2, 0))
-        near |= (rays @ away > far * cosine).reshape(near.shape)
+        center_distance = float(np.linalg.norm(away))
+        cosine = np.sqrt(max(1 - (1.02 * sphere.radius_m / center_distance + 0.01) ** 2, 0))
+        near |= (rays @ away > center_distance * cosine).reshape(near.shape)
     if near.any():
         fine = _bearings(view.camera, _FINE).reshape(near.shape[0], _FINE, near.shape[1], _FINE, 3).swapaxes(1, 2)
         rays = fine[near].reshape(-1, 3) @ R
@@ -59,7 +59,7 @@ def frame(
 
 @lru_cache(maxsize=8)
 def _bearings(camera: Camera, per_pixel: int) -> Array:
-    """Unit vectors (rows × columns, 3) through so many places along the side of each pixel."""
+    """Unit vectors (rows × columns, 3) through `n` places along the side of each pixel."""
     v, u = np.mgrid[: camera.height * per_pixel, : camera.width * per_pixel]
     return camera.bearings((np.stack([u, v], axis=-1).reshape(-1, 2) + 0.5) / per_pixel - 0.5)
 

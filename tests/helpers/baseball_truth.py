@@ -32,7 +32,7 @@ _RADIUS_M = 0.037
 
 
 def ball_px(numbers: ArrayLike) -> Array:
-    """(n, 4) left u, v and right u, v in the pictures of these numbers: a spline through what was read."""
+    """(n, 4) left u, v and right u, v in the pictures of these numbers: a spline through the pixels read by eye."""
     return np.asarray(CubicSpline(list(SEEN), np.array(list(SEEN.values())))(numbers))
 
 
@@ -56,6 +56,6 @@ def baseball(folder: Path) -> Footage:
     projections = [np.eye(4)[:3], np.linalg.inv(T_left_right)[:3]]
     homogeneous = cv2.triangulatePoints(*projections, *rays)
     position = (homogeneous[:3] / homogeneous[3]).T
-    seen = (numbers >= min(SEEN)) & (numbers <= max(SEEN))
+    visible = (numbers >= min(SEEN)) & (numbers <= max(SEEN))
     velocity = np.gradient(position, 1 / _FPS, axis=0)
-    return Footage(frames, position, velocity, seen, ((None, None),) * len(frames), _RADIUS_M, rig, own_body=None)
+    return Footage(frames, position, velocity, visible, ((None, None),) * len(frames), _RADIUS_M, rig, own_body=None)

@@ -1,4 +1,4 @@
-"""What tests are given from outside: real data nobody here made, and the seed of what is measured."""
+"""What tests are given from outside: real data nobody here made, and the seed of measurements."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The pages of the documentation, and what they say to type."""
+"""The pages of the documentation, and their commands."""
 
 import re
 from pathlib import Path
@@ -9,8 +9,8 @@ PAGES = [*sorted((ROOT / "docs").rglob("*.md")), *(ROOT / name for name in ("REA
 
 def blocks(page: Path) -> list[tuple[str, str, str]]:
     """Language, title and text of the code blocks of a page."""
-    found = re.findall(r"^```(\w+)(?: title=\"(.+)\")?\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
-    return [(language, title, text) for language, title, text in found]
+    matches = re.findall(r"^```(\w+)(?: title=\"(.+)\")?\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
+    return [(language, title, text) for language, title, text in matches]
 
 
 def typed(page: Path) -> list[str]:

@@ -11,7 +11,7 @@ T = np.array([-0.12, 0.003, 0.004])
 
 
 def seen(pattern: np.ndarray, pixel_m: float, pose_R: np.ndarray, pose_t: np.ndarray, side: int) -> np.ndarray:
-    """An image of a pattern with pixels of so many metres whose middle is at a pose, anti-aliased.
+    """An image of a pattern with pixels of a side in metres, whose middle is at a pose, anti-aliased.
 
     It lies in the plane through K [r1 r2 t]; pixel centres are at integer coordinates.
     """

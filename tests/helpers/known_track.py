@@ -22,10 +22,10 @@ class KnownTrack:
     cov: Array = field(default_factory=lambda: 1e-6 * np.eye(12))
 
     def step(self, frame: StereoFrame) -> TrackerStep:
-        now = self.motion(frame.stamp_s)
+        state = self.motion(frame.stamp_s)
         track = Track3D.unknown(frame.stamp_s)
-        if now is not None:
-            mean = np.array([*now, np.zeros(3), np.zeros(3)])
+        if state is not None:
+            mean = np.array([*state, np.zeros(3), np.zeros(3)])
             track = Track3D(frame.stamp_s, mean, self.cov, 0.02, 1e-8, Status.TRACKING)
         return TrackerStep(track, (), None, np.zeros(3))
 

@@ -47,14 +47,14 @@ def write_laboratory(folder: Path) -> None:
     rng = np.random.default_rng(0)
     walls = [cv2.GaussianBlur(rng.integers(0, 255, (*SIZE[::-1], 3), np.uint8), (0, 0), 4) for _ in range(2)]
     photos = [[photo(side, at, walls[side]) for at in PATH] for side in range(2)]
-    both = [np.hstack(pair) for pair in zip(*photos, strict=True)]
+    side_by_side = [np.hstack(pair) for pair in zip(*photos, strict=True)]
     for k, (left, right) in enumerate(zip(*photos, strict=True)):
         write(folder / f"frames/left/{k:03d}.png", left)
         write(folder / f"frames/right/{k:03d}.png", right)
-    for name, images in {"left": photos[0], "right": photos[1], "both": both}.items():
+    for name, images in {"left": photos[0], "right": photos[1], "both": side_by_side}.items():
         film(folder / f"{name}.mp4", images)
     for name in "ab":
-        film(folder / f"recs/{name}.mp4", both[:20])
+        film(folder / f"recs/{name}.mp4", side_by_side[:20])
     rows = [(*(c - 29 for c in place(0, at)), 60, 60) for at in PATH]  # pixels count from 1, as in OTB
     np.savetxt(folder / "true_boxes.txt", rows, delimiter=",")
     storage = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_WRITE)

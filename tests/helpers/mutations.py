@@ -39,15 +39,15 @@ def _of_node(node: Any) -> Iterator[tuple[Any, str]]:
 
 def mutations(statement: ast.stmt) -> list[tuple[Any, str]]:
     """Mutations of the nodes of a statement, not of those in it, of annotations or of messages."""
-    found = list[tuple[Any, str]]()
+    replacements = list[tuple[Any, str]]()
     nodes = list[Any]([statement])
     for node in nodes:  # which grows
-        found += _of_node(node)
+        replacements += _of_node(node)
         parts = vars(node) | {"annotation": None, "returns": None}
         if not isinstance(node, ast.Raise | ast.JoinedStr):
-            inner = [one for part in parts.values() for one in (part if isinstance(part, list) else [part])]
-            nodes += [one for one in inner if isinstance(one, ast.AST) and not isinstance(one, ast.stmt)]
-    return found
+            inner = [child for part in parts.values() for child in (part if isinstance(part, list) else [part])]
+            nodes += [child for child in inner if isinstance(child, ast.AST) and not isinstance(child, ast.stmt)]
+    return replacements
 
 
 def draw(root: Path, n: int, seed: int, folders: Sequence[str] = PACKAGES) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ ROBOT = SETUP.robot
 
 @dataclass(frozen=True)
 class Written:
-    """What was written: frames with their joints, touches and truth."""
+    """A written recording: frames with their joints, touches and truth."""
 
     folder: Path
     frames: list[StereoFrame]

@@ -44,16 +44,18 @@ def write_results(folder: Path) -> Path:
         status = Status.COASTING if k == 19 else Status.TRACKING
         tracks.append(track_at(position + 0.002, (0, 0, -0.2), t, cov, status=status))
         for camera in ("left", "right"):
-            seen = Detection2D(t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))  # type: ignore[arg-type]
-            detections.append((k, seen, tracks[-1].status))
+            detection = Detection2D(
+                t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9)
+            )  # type: ignore[arg-type]
+            detections.append((k, detection, tracks[-1].status))
     write_table(folder / "trajectory.csv", TRAJECTORY + REACHABILITY, map(trajectory_row, tracks, reach))
-    rows = ((one.stamp_s, *one.probability) for one in felt)
+    rows = ((item.stamp_s, *item.probability) for item in felt)
     write_table(folder / "activation.csv", ("stamp_s", *felt[0].taxel_ids), rows)
     write_table(folder / "detections.csv", DETECTIONS, starmap(detection_row, detections))
     source = folder / "source"
     source.mkdir()
     write_table(source / "truth.csv", ("stamp_s", "x_m", "y_m", "z_m"), truth)
-    status = {one.value: sum(track.status == one for track in tracks) for one in Status}
+    status = {item.value: sum(track.status == item for track in tracks) for item in Status}
     stage = {"q25_ms": 1.0, "median_ms": 1.5, "q75_ms": 2.0, "runs": N}
     summary = {"source": str(source), "mode": "generic", "seed": 3, "device": None, "pairs": N, "frames": N}
     summary |= {

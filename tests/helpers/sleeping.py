@@ -1,4 +1,4 @@
-"""What a worker does that has to be ended."""
+"""A task that never ends, for workers to be killed."""
 
 import os
 import time

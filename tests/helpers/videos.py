@@ -21,7 +21,7 @@ def coded(k: int, size: tuple[int, int] = (160, 120)) -> np.ndarray:
 
 
 def number_of(image: np.ndarray | str) -> int | str:
-    """Which frame an image is, by its left half, or what is wrong with it."""
+    """Which frame an image is, by its left half, or the reason why it cannot be read."""
     if isinstance(image, str):
         return image
     bands = np.array_split(image[:, : image.shape[1] // 2 - 8].mean(axis=(1, 2)), BITS)

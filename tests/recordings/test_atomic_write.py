@@ -48,14 +48,14 @@ def test_an_existing_folder_stays_the_same_folder(tmp_path: Path, monkeypatch: p
     target = tmp_path / "out"
     target.mkdir()
     monkeypatch.chdir(target)  # as a shell would
-    before = target.stat().st_ino
+    inode = target.stat().st_ino
     with pytest.raises(ZeroDivisionError), whole_folder(Path()) as folder:
         (folder / "a").write_text(f"broken {1 / 0}")
     assert os.listdir() == []
     with whole_folder(Path()) as folder:
         (folder / "a").write_text("1")
         assert [p.name for p in tmp_path.iterdir()] == ["out"]
-    assert (os.listdir(), target.stat().st_ino) == (["a"], before)
+    assert (os.listdir(), target.stat().st_ino) == (["a"], inode)
 
 
 @pytest.mark.parametrize("call", ["os.path.ismount", "os.access"])
@@ -65,11 +65,11 @@ def test_a_mounted_folder_or_one_in_a_read_only_place_is_filled(
     target = tmp_path / "out"
     target.mkdir()
     monkeypatch.setattr(call, lambda path, *_: call == "os.path.ismount")
-    before = target.stat().st_ino
+    inode = target.stat().st_ino
     with whole_folder(target) as folder:
         (folder / "a").write_text("1")
         assert folder.parent == target
-    assert (os.listdir(target), target.stat().st_ino) == (["a"], before)
+    assert (os.listdir(target), target.stat().st_ino) == (["a"], inode)
 
 
 def test_a_working_directory_that_is_gone_does_no_harm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,8 +113,8 @@ def _killed_at_rename(last: int, target: Path) -> bool:
     """Write three files in a process that dies at its rename number `last`; whether it has got there."""
     if (child := os.fork()) == 0:
         for module, name in ((os, "rename"), (os, "replace")):
-            setattr(module, name, _dying(getattr(module, name), done := []))
-        done += [None] * (100 - last)
+            setattr(module, name, _dying(getattr(module, name), renames := []))
+        renames += [None] * (100 - last)
         with whole_folder(target) as folder:
             for name in "abc":
                 (folder / name).write_text(name)
@@ -122,10 +122,10 @@ def _killed_at_rename(last: int, target: Path) -> bool:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
 
 
-def _dying(rename: Callable[..., None], done: list[None]) -> Callable[..., None]:
+def _dying(rename: Callable[..., None], renames: list[None]) -> Callable[..., None]:
     def renamed(*args: Path) -> None:
-        done.append(None)
-        if len(done) > 100:
+        renames.append(None)
+        if len(renames) > 100:
             os.kill(os.getpid(), signal.SIGKILL)
         rename(*args)
 
@@ -252,8 +252,8 @@ def test_a_second_run_is_refused_before_it_works_and_the_first_finishes(tmp_path
     with whole(target) as partial:
         with pytest.raises(InputError, match="another run is writing to it"), whole(target):
             pytest.fail("entered")
-        with whole(tmp_path / "other") as other:  # another output is no matter
-            (other.mkdir if whole is whole_folder and not other.exists() else other.touch)()
+        with whole(tmp_path / "other") as second:  # another output is no matter
+            (second.mkdir if whole is whole_folder and not second.exists() else second.touch)()
         (partial / "a" if whole is whole_folder else partial).write_text("1")
     assert (target / "a" if whole is whole_folder else target).read_text() == "1"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["other", "out"]
@@ -269,14 +269,14 @@ def test_what_a_killed_run_has_left_is_removed_and_no_ones_else(tmp_path: Path, 
     for name in (".out.12ab34cd.partial", f".out.{os.getpid()}.partial", ".out.b.12ab34cd.partial"):
         (place / name / "cam").mkdir(parents=True)
     (place / ".out.lock").touch()
-    kept = ".out.b.12ab34cd.partial"
+    partial_name = ".out.b.12ab34cd.partial"
     if place == target:
-        (place / kept / "cam").rmdir()
-        (place / kept).rmdir()
+        (place / partial_name / "cam").rmdir()
+        (place / partial_name).rmdir()
     with whole(target) as partial:
         (partial / "a" if whole is whole_folder else partial).write_text("1")
-    found = sorted(p.name for p in tmp_path.iterdir())
-    assert found == (["out"] if place == target else [kept, "out"])
+    content = sorted(p.name for p in tmp_path.iterdir())
+    assert content == (["out"] if place == target else [partial_name, "out"])
 
 
 def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path: Path) -> None:
@@ -285,16 +285,16 @@ def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path: Path) -> No
             (folder / "a").write_text("1")
             (tmp_path / "out" / "mine").mkdir(parents=True)
 
-    with pytest.raises(InputError, match="what was written is ") as error:
+    with pytest.raises(InputError, match="the output is kept in ") as error:
         write_while_another_program_does()
-    (kept,) = (p for p in tmp_path.iterdir() if p.name != "out")
-    assert str(kept) in str(error.value)
-    assert (kept / "a").read_text() == "1"
+    (partial_name,) = (p for p in tmp_path.iterdir() if p.name != "out")
+    assert str(partial_name) in str(error.value)
+    assert (partial_name / "a").read_text() == "1"
     assert (tmp_path / "out" / "mine").is_dir()
 
 
 def test_json_holds_the_name_of_a_file_that_is_not_utf8(tmp_path: Path) -> None:
     name = os.fsdecode(b"caf\xe9")
     write_json(tmp_path / "a.json", {"source": name, "map": Path(name)})
-    found = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
-    assert found == {"source": name, "map": name}
+    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert content == {"source": name, "map": name}

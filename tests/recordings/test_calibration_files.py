@@ -111,7 +111,7 @@ def test_kitti(tmp_path: Path, form: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("write", "found", "instead", "message"),
+    ("write", "original", "instead", "message"),
     [
         (kalibr, "cam1:", "cam1: 3\ncam2:", "cam1 is '3'; expected the entries of a camera"),
         (kalibr, "cam1:", "cam2:", r"camchain\.yaml: cannot be parsed"),
@@ -131,10 +131,10 @@ def test_kitti(tmp_path: Path, form: str) -> None:
     ],
 )
 def test_what_cannot_be_used_is_named(
-    tmp_path: Path, write: Callable[[Path], list[Path]], found: str, instead: str, message: str
+    tmp_path: Path, write: Callable[[Path], list[Path]], original: str, instead: str, message: str
 ) -> None:
     files = write(tmp_path)
-    files[0].write_text(files[0].read_text().replace(found, instead, 1))
+    files[0].write_text(files[0].read_text().replace(original, instead, 1))
     with pytest.raises(InputError, match=message):
         read_stereo_calibration(files, SIZE)
 

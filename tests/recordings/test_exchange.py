@@ -1,4 +1,4 @@
-"""What is written for other tools is what their own libraries read."""
+"""Files for other tools are read back by their own libraries read."""
 
 import sys
 from importlib.metadata import version
@@ -31,17 +31,17 @@ def detection(camera: str, k: int) -> Detection2D:
 @pytest.fixture
 def pairs() -> list[TrackedPair]:
     """Nothing in the first pair; lost in the sixth; another track afterwards."""
-    found = []
+    pairs_made = []
     for k in range(N):
         stamp_s = 1403636579.75 + 0.05 * k
         images = (Path(f"left/{k}.png"), Path(f"right/{k}.png"))
         if k in (0, 5):
             track = Track3D.unknown(stamp_s, Status.LOST if k == 5 else Status.SEARCHING)
-            found.append(TrackedPair(images, track, ()))
+            pairs_made.append(TrackedPair(images, track, ()))
             continue
         track = track_at((0.1 * np.sin(k), 0.02 * k, 0.5), stamp_s=stamp_s)
-        found.append(TrackedPair(images, track, (detection("left", k), detection("right", k)), 0.25))
-    return found
+        pairs_made.append(TrackedPair(images, track, (detection("left", k), detection("right", k)), 0.25))
+    return pairs_made
 
 
 def write(folder: Path, form: Form, pairs: list[TrackedPair]) -> None:
@@ -53,11 +53,13 @@ def write(folder: Path, form: Form, pairs: list[TrackedPair]) -> None:
 def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     write(tmp_path, "tum", pairs)
     read = read_tum_trajectory_file(str(tmp_path / "trajectory.tum"))
-    known = [pair.track for pair in pairs if pair.track.is_known]
-    np.testing.assert_array_equal(read.timestamps, [track.stamp_s for track in known])
-    np.testing.assert_array_equal(read.positions_xyz, [track.position for track in known])
+    known_tracks = [pair.track for pair in pairs if pair.track.is_known]
+    np.testing.assert_array_equal(read.timestamps, [track.stamp_s for track in known_tracks])
+    np.testing.assert_array_equal(read.positions_xyz, [track.position for track in known_tracks])
     assert read.check()[0]
-    write_tum_rows(tmp_path / "again.tum", [track.stamp_s for track in known], [track.position for track in known])
+    write_tum_rows(
+        tmp_path / "again.tum", [track.stamp_s for track in known_tracks], [track.position for track in known_tracks]
+    )
     written = (tmp_path / "trajectory.tum").read_text()
     assert (tmp_path / "again.tum").read_text() == written
     assert written.startswith(f"# pps-vision {version('pps-vision')}: stamp_s x_m y_m z_m qx qy qz qw\n")
@@ -66,8 +68,8 @@ def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
 def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     """The columns that `movement` takes: POINT_x, _y, _z and _score for every row.
 
-    movement 0.15 (over 1 GB with what it needs, so not among the tests' requirements) opened such a file of 200 pairs
-    as "Anipose": every position was that of trajectory.csv, in metres, unknown where it is.
+    movement 0.15 (over 1 GB, so not among the tests' requirements) opened such a file of 200 pairs as
+    "Anipose": every position was that of trajectory.csv, in metres, unknown where it is.
     """
     write(tmp_path, "anipose", pairs)
     table = pandas.read_csv(tmp_path / "trajectory_anipose.csv")
@@ -132,11 +134,11 @@ def test_without_rosbags_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.
 
 def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     write(tmp_path, "ros2", pairs)
-    known = [pair.track for pair in pairs if pair.track.is_known]
+    known_tracks = [pair.track for pair in pairs if pair.track.is_known]
     with AnyReader([tmp_path / "trajectory_ros2"]) as bag:
         read = [bag.deserialize(data, connection.msgtype) for connection, _, data in bag.messages()]
-    assert len(read) == len(known)
-    for message, track in zip(read, known, strict=True):
+    assert len(read) == len(known_tracks)
+    for message, track in zip(read, known_tracks, strict=True):
         point = message.pose.pose.position
         stamp = message.header.stamp
         turn = message.pose.pose.orientation

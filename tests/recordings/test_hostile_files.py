@@ -1,4 +1,4 @@
-"""Files that are damaged or made to harm: each is refused, or read as it was meant, in bounded time and memory."""
+"""Files that are damaged or made to harm: each is refused, or read correctly, in bounded time and memory."""
 
 import os
 import signal
@@ -43,13 +43,13 @@ def at_most(seconds: float) -> Iterator[None]:
     def stop(*_: object) -> None:
         raise TimeoutError
 
-    before = signal.signal(signal.SIGALRM, stop)
+    handler = signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, handler)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_a_section_of_icub_eyes_that_comes_twice_is_refused(rec: Written) -> Non
     ],
 )
 def test_a_deeply_nested_calibration_is_refused(tmp_path: Path, name: str, text: str) -> None:
-    """In a process of its own, since OpenCV's parser ends the one that it runs in."""
+    """In a separate process, since OpenCV's parser ends the one that it runs in."""
     (tmp_path / name).write_text(text)
     code = (
         "import sys; from pathlib import Path\n"
@@ -138,9 +138,9 @@ def test_a_deeply_nested_calibration_is_refused(tmp_path: Path, name: str, text:
         "try: read_stereo_calibration([Path(sys.argv[1])], (8, 6))\n"
         "except InputError as refusal: print(refusal)"
     )
-    done = subprocess.run([sys.executable, "-c", code, tmp_path / name], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert f"{name}: has more than" in done.stdout
+    process = subprocess.run([sys.executable, "-c", code, tmp_path / name], capture_output=True, text=True, timeout=60)
+    assert (process.returncode, process.stderr) == (0, "")
+    assert f"{name}: has more than" in process.stdout
 
 
 @pytest.mark.parametrize("size", [1e300, 2**40, 0.5])

@@ -1,4 +1,4 @@
-"""Every kind of picture comes as RGB uint8; what is none is named."""
+"""Every kind of picture comes as RGB uint8; any other file is named."""
 
 from pathlib import Path
 

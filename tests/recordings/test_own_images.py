@@ -1,4 +1,4 @@
-"""Image folders with stamps, and folders in EuRoC's and KITTI's layout, against what was written into them."""
+"""Image folders with stamps, and folders in EuRoC's and KITTI's layout, against the written content."""
 
 from pathlib import Path
 
@@ -106,8 +106,8 @@ def test_a_file_of_stamps(tmp_path: Path, times: str) -> None:
 def test_stamps_in_digits_are_ns_us_or_ms_and_a_third_word_is_none(tmp_path: Path, unit: int) -> None:
     names = ["1.png", "2.png"]
     rows = "".join(f"{t // 10**6 * 10**6 // unit} {name} rgb\n" for t, name in zip(NS, names, strict=False))
-    found = [f.stamp_left_s for f in own(tmp_path, names, names, rows)]
-    np.testing.assert_allclose(found, [1403636579.763, 1403636579.813], atol=1e-6)
+    stamps = [f.stamp_left_s for f in own(tmp_path, names, names, rows)]
+    np.testing.assert_allclose(stamps, [1403636579.763, 1403636579.813], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,7 @@ def test_the_rate_is_that_of_the_median_interval(stamps: list[float], fps: float
 
 
 def test_the_usual_size_is_that_of_the_first_images(tmp_path: Path) -> None:
-    """Five pairs, ten images, are compared; what comes later is not read, and does not count."""
+    """Five pairs, ten images, are compared; later ones are not read, and do not count."""
     pairs = []
     for k in range(12):
         file = tmp_path / f"{k}.png"

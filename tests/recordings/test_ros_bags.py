@@ -88,7 +88,7 @@ def test_a_bag_is_read(tmp_path: Path, kind: str) -> None:
 
 
 def test_rectified_topics_have_the_rectified_cameras(tmp_path: Path) -> None:
-    """Their K is the projection's and they have no lens, whatever the raw camera's."""
+    """Their K is the projection's and they have no lens, unlike the raw camera's."""
     raw = np.array([[33.0, 0, 10.0], [0, 34, 8.0], [0, 0, 1]])
     P = [projection(0.0), projection(0.12)]
     for kind, lens in (("image_rect", 0.0), ("image_raw", -0.1)):
@@ -207,8 +207,8 @@ def test_an_image_whose_bytes_are_not_those_of_its_size_is_none(change: dict[str
     np.testing.assert_array_equal(whole, np.arange(18).reshape(2, 3, 3))
     message |= change
     said = _pixels(SimpleNamespace(**message | {"data": np.frombuffer(message["data"], np.uint8)}))
-    what = f"states {message['width']}×{message['height']} pixels, {message['step']} bytes a row"
-    assert said == f"{what}, and holds {len(message['data'])} bytes"
+    header_text = f"states {message['width']}×{message['height']} pixels, {message['step']} bytes a row"
+    assert said == f"{header_text}, and holds {len(message['data'])} bytes"
 
 
 def test_an_image_has_at_most_so_many_pixels(monkeypatch: pytest.MonkeyPatch) -> None:

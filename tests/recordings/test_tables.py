@@ -1,4 +1,4 @@
-"""CSV tables: columns, empty fields, what is written is read, and every wrong line is named."""
+"""CSV tables: columns, empty fields, written rows are read back, and every wrong line is named."""
 
 import csv
 import json
@@ -48,10 +48,10 @@ def rows_of(file: Path) -> list[dict[str, str]]:
 
 def test_detections(tmp_path: Path) -> None:
     file = tmp_path / "detections.csv"
-    seen = Detection2D(
+    detection = Detection2D(
         1512784563.547172, "right", np.array([1 / 3, 2.0]), np.array([[4.0, 5], [5, 6]]), 0.5, 0.1, (0, 0, 1, 1)
     )
-    write_table(file, DETECTIONS, [detection_row(8, seen, Status.TRACKING)])
+    write_table(file, DETECTIONS, [detection_row(8, detection, Status.TRACKING)])
     assert file.read_text().splitlines()[0] == (
         "frame,stamp_s,camera,u_px,v_px,cov_uu_px2,cov_uv_px2,cov_vv_px2,score,status"
     )
@@ -65,8 +65,8 @@ def test_trajectory(tmp_path: Path) -> None:
     file = tmp_path / "trajectory.csv"
     cov = np.zeros((12, 12))
     cov[:3, :3] = [[1, 2, 3], [2, 4, 5], [3, 5, 6]]
-    known = Track3D(0.5, np.arange(12.0).reshape(4, 3), cov, 0.03, 1e-6, Status.COASTING)
-    write_table(file, TRAJECTORY, map(trajectory_row, [Track3D.unknown(0.0), known]))
+    track = Track3D(0.5, np.arange(12.0).reshape(4, 3), cov, 0.03, 1e-6, Status.COASTING)
+    write_table(file, TRAJECTORY, map(trajectory_row, [Track3D.unknown(0.0), track]))
     assert file.read_text().splitlines()[0] == (
         "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,"
         "cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status,"
@@ -213,7 +213,7 @@ def test_numbers_of_a_row_are_finite_or_missing() -> None:
 def test_six_fields_are_a_symmetric_matrix() -> None:
     cov = np.arange(18.0).reshape(2, 3, 3)
     cov += cov.transpose(0, 2, 1)
-    np.testing.assert_array_equal(covariances(np.array([one[np.triu_indices(3)] for one in cov])), cov)
+    np.testing.assert_array_equal(covariances(np.array([matrix[np.triu_indices(3)] for matrix in cov])), cov)
 
 
 def test_the_columns_of_a_file_are_its_first_row(tmp_path: Path) -> None:

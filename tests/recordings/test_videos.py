@@ -44,11 +44,11 @@ def test_a_video_has_its_own_stamps(tmp_path: Path, codec: str, suffix: str) -> 
 
 @pytest.mark.parametrize("codec", ["mpeg4", "libx264"])
 def test_any_frame_is_found_in_any_order(tmp_path: Path, codec: str) -> None:
-    """B-frames, and seeking to what is far ahead."""
+    """B-frames, and seeking far ahead."""
     options = {"bf": "2"} if codec == "mpeg4" else {}
     video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(300)], codec, **options))
-    asked = [0, 250, 251, 3, 3, 299, 120, 119, 0, 130]
-    assert [number_of(video.load(k)) for k in asked] == asked
+    numbers = [0, 250, 251, 3, 3, 299, 120, 119, 0, 130]
+    assert [number_of(video.load(k)) for k in numbers] == numbers
 
 
 def test_the_next_frame_costs_one_frame_and_one_far_ahead_or_before_a_seek(
@@ -104,8 +104,8 @@ def test_a_file_of_stamps_overrides_them_too(tmp_path: Path, calib: Path) -> Non
 
 def test_one_name_is_enough_for_each_option(tmp_path: Path, calib: Path) -> None:
     left, right = (write_video(tmp_path / f"{side}.mp4", UNEVEN) for side in "lr")
-    for given in (open_recording(left=str(left), right=right, calib=str(calib)), two(tmp_path, calib, UNEVEN, UNEVEN)):
-        assert (len(given), given.name, given.rig is None) == (6, str(left), False)
+    for opened in (open_recording(left=str(left), right=right, calib=str(calib)), two(tmp_path, calib, UNEVEN, UNEVEN)):
+        assert (len(opened), opened.name, opened.rig is None) == (6, str(left), False)
     with pytest.raises(InputError, match=r"--right .*r\.mp4 without --left; expected both"):
         open_recording(right=right, calib=calib)
 
@@ -126,8 +126,8 @@ def test_a_video_that_ends_early_is_the_one_that_is_named(tmp_path: Path, calib:
 def test_a_video_without_its_end(tmp_path: Path, calib: Path, suffix: str, share: float, said: str) -> None:
     file = write_video(tmp_path / f"v.{suffix}", [k / 25 for k in range(50)], size=(320, 120))
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
-    found = "".join(open_recording(file, calib=calib).warnings)
-    assert (f"{file} ends early (" in found, said in found) == (bool(said), True)
+    warnings_text = "".join(open_recording(file, calib=calib).warnings)
+    assert (f"{file} ends early (" in warnings_text, said in warnings_text) == (bool(said), True)
 
 
 @pytest.mark.parametrize(("stated_s", "is_early"), [(0.86, False), (0.89, True), (0.0, False)])
@@ -146,15 +146,15 @@ def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_im
     stamps = [k / 25 for k in range(50)]
     assert Video(write_video(tmp_path / "v.mkv", stamps)).stated_s == pytest.approx(2.0, abs=0.05)
     assert Video(write_video(tmp_path / "v.mp4", stamps)).stated_s == 0
-    with av.open(str(tmp_path / "v.mkv")) as images, av.open(str(tmp_path / "sound.mkv"), "w") as both:
-        stream = both.add_stream_from_template(images.streams.video[0])
-        sound = both.add_stream("pcm_s16le", 8000)
+    with av.open(str(tmp_path / "v.mkv")) as images, av.open(str(tmp_path / "sound.mkv"), "w") as combined:
+        stream = combined.add_stream_from_template(images.streams.video[0])
+        sound = combined.add_stream("pcm_s16le", 8000)
         for packet in images.demux(video=0):
             packet.stream = stream
-            both.mux(packet) if packet.size else None
+            combined.mux(packet) if packet.size else None
         silence = av.AudioFrame.from_ndarray(np.zeros((1, 80000), np.int16), format="s16", layout="mono")
         silence.sample_rate = 8000
-        both.mux([*sound.encode(silence), *sound.encode()])
+        combined.mux([*sound.encode(silence), *sound.encode()])
     assert Video(tmp_path / "sound.mkv").stated_s == 0
 
 

@@ -1,4 +1,4 @@
-"""Reading a recording that is damaged: what is named and skipped, and what ends it."""
+"""Reading a recording that is damaged: which rows are named and skipped, and which faults end it."""
 
 import shutil
 import sys
@@ -46,9 +46,9 @@ def test_joints_between_samples_cost_the_same_in_a_long_log() -> None:
         samples = rng.normal(size=(n, 3))
         at = rng.uniform(stamps[0] - 1, stamps[-1] + 1, 200)
         begun = process_time()
-        found = [interpolated(stamps, samples, t) for t in at]
+        values = [interpolated(stamps, samples, t) for t in at]
         ms.append(process_time() - begun)
-        np.testing.assert_array_equal(found, np.transpose([np.interp(at, stamps, column) for column in samples.T]))
+        np.testing.assert_array_equal(values, np.transpose([np.interp(at, stamps, column) for column in samples.T]))
     assert ms[1] < 20 * ms[0]
 
 
@@ -99,8 +99,8 @@ def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec: 
     own = (rec.folder / "icubEyes.ini").read_text()
     (tmp_path / "other.ini").write_text(own.replace("cx 174.742", "cx 165.742"))
     mine = open_recording(rec.folder).rig
-    other = open_recording(rec.folder, calib=tmp_path / "other.ini").rig
-    assert mine.left.cx - other.left.cx == pytest.approx(9 * 8 / 320)  # the images are 8 pixels wide, not 320
+    second_rig = open_recording(rec.folder, calib=tmp_path / "other.ini").rig
+    assert mine.left.cx - second_rig.left.cx == pytest.approx(9 * 8 / 320)  # the images are 8 pixels wide, not 320
     with pytest.raises(InputError, match=r"calib has 2 files; expected one icubEyes\.ini with REC"):
         open_recording(rec.folder, calib=[tmp_path / "other.ini"] * 2)
 
@@ -137,12 +137,12 @@ def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, va
     problems, numbers = problems_of(rec.folder)
     assert problems == [(ProblemKind.JOINTS, "torso/data.log", 3)]
     assert numbers == [0, 1, 2, 3]
-    before, after = (rec.frames[i] for i in (0, 1))
+    frame_before, after = (rec.frames[i] for i in (0, 1))
     roll = ROBOT.indices(("torso_roll",))[0]
     expected = np.interp(
         START_S + 0.05,
-        [before.stamp_right_s, after.stamp_right_s],
-        [before.joints_right_rad[roll], after.joints_right_rad[roll]],
+        [frame_before.stamp_right_s, after.stamp_right_s],
+        [frame_before.joints_right_rad[roll], after.joints_right_rad[roll]],
     )
     frame = dict(open_recording(rec.folder).numbered())[1]
     assert frame.joints_left_rad[roll] == pytest.approx(expected, abs=1e-6)
@@ -179,10 +179,10 @@ def test_a_hole_in_a_joint_log_is_bridged_only_if_short(tmp_path: Path, without:
     folder = write_recording(tmp_path / "rec", n=40).folder
     rows = [f"{i} {START_S + 0.05 * i} 0 0 0 0 0 0" for i in range(41) if i not in without]  # to 45 ms past the end
     (folder / "head/data.log").write_text("\n".join(rows))
-    problems, seen = problems_of(folder)
+    problems, kinds = problems_of(folder)
     # right images come 5 ms after the samples: the last one before the hole has no joints on its far side
     expected = [i for i in numbers if i != without[0] - 1 or len(without) == 3]
-    assert seen == expected
+    assert kinds == expected
     assert {(kind, line) for kind, _, line in problems} == {
         (ProblemKind.JOINTS, i + 1) for i in range(40) if i not in expected
     }

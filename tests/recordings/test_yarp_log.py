@@ -14,7 +14,7 @@ from pps_vision.recordings.yarp_log import read_log
 def read(
     log: Path, text: str, n_numbers: int | None, **kwargs: bool
 ) -> tuple[list[tuple[int, float]], list[tuple[ProblemKind, int]]]:
-    """(line, stamp) of what is read and (kind, line) of what is not."""
+    """(line, stamp) of each row read and (kind, line) of each problem."""
     log.write_text(text)
     problems: list[Problem] = []
     rows = read_log(log, n_numbers, problems, **kwargs)
@@ -104,7 +104,7 @@ def test_no_content_breaks_it(tmp_path_factory: pytest.TempPathFactory, content:
     if refusal:
         assert refusal.startswith(f"{log}:{filled[0]}: ")
     else:
-        told = [row.line for row in rows] + [problem.line for problem in problems]
-        assert sorted(told) == filled  # every row is either read or named
+        mentioned = [row.line for row in rows] + [problem.line for problem in problems]
+        assert sorted(mentioned) == filled  # every row is either read or named
     stamps = [row.stamp_s for row in rows]
     assert stamps == sorted(stamps)

@@ -68,10 +68,10 @@ def test_turning_the_head_blurs_the_room(robot: Robot, rig: StereoRig, q: Array)
 
 def test_without_motion_an_open_shutter_changes_nothing(robot: Robot, rig: StereoRig, q: Array) -> None:
     state = SceneState(q, PLACE)
-    with Eyes(robot, rig, make_stimulus("cube")) as one:
-        sharp = one.render(state, 0.0)
-    with Eyes(robot, rig, make_stimulus("cube"), sensor=Sensor(blur_s=0.1)) as other:
-        assert np.array_equal(sharp.left, other.render(state, 0.0).left)
+    with Eyes(robot, rig, make_stimulus("cube")) as moment:
+        sharp = moment.render(state, 0.0)
+    with Eyes(robot, rig, make_stimulus("cube"), sensor=Sensor(blur_s=0.1)) as blurring_eyes:
+        assert np.array_equal(sharp.left, blurring_eyes.render(state, 0.0).left)
 
 
 def test_motion_below_four_tenths_of_a_step_is_one_instant(robot: Robot, rig: StereoRig, q: Array) -> None:
@@ -81,8 +81,8 @@ def test_motion_below_four_tenths_of_a_step_is_one_instant(robot: Robot, rig: St
     for step_px in (1.0, 4.0):
         for drift_px, n in ((0.3 * step_px, 1), (0.6 * step_px, 2), (2.5 * step_px, 3)):
             state = SceneState(q, PLACE, velocity=drift_px / px_per_m / 0.04 * sideways)
-            found = instants(robot, rig, state, 0.04, Fidelity(blur_step_px=step_px))
-            assert len(found) == n
+            moments = instants(robot, rig, state, 0.04, Fidelity(blur_step_px=step_px))
+            assert len(moments) == n
 
 
 @pytest.mark.parametrize(("drift_px", "n"), [(6.0, 3), (80.0, 24)])
@@ -94,9 +94,9 @@ def test_instants_spread_as_an_open_shutter_does(
     sideways = eye.T_root_camera[:3, 0]
     velocity = drift_px / np.linalg.norm(eye.project_jacobian(PLACE) @ sideways) / 0.004 * sideways
     for state in (SceneState(q, PLACE, velocity), SceneState(q, props=(None, PropPose(PLACE, velocity)))):
-        found = instants(robot, rig, state, 0.004, Fidelity())
-        assert len(found) == n
-        places = [one.props[1].position if one.props else one.position for one in found]  # type: ignore[union-attr]
+        moments = instants(robot, rig, state, 0.004, Fidelity())
+        assert len(moments) == n
+        places = [moment.props[1].position if moment.props else moment.position for moment in moments]  # type: ignore[union-attr]
         after_s = (np.array(places) - PLACE) @ velocity / (velocity @ velocity)
         assert np.ptp(np.diff(after_s)) < 1e-9
         assert after_s.mean() == pytest.approx(0, abs=1e-12)

@@ -1,4 +1,4 @@
-"""What the rendered eyes show, against projective geometry and OpenCV."""
+"""Images of the rendered eyes against projective geometry and OpenCV."""
 
 import itertools
 
@@ -79,7 +79,7 @@ def test_the_same_state_and_seed_give_the_same_bits(robot: Robot, rig: StereoRig
     with Eyes(robot, rig, make_stimulus("octopus"), "hand", sensor) as eyes:
         first = eyes.render(state, 0.0, np.random.default_rng(7))
         eyes.set_stimulus(make_stimulus("cube"))
-        other = eyes.render(state, 0.0, np.random.default_rng(7))
+        third = eyes.render(state, 0.0, np.random.default_rng(7))
         eyes.set_stimulus(make_stimulus("octopus"))
         again = eyes.render(state, 0.0, np.random.default_rng(7))
         unlike = eyes.render(state, 0.0, np.random.default_rng(8))
@@ -88,7 +88,7 @@ def test_the_same_state_and_seed_give_the_same_bits(robot: Robot, rig: StereoRig
     for side in ("left", "right"):
         assert np.array_equal(getattr(first, side), getattr(again, side))
         assert np.array_equal(getattr(first, side), getattr(anew, side))
-        assert not np.array_equal(getattr(first, side), getattr(other, side))
+        assert not np.array_equal(getattr(first, side), getattr(third, side))
         assert not np.array_equal(getattr(first, side), getattr(unlike, side))
 
 
@@ -96,10 +96,10 @@ def test_two_eyes_share_the_process_without_disturbing_each_other(
     robot: Robot, rig: StereoRig, straight_rig: StereoRig, q: Array
 ) -> None:
     state = SceneState(q, np.array(PLACES[0]))
-    with Eyes(robot, rig, make_stimulus("ball")) as one, Eyes(robot, straight_rig, make_stimulus("cube")) as two:
-        before = one.render(state, 0.0).left
+    with Eyes(robot, rig, make_stimulus("ball")) as ball_eyes, Eyes(robot, straight_rig, make_stimulus("cube")) as two:
+        image_alone = ball_eyes.render(state, 0.0).left
         two.render(state, 0.0)
-        assert np.array_equal(before, one.render(state, 0.0).left)
+        assert np.array_equal(image_alone, ball_eyes.render(state, 0.0).left)
 
 
 def test_the_frame_carries_the_stamp_the_size_and_the_joints(robot: Robot, rig: StereoRig, q: Array) -> None:

@@ -1,4 +1,4 @@
-"""Lenses that cannot be, and what they are told to show."""
+"""Impossible lenses are refused; possible ones against OpenCV."""
 
 import cv2
 import numpy as np

@@ -74,12 +74,12 @@ def test_an_approach_starts_in_the_cone_ends_before_the_taxel_and_withdraws_alon
         assert end - point == pytest.approx(0.05 * away / np.linalg.norm(away), abs=1e-9)
         assert not velocity.any()
         for before_s in (0.2, 1.0):
-            there = motion(motion.contact_s - before_s)
+            approaching = motion(motion.contact_s - before_s)
             back = motion(motion.contact_s + motion.dwell_s + before_s)
-            assert there[0] == pytest.approx(back[0], abs=1e-9)
-            assert there[1] == pytest.approx(-back[1], abs=1e-9)
-            assert np.linalg.norm(there[1]) == pytest.approx(SPEED)
-            assert np.linalg.norm(there[0] - end) == pytest.approx(before_s * SPEED)
+            assert approaching[0] == pytest.approx(back[0], abs=1e-9)
+            assert approaching[1] == pytest.approx(-back[1], abs=1e-9)
+            assert np.linalg.norm(approaching[1]) == pytest.approx(SPEED)
+            assert np.linalg.norm(approaching[0] - end) == pytest.approx(before_s * SPEED)
         assert np.array_equal(motion(100.0)[0], motion(0.0)[0])
 
 
@@ -166,25 +166,25 @@ def test_draws_fill_what_they_are_drawn_from() -> None:
     """Uniform: means and spreads of 600 draws, within about four standard errors."""
     rng = np.random.default_rng(0)
     starts = np.array([make_motion("approach", rng, CENTER, SPEED, TAXEL)(0.0)[0] - POINT for _ in range(600)])
-    far = np.linalg.norm(starts, axis=1)
-    assert far.mean() == pytest.approx(0.275, abs=0.0025)
-    assert far.std() == pytest.approx(0.05 / np.sqrt(12), rel=0.1)
+    distances = np.linalg.norm(starts, axis=1)
+    assert distances.mean() == pytest.approx(0.275, abs=0.0025)
+    assert distances.std() == pytest.approx(0.05 / np.sqrt(12), rel=0.1)
     cap = np.array([in_cap(rng, Z) for _ in range(600)])
     azimuth = np.arctan2(cap[:, 1], cap[:, 0])
     assert np.abs([np.cos(azimuth).mean(), np.sin(azimuth).mean(), np.cos(2 * azimuth).mean()]).max() < 0.12
     assert np.linalg.norm(cap, axis=1) == pytest.approx(np.ones(600))
     assert cap[:, 2].min() == pytest.approx(np.cos(np.pi / 4), abs=0.005)
     drawn = [make_motion("jerk", rng, CENTER, SPEED) for _ in range(75)]
-    away = np.vstack([one.waypoints - CENTER for one in drawn if isinstance(one, Jerk)]) / 0.08
+    away = np.vstack([motion_.waypoints - CENTER for motion_ in drawn if isinstance(motion_, Jerk)]) / 0.08
     assert len(away) == 600
     assert (np.linalg.norm(away, axis=1) ** 3).mean() == pytest.approx(0.5, abs=0.05)  # uniform in the ball's volume
     assert np.abs(away.mean(axis=0)).max() < 0.08
-    extents = [one.radius_m for one in (make_motion("circle", rng, CENTER, SPEED) for _ in range(600))]  # type: ignore[attr-defined]
+    extents = [motion_.radius_m for motion_ in (make_motion("circle", rng, CENTER, SPEED) for _ in range(600))]  # type: ignore[attr-defined]
     assert np.mean(extents) == pytest.approx(0.065, abs=0.0015)
     assert np.std(extents) == pytest.approx(0.03 / np.sqrt(12), rel=0.1)
     bows = np.array([make_reach(rng, POINT, NORMAL, 0.3, 0.5) for _ in range(300)])
-    assert np.linalg.norm([one.start - POINT for one in bows], axis=1) == pytest.approx(np.full(300, 0.3))
-    off = np.array([one.via - 0.5 * (one.start + one.end) for one in bows]) / 0.3
+    assert np.linalg.norm([motion_.start - POINT for motion_ in bows], axis=1) == pytest.approx(np.full(300, 0.3))
+    off = np.array([motion_.via - 0.5 * (motion_.start + motion_.end) for motion_ in bows]) / 0.3
     assert off.std(axis=0) == pytest.approx([0.15] * 3, rel=0.15)
 
 

@@ -1,4 +1,4 @@
-"""Further things in the scene: what they show, what they hide, and that they blur like the rest."""
+"""Further things in the scene: visible, occluding, and blurred like all else."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The process's renderer: what it holds, what it gives back, and what it says where OpenGL is missing."""
+"""The renderer of a process: memory held and released, and the message where OpenGL is missing."""
 
 import gc
 import os
@@ -52,16 +52,16 @@ def test_depth_is_the_distance_along_the_axis() -> None:
 def test_what_is_closed_or_forgotten_is_given_back(robot: Robot, rig: StereoRig, q: Array) -> None:
     with Eyes(robot, rig, make_stimulus("ball")) as lasting:
         lasting.render(SceneState(q, PLACE), 0.0)
-        before = uploaded_after_a_frame(lasting, SceneState(q, PLACE))
+        uploaded = uploaded_after_a_frame(lasting, SceneState(q, PLACE))
         with Eyes(robot, rig, make_stimulus("octopus"), "hand") as closed:
-            assert uploaded_after_a_frame(closed, SceneState(q, PLACE)) > before
+            assert uploaded_after_a_frame(closed, SceneState(q, PLACE)) > uploaded
             closed.set_stimulus(make_stimulus("cube"))
             closed.render(SceneState(q, PLACE), 0.0)
         forgotten = Eyes(robot, rig, make_stimulus("cube"))
         forgotten.render(SceneState(q, PLACE), 0.0)
         del forgotten
         gc.collect()
-        assert uploaded_after_a_frame(lasting, SceneState(q, PLACE)) == before
+        assert uploaded_after_a_frame(lasting, SceneState(q, PLACE)) == uploaded
 
 
 def test_what_turns_is_lit_anew_and_its_old_mesh_is_freed() -> None:
@@ -90,12 +90,12 @@ def test_a_turned_body_is_lit_as_one_made_so(robot: Robot, rig: StereoRig, q: Ar
     parts = make_stimulus("cube").parts
     for part in parts:
         part.mesh.apply_transform(transform(turned(0.7)))
-    made = Stimulus("cube", cube.radius_m, parts)
+    painted = Stimulus("cube", cube.radius_m, parts)
     with Eyes(robot, rig, cube) as eyes:
         straight = eyes.render(SceneState(q, PLACE), 0.0).left
         rotated = eyes.render(SceneState(q, PLACE, rotation=turned(0.7)), 0.0).left
         again = eyes.render(SceneState(q, PLACE), 0.0).left
-        eyes.set_stimulus(made)
+        eyes.set_stimulus(painted)
         expected = eyes.render(SceneState(q, PLACE), 0.0).left
     assert np.array_equal(straight, again)
     assert np.abs(rotated.astype(int) - straight).max() > 30
@@ -103,17 +103,17 @@ def test_a_turned_body_is_lit_as_one_made_so(robot: Robot, rig: StereoRig, q: Ar
 
 
 def test_after_an_error_the_next_image_is_as_if_there_had_been_none() -> None:
-    """What was uploaded before the error is not seen in later images."""
+    """Uploads before an error do not show in later images."""
     renderer = shared_renderer()
     view = View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
-    near, far = (Node(surface_of([sphere(0.1, (1, 0, 0))]), transform(translation=(0, 0, z))) for z in (0.5, 0.9))
-    expected = renderer.color([far], view)
-    broken = Node(far.surface)
+    near, far_node = (Node(surface_of([sphere(0.1, (1, 0, 0))]), transform(translation=(0, 0, z))) for z in (0.5, 0.9))
+    expected = renderer.color([far_node], view)
+    broken = Node(far_node.surface)
     broken.T_root_node = np.full((4, 4), "x")
     with pytest.raises(TypeError):
         renderer.color([near, broken], view)
-    assert np.array_equal(renderer.color([far], view), expected)
-    renderer.release([near, far])
+    assert np.array_equal(renderer.color([far_node], view), expected)
+    renderer.release([near, far_node])
 
 
 def test_no_fineness_leaves_a_texture_behind(robot: Robot, rig: StereoRig, q: Array) -> None:

@@ -66,9 +66,9 @@ def test_faces_are_seen_from_the_side_that_their_normals_point_to() -> None:
 def test_each_surface_shows_its_own_picture_upright() -> None:
     """Corners 0, 1, 2, 3: the picture's top left, top right, bottom left, bottom right, seen from inside."""
     corners, normals, uv = quads()
-    for k, (one, normal, at) in enumerate(zip(corners, normals, uv, strict=True)):
-        rightward = one[1] - one[0]
-        downward = one[2] - one[0]
+    for k, (quad, normal, at) in enumerate(zip(corners, normals, uv, strict=True)):
+        rightward = quad[1] - quad[0]
+        downward = quad[2] - quad[0]
         assert np.cross(downward, rightward) @ normal > 0
         tile = min(k, 6)
         px = np.column_stack([at[:, 0] * atlas().shape[1], (1 - at[:, 1]) * atlas().shape[0]])
@@ -78,7 +78,7 @@ def test_each_surface_shows_its_own_picture_upright() -> None:
 
 
 def test_pictures_are_muted_and_have_detail_at_every_scale() -> None:
-    """Contrast between neighbouring squares of 2 to 64 texels; what is clipped to black or white has none."""
+    """Contrast between neighbouring squares of 2 to 64 texels; clipped texels have none."""
     for k in range(7):
         tile = picture(k)
         mean = tile.mean(axis=(0, 1))

@@ -90,9 +90,11 @@ def test_an_open_mesh_can_be_looked_into(tmp_path: Path) -> None:
     mesh = wedge()
     mesh.update_faces(np.arange(len(mesh.faces)) > 1)
     mesh.export(tmp_path / "open.stl")
-    one, other = (part.mesh.face_normals.sum(axis=0) for part in load_stimulus(tmp_path / "open.stl", "mm").parts)
-    assert np.linalg.norm(one) > 0.1
-    assert one == pytest.approx(-other)
+    first_sum, second_sum = (
+        part.mesh.face_normals.sum(axis=0) for part in load_stimulus(tmp_path / "open.stl", "mm").parts
+    )
+    assert np.linalg.norm(first_sum) > 0.1
+    assert first_sum == pytest.approx(-second_sum)
 
 
 @pytest.mark.parametrize("corner", [4, 9, -1])

@@ -37,16 +37,16 @@ def test_behind_the_arm_it_is_hidden_and_before_it_it_is_not(robot: Robot, rig: 
     away = (forearm - eye) / np.linalg.norm(forearm - eye)
     with Eyes(robot, rig, make_stimulus("marker")) as eyes:
         behind = eyes.truth(SceneState(q, forearm + 0.06 * away), 0.0)
-        before = eyes.truth(SceneState(q, forearm - 0.06 * away), 0.0)
+        in_front = eyes.truth(SceneState(q, forearm - 0.06 * away), 0.0)
     assert rig.view(q).left.sees(forearm)
     assert not behind.visible_left
-    assert before.visible_left
+    assert in_front.visible_left
 
 
 def test_only_one_eye_may_be_hidden_from(robot: Robot, rig: StereoRig, q: Array) -> None:
     forearm = robot.at(q).point("left_forearm", (0.0, -0.07, 0.012))
     eye = rig.view(q).left.center
-    aside = forearm + 0.020 * rig.view(q).left.T_root_camera[:3, 0]  # near the edge of what the left eye sees
+    aside = forearm + 0.020 * rig.view(q).left.T_root_camera[:3, 0]  # near the edge of the left eye's view
     with Eyes(robot, rig, make_stimulus("marker", 0.004)) as eyes:
         truth = eyes.truth(SceneState(q, aside + 0.5 * (aside - eye)), 0.0)
     assert not truth.visible_left

@@ -29,7 +29,7 @@ SETUP = read_robot(ARM7)
 
 @pytest.fixture(scope="module")
 def memory(tmp_path_factory: pytest.TempPathFactory) -> PPSMemory:
-    """What one rendered touch of the skin patch taught, by the command line."""
+    """The memory that one rendered touch of the skin patch taught, by the command line."""
     out = tmp_path_factory.mktemp("arm7")
     scene = "--stimulus ball --motion approach --target forearm:4 --seconds 3 --speed 0.12 --noise 2 --seed 1"
     main(["render", *scene.split(), "--robot", str(ARM7), "--out", str(out / "rec")])

@@ -1,4 +1,4 @@
-"""Control under adversarial tracks, stamps and postures: what is refused, and whether every limit holds.
+"""Control under adversarial tracks, stamps and postures: bad input is refused, and every limit holds.
 
 A pipeline whose tracker is replaced by random, mostly impossible tracks commands a kinematic robot, which obeys for as
 long as a command is valid.
@@ -46,7 +46,7 @@ class AttackResult:
 
 @dataclass
 class AdversarialTracker:
-    """In place of a tracker: the next frame's track is what was put here."""
+    """In place of a tracker: the next frame's track is the one assigned here."""
 
     track: Track3D
 
@@ -99,8 +99,8 @@ class _Episode:
         self.tracker = AdversarialTracker(Track3D.unknown(0.0))
         waits = {"confirmation_s": float(rng.choice((0.0, 0.15))), "min_approach_m": float(rng.choice((0.0, 0.01)))}
         arm = AvoidanceParams(HOME_ARM_RAD, side=side, **waits)  # type: ignore[arg-type]
-        other = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
-        params = PipelineParams(arm=arm, other_arm=other, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
+        other_arm = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
+        params = PipelineParams(arm=arm, other_arm=other_arm, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
         self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)  # type: ignore[arg-type]
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
         if behaviour == "reach":  # as with a map that calls everything reachable
@@ -115,7 +115,7 @@ class _Episode:
         self._watch()
 
     def run(self, steps: int) -> None:
-        """Let the adversary act for so many frames."""
+        """Let the adversary act for `n` frames."""
         for _ in range(steps):
             given_s = self._next_stamp()
             in_order = given_s >= self.stamp_s  # else, after a refused frame, an accepted stamp may belie the posture
@@ -200,7 +200,7 @@ class _Episode:
         if self.clear_m < _LIMITS.clearance_m and as_predicted:
             last_m = self.clear_m
             self._watch()
-            self.clear_m = max(self.clear_m, last_m)  # what was gained is not given up
+            self.clear_m = max(self.clear_m, last_m)  # does not go back
         shares = np.append(self.rng.random(2), 1.0)
         distance_m = min(self.self_collision.distance_m(q + s * command.hold_s * dq) for s in shares)
         if distance_m < self.clear_m - _DISTANCE_TOLERANCE_M:

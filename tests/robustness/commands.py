@@ -48,7 +48,7 @@ COMMANDS = (
 
 
 def prepare(folder: Path, commands: Sequence[CommandUnderTest] = COMMANDS) -> None:
-    """Write what the commands read: a memory, a robot's map, gaze postures, and, as they take longest, a
+    """Write the input of the commands: a memory, a robot's map, gaze postures, and, as they take longest, a
     recording with a touch and a reachable-space map only where one of them reads it."""
     (folder / "list.csv").write_text("name,rec\nfirst,rec\nsecond,rec\nthird,rec\n")
     words = {word for command in commands for word in command.words.replace("/", " ").split()}
@@ -69,7 +69,7 @@ def argv(words: str) -> list[str]:
 
 
 def run(words: str, folder: Path) -> float:
-    """Run a command to its end in a folder; its duration in s.  RuntimeError with what it printed if it fails."""
+    """Run a command to its end in a folder; its duration in s.  RuntimeError with its output if it fails."""
     start_s = time.monotonic()
     process = subprocess.run(argv(words), cwd=folder, capture_output=True, text=True, check=False)
     if process.returncode:

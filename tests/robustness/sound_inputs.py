@@ -122,9 +122,9 @@ def _use_memory(memory: PPSMemory) -> None:
     n = len(memory.taxel_ids)
     for share in (0.0, 0.3, 1.0):
         d, t = (0.0 if not np.isfinite(a + b) else a + share * (b - a) for a, b in ((d0, d1), (t0, t1)))
-        found = activation(memory, np.full(n, d), np.full(n, t))
-        if not np.all((found >= 0) & (found <= 1 + 1e-9)):
-            raise ArithmeticError(f"activation {found}")
+        values = activation(memory, np.full(n, d), np.full(n, t))
+        if not np.all((values >= 0) & (values <= 1 + 1e-9)):
+            raise ArithmeticError(f"activation {values}")
 
 
 def _offsets(folder: Path) -> list[Path]:

@@ -49,37 +49,37 @@ def film(
     stamps = np.arange(round(seconds * fps)) / fps
     frames = [frame(RIG, pose(t), [Sphere(position(t), RADIUS_M, RED), *others(t)], t, rng) for t in stamps]
     path = np.array([position(t) for t in stamps])
-    seen = np.ones(len(frames), bool)
+    visible = np.ones(len(frames), bool)
     boxes = ((None, None),) * len(frames)
-    return Footage(tuple(frames), path, np.zeros_like(path), seen, boxes, RADIUS_M, RIG, Silhouette(ROBOT))
+    return Footage(tuple(frames), path, np.zeros_like(path), visible, boxes, RADIUS_M, RIG, Silhouette(ROBOT))
 
 
 def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Footage:
-    """The usual film, but for what is disturbed from one moment to another."""
+    """The usual film, with disturbed frames between two moments."""
     # a disturbed stamp may be some ms off its place
     parts = (usual, disturbed), (0.0, 0.5 / FPS)
     picked = [
-        (one, p)
+        (stereo_frame, p)
         for footage, slack, inside in zip(*parts, (False, True), strict=True)
-        for one, p in zip(footage.frames, footage.position, strict=True)
-        if (from_s - 1e-6 - slack <= one.stamp_s < to_s - 1e-6 - slack) == inside
+        for stereo_frame, p in zip(footage.frames, footage.position, strict=True)
+        if (from_s - 1e-6 - slack <= stereo_frame.stamp_s < to_s - 1e-6 - slack) == inside
     ]
-    picked.sort(key=lambda one: one[0].stamp_s)
-    frames = tuple(one for one, _ in picked)
+    picked.sort(key=lambda stereo_frame: stereo_frame[0].stamp_s)
+    frames = tuple(stereo_frame for stereo_frame, _ in picked)
     position = np.array([p for _, p in picked])
     return replace(usual, frames=frames, position=position, visible=np.ones(len(frames), bool))
 
 
 def each(footage: Footage, change: Callable[[StereoFrame], StereoFrame]) -> Footage:
     """Every frame changed."""
-    return replace(footage, frames=tuple(change(one) for one in footage.frames))
+    return replace(footage, frames=tuple(change(stereo_frame) for stereo_frame in footage.frames))
 
 
 def held(footage: Footage, stale: Mask) -> Footage:
     """Both images shown again, under the new stamp and joints, in the frames (n,) that are `stale`."""
     frames = [footage.frames[0]]
-    for one, again in zip(footage.frames[1:], stale[1:], strict=True):
-        frames.append(replace(one, left=frames[-1].left, right=frames[-1].right) if again else one)
+    for stereo_frame, again in zip(footage.frames[1:], stale[1:], strict=True):
+        frames.append(replace(stereo_frame, left=frames[-1].left, right=frames[-1].right) if again else stereo_frame)
     return replace(footage, frames=tuple(frames))
 
 

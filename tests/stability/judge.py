@@ -1,4 +1,4 @@
-"""What a tracker owes before, during and after a disturbance: asserted in one place, itself tested in `test_judge`."""
+"""Demands on a tracker before, during and after a disturbance, asserted in one place; tested in `test_judge`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,30 +33,30 @@ def check(demand: Demand, tracks: Sequence[Track3D], truth: Array) -> None:
     whole(tracks)
     stamps = np.array([t.stamp_s for t in tracks])
     status = np.array([t.status for t in tracks])
-    known = np.array([t.is_known for t in tracks])
+    is_known = np.array([t.is_known for t in tracks])
     error = np.array([t.position - p for t, p in zip(tracks, truth, strict=True)])
     std, std_of_velocity = (
         np.array([np.sqrt(np.linalg.eigvalsh(t.cov[k, k])[-1]) if t.is_known else np.nan for t in tracks])
         for k in (slice(0, 3), slice(3, 6))
     )
     nees = np.full(len(tracks), np.nan)
-    for k in np.flatnonzero(known):
+    for k in np.flatnonzero(is_known):
         nees[k] = error[k] @ np.linalg.solve(tracks[k].cov[:3, :3], error[k])
-    before = (stamps > demand.from_s - BEFORE_S) & (stamps < demand.from_s - 1e-6)
+    earlier = (stamps > demand.from_s - BEFORE_S) & (stamps < demand.from_s - 1e-6)
     inside = (stamps > demand.from_s - 1e-6) & (stamps < demand.to_s - 1e-6)
     after = stamps > demand.to_s + demand.recovered_s - 1e-6
-    _tracked("before", before, status, error, std, nees, demand.accuracy_m)
-    asked = known & inside & (stamps > demand.from_s + demand.excused_s - 1e-6)
-    worst = max(nees[asked], default=0.0)
-    assert worst < HONEST, f"χ² {worst:.0f}, {1e3 * np.linalg.norm(error[asked], axis=1).max():.0f} mm off"
+    _tracked("before", earlier, status, error, std, nees, demand.accuracy_m)
+    judged = is_known & inside & (stamps > demand.from_s + demand.excused_s - 1e-6)
+    worst = max(nees[judged], default=0.0)
+    assert worst < HONEST, f"χ² {worst:.0f}, {1e3 * np.linalg.norm(error[judged], axis=1).max():.0f} mm off"
     if demand.during == "lost":
         assert not (status[inside] == Status.TRACKING).any(), "tracked what cannot be measured"
         lost = stamps[inside][status[inside] == Status.LOST]
         assert len(lost) == 1, f"lost {len(lost)} times"
         assert lost[0] <= demand.from_s + demand.lost_s + 1e-6, f"lost only after {lost[0] - demand.from_s:.2f} s"
-        assert not known[inside & (stamps > lost[0])].any(), "known again while it cannot be measured"
+        assert not is_known[inside & (stamps > lost[0])].any(), "known again while it cannot be measured"
     else:
-        wider = [(one[inside] > WIDER * np.median(one[before])).any() for one in (std, std_of_velocity)]
+        wider = [(values[inside] > WIDER * np.median(values[earlier])).any() for values in (std, std_of_velocity)]
         assert any(wider) or (status[inside] != Status.TRACKING).any(), "as sure as ever"
     _tracked("after", after, status, error, std, nees, demand.accuracy_m)
 
@@ -72,8 +72,8 @@ def _tracked(name: str, when: Mask, status: Array, error: Array, std: Array, nee
 
 
 def whole(tracks: Sequence[Track3D]) -> None:
-    """No NaN in what is known, a covariance that is one, and one that grows while nothing is seen."""
-    for before, track in zip([tracks[0], *tracks], tracks, strict=False):
+    """No NaN in a known track, positive definite covariances, which grow while nothing is seen."""
+    for earlier, track in zip([tracks[0], *tracks], tracks, strict=False):
         if not track.is_known:
             assert np.isnan(track.mean).all()
             continue
@@ -82,5 +82,5 @@ def whole(tracks: Sequence[Track3D]) -> None:
         np.testing.assert_allclose(track.cov, track.cov.T, atol=1e-12)
         std = np.linalg.eigvalsh(track.cov[:3, :3])
         assert std[0] > 0
-        if track is not before and track.status == before.status == Status.COASTING:
-            assert std[-1] > np.linalg.eigvalsh(before.cov[:3, :3])[-1]
+        if track is not earlier and track.status == earlier.status == Status.COASTING:
+            assert std[-1] > np.linalg.eigvalsh(earlier.cov[:3, :3])[-1]

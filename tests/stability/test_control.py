@@ -35,7 +35,7 @@ MEMORY = replace(PPSMemory.empty(SKIN), counts=PPSMemory.empty(SKIN).counts + np
 
 @dataclass
 class Log:
-    """What a robot did."""
+    """Modes, rates and postures of a run."""
 
     modes: list[str] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
@@ -83,16 +83,16 @@ def encounter(
     start: Array | None = None,
     latency_s: float = 0.0,
     known_latency_s: float | None = None,
-    disturb: Callable[[float, Array, Array], Array] = lambda t, before, after: after,
+    disturb: Callable[[float, Array, Array], Array] = lambda t, old, after: after,
     **params: object,
 ) -> Log:
-    """A robot that obeys `latency_s` late; `disturb` makes of where it was and where it is to be where it is.
+    """A robot that obeys `latency_s` late; `disturb` maps its old and its commanded posture to the new one.
 
-    Where the pipeline knows another latency the robot's own end stops keep its limits.
+    If the pipeline assumes another latency, the robot's end stops keep its limits.
     """
-    told = latency_s if known_latency_s is None else known_latency_s
-    given = PipelineParams(latency_s=told, hold_s=0.2, **params)  # type: ignore[arg-type]
-    pipeline = Pipeline(given, ROBOT, SKIN, KnownTrack(motion), MEMORY, np.random.default_rng(0))  # type: ignore[arg-type]
+    stated_s = latency_s if known_latency_s is None else known_latency_s
+    pipeline_params = PipelineParams(latency_s=stated_s, hold_s=0.2, **params)  # type: ignore[arg-type]
+    pipeline = Pipeline(pipeline_params, ROBOT, SKIN, KnownTrack(motion), MEMORY, np.random.default_rng(0))  # type: ignore[arg-type]
     q = home(ROBOT) if start is None else start
     log = Log()
     late = round(latency_s / DT)
@@ -101,7 +101,7 @@ def encounter(
         step = pipeline.step(frame_at(k * DT, q))
         waiting.append(step.command.dq_rad_s)
         dq = waiting.pop(0)
-        if told != latency_s:
+        if stated_s != latency_s:
             dq = (ROBOT.clamp(q + DT * dq) - q) / DT
         log.add(step.response.mode, q, dq)
         q = disturb(k * DT, q, q + DT * dq)
@@ -109,13 +109,13 @@ def encounter(
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.2])
-@pytest.mark.parametrize("told", ["known", "unknown"])
-def test_commands_that_take_effect_late(latency_s: float, told: str) -> None:
+@pytest.mark.parametrize("latency", ["known", "unknown"])
+def test_commands_that_take_effect_late(latency_s: float, latency: str) -> None:
     """Up to 0.2 s, predicted or not: the arm withdraws, returns and rests; it does not swing."""
-    log = encounter(latency_s=latency_s, known_latency_s=latency_s if told == "known" else 0.0)
+    log = encounter(latency_s=latency_s, known_latency_s=latency_s if latency == "known" else 0.0)
     assert "avoid" in log.modes
-    log.at_rest_at_home((0.3 if told == "known" else 5.0) * DEG)
-    assert log.reversals() <= (3 if told == "known" else 4)
+    log.at_rest_at_home((0.3 if latency == "known" else 5.0) * DEG)
+    assert log.reversals() <= (3 if latency == "known" else 4)
 
 
 @pytest.mark.parametrize("gaze", GAZES)
@@ -173,8 +173,8 @@ def test_a_joint_that_is_stuck() -> None:
     """The elbow does not move: the others withdraw and return; the return is given up, and all rest."""
     elbow = ARM[3]
 
-    def hold(t: float, before: Array, after: Array) -> Array:
-        after[elbow] = before[elbow] if t > 1.5 else after[elbow]
+    def hold(t: float, old: Array, after: Array) -> Array:
+        after[elbow] = old[elbow] if t > 1.5 else after[elbow]
         return after
 
     log = encounter(disturb=hold, seconds=14.0)
@@ -188,7 +188,7 @@ def test_a_torso_that_turns_during_avoidance() -> None:
     """The arm is at home in its own joints, wherever the torso is."""
     torso = ROBOT.indices(("torso_yaw", "torso_pitch"))
 
-    def turn(t: float, before: Array, after: Array) -> Array:
+    def turn(t: float, old: Array, after: Array) -> Array:
         after[torso] += DT * np.deg2rad([20.0, 8.0]) * (0.8 < t < 1.8)
         return after
 

@@ -1,4 +1,4 @@
-"""What must hold in the closed loop when an eye fails for a while in the middle of an approach.
+"""The closed loop when an eye fails for a while in the middle of an approach.
 
 What the tracker alone owes is in `test_past_the_break`; here a head and an arm move by what it says.
 """
@@ -26,7 +26,7 @@ from pps_vision.types import Image, Status, StereoFrame
 FAILS_S = 1.5
 RECOVERS_S = 2.65
 LOST_WITHIN_S = 0.6
-Fault = Callable[[StereoFrame, StereoFrame], StereoFrame]  # present frame, last good frame → what is seen
+Fault = Callable[[StereoFrame, StereoFrame], StereoFrame]  # present frame, last good frame → frame with the fault
 Met = Callable[[str], EpisodeLog]
 
 
@@ -54,12 +54,13 @@ def black(image: Image) -> Image:
 
 
 FAULTS: dict[str, Fault] = {
-    "both eyes black": lambda now, good: replace(now, left=black(now.left), right=black(now.right)),
-    "both eyes frozen": lambda now, good: replace(now, left=good.left, right=good.right),
-    "one eye black": lambda now, good: replace(now, right=black(now.right)),
-    "one eye frozen": lambda now, good: replace(now, right=good.right),
-    "one eye sees noise": lambda now, good: replace(
-        now, right=np.random.default_rng(int(1000 * now.stamp_s)).integers(0, 256, now.right.shape, dtype=np.uint8)
+    "both eyes black": lambda present, good: replace(present, left=black(present.left), right=black(present.right)),
+    "both eyes frozen": lambda present, good: replace(present, left=good.left, right=good.right),
+    "one eye black": lambda present, good: replace(present, right=black(present.right)),
+    "one eye frozen": lambda present, good: replace(present, right=good.right),
+    "one eye sees noise": lambda present, good: replace(
+        present,
+        right=np.random.default_rng(int(1000 * present.stamp_s)).integers(0, 256, present.right.shape, dtype=np.uint8),
     ),
 }
 
@@ -96,7 +97,7 @@ def meet(scene: SimulationScene, fault: Fault) -> EpisodeLog:
 
 @pytest.fixture(scope="module")
 def met(scene: SimulationScene) -> Met:
-    """What comes of each fault, met once."""
+    """One run of the loop with each fault."""
     return cache(lambda fault: meet(scene, FAULTS[fault]))
 
 
@@ -107,9 +108,9 @@ def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(
     log = met(fault)
     status = np.array(log.status)
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
-    for seen in ((log.stamps_s > FAILS_S - 0.3) & (log.stamps_s < FAILS_S), log.stamps_s > RECOVERS_S + 0.6):
-        assert (status[seen] == Status.TRACKING).all()
-        assert error[seen].max() < 0.01
+    for period in ((log.stamps_s > FAILS_S - 0.3) & (log.stamps_s < FAILS_S), log.stamps_s > RECOVERS_S + 0.6):
+        assert (status[period] == Status.TRACKING).all()
+        assert error[period].max() < 0.01
     lost = (log.stamps_s > FAILS_S + LOST_WITHIN_S) & (log.stamps_s < RECOVERS_S)
     assert not np.isin(status[lost], ["tracking", "coasting"]).any()
     assert log.speed_m_s[lost & (log.stamps_s > FAILS_S + LOST_WITHIN_S + 0.35)].max() == 0
@@ -121,7 +122,7 @@ def test_the_head_does_not_spin_after_a_frozen_image(scene: SimulationScene, met
     """What rests in a frozen image seems to turn with the head: whoever believes it turns on for ever."""
     log = met("both eyes frozen")
     gaze = np.rad2deg(log.q_rad[:, scene.robot.indices(scene.robot.names.gaze_joints)])
-    before = gaze[np.searchsorted(log.stamps_s, FAILS_S) - 1]
+    gaze_before = gaze[np.searchsorted(log.stamps_s, FAILS_S) - 1]
     until_lost = gaze[(log.stamps_s >= FAILS_S) & (log.stamps_s <= FAILS_S + LOST_WITHIN_S)]
-    assert np.abs(until_lost - before).max() < 10
-    assert np.abs(gaze[log.stamps_s < RECOVERS_S] - before).max() < 60, "nor does the search go round"
+    assert np.abs(until_lost - gaze_before).max() < 10
+    assert np.abs(gaze[log.stamps_s < RECOVERS_S] - gaze_before).max() < 60, "nor does the search go round"

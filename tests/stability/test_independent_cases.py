@@ -67,10 +67,10 @@ def test_a_case_is_tracked_within_its_limits(name: str) -> None:
     case = BY_NAME.get(name, LARGE)
     limits = LIMITS.get(name, Limits())
     film = Film(small(case), SEED, Path("absent"))
-    found = scored(case, film, film, case.tracker(film.hue_deg))
-    print(name, {key: round(value, 1) for key, value in found.items()})
-    assert found["judged"] > 25
-    assert found["right_percent"] >= limits.right
-    assert found["false_percent"] <= limits.false
-    assert found["median_mm"] <= limits.median_mm
-    assert found["covered_percent"] >= limits.covered
+    scores = scored(case, film, film, case.tracker(film.hue_deg))
+    print(name, {key: round(value, 1) for key, value in scores.items()})
+    assert scores["judged"] > 25
+    assert scores["right_percent"] >= limits.right
+    assert scores["false_percent"] <= limits.false
+    assert scores["median_mm"] <= limits.median_mm
+    assert scores["covered_percent"] >= limits.covered

@@ -1,4 +1,4 @@
-"""Trackers that answer the same whatever they see do not pass for stable."""
+"""Trackers with a constant answer are not judged stable."""
 
 from collections.abc import Callable
 
@@ -48,7 +48,7 @@ def honest(demand: Demand, position: Position) -> list[Track3D]:
     return tracks
 
 
-DEMANDS = {name: (one.demand, circle) for name, one in DISTURBANCES.items()} | {
+DEMANDS = {name: (value.demand, circle) for name, value in DISTURBANCES.items()} | {
     "leap": (LEAP, leaping),
 }
 
@@ -69,11 +69,11 @@ def test_each_demand_is_one_of_its_own() -> None:
     truth = np.array([circle(t) for t in STAMPS])
     good = honest(demand, circle)
 
-    def spoiled(k: int, one: Track3D) -> list[Track3D]:
-        return [*good[:k], one, *good[k + 1 :]]
+    def spoiled(k: int, value: Track3D) -> list[Track3D]:
+        return [*good[:k], value, *good[k + 1 :]]
 
     t = STAMPS
-    for k, one, says in (
+    for k, value, says in (
         (18, track(t[18], truth[18] + 0.006, 0.003), "before it 0.01"),
         (18, track(t[18], truth[18], 0.01), "before it .* 0.0100 m stated"),
         (18, track(t[18], truth[18] + 0.002, 0.0003), "before it χ²"),
@@ -87,4 +87,4 @@ def test_each_demand_is_one_of_its_own() -> None:
         (50, Track3D.unknown(t[50]), "not tracked after"),
     ):
         with pytest.raises(AssertionError, match=says):
-            check(demand, spoiled(k, one), truth)
+            check(demand, spoiled(k, value), truth)

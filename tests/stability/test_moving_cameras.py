@@ -49,11 +49,11 @@ def filmed(name: str, mode: Mode) -> tuple[dict[str, float], list[float], Tracke
 @pytest.mark.parametrize("mode", ["marker", "generic"])
 @pytest.mark.parametrize("name", SCENES)
 def test_a_ball_is_tracked_and_the_ellipsoid_holds_it(name: str, mode: Mode) -> None:
-    found, _, _ = filmed(name, mode)
-    assert found["right_percent"] > 95
-    assert found["false_percent"] <= 1
-    assert found["median_mm"] < 1000 * WITHIN_M[name]
-    assert found["covered_percent"] > 75
+    scores, _, _ = filmed(name, mode)
+    assert scores["right_percent"] > 95
+    assert scores["false_percent"] <= 1
+    assert scores["median_mm"] < 1000 * WITHIN_M[name]
+    assert scores["covered_percent"] > 75
 
 
 @pytest.mark.parametrize("mode", ["marker", "generic"])

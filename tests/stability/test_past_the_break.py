@@ -1,4 +1,4 @@
-"""What must hold where tracking breaks: worse than anything bears, for 0.8 s, of an object tracked before and after."""
+"""Where tracking breaks: worse than anything bears, for 0.8 s, of an object tracked before and after."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -65,8 +65,8 @@ class Disturbance:
     stamp_error_s: float = 0.0
 
 
-def eyes(kind: d.EyeFault, both: bool) -> Disturbance:
-    return Disturbance(lambda: d.eyes_fail(usual(), kind, FROM_S, TO_S, both))
+def eyes(kind: d.EyeFault, in_both: bool) -> Disturbance:
+    return Disturbance(lambda: d.eyes_fail(usual(), kind, FROM_S, TO_S, in_both))
 
 
 DEGRADED = Demand("degraded", FROM_S, TO_S)
@@ -89,10 +89,10 @@ DISTURBANCES: dict[str, Disturbance] = {
     "right eye flickers": Disturbance(lambda: now_and_then(right_black), DEGRADED),
     "right eye knocked": Disturbance(lambda: each(usual(), lambda f: replace(f, right=np.roll(f.right, -30, axis=0)))),
     "right eye sees noise": Disturbance(lambda: each(usual(), lambda f: replace(f, right=random(f.right)))),
-    "one eye black": eyes("black", both=False),
-    "both eyes black": eyes("black", both=True),
-    "one eye frozen": eyes("frozen", both=False),
-    "both eyes frozen": eyes("frozen", both=True),
+    "one eye black": eyes("black", in_both=False),
+    "both eyes black": eyes("black", in_both=True),
+    "one eye frozen": eyes("frozen", in_both=False),
+    "both eyes frozen": eyes("frozen", in_both=True),
 }
 GENERIC, MARKER = OURS
 FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly (χ² of 3 degrees of freedom)
@@ -182,9 +182,9 @@ def test_grey_eyes_that_move_keep_what_they_saw_at_rest() -> None:
 
 def test_grey_eyes_claim_nothing_wrong() -> None:
     tracks, truth = grey()
-    known = [(t.position - p, t.cov[:3, :3]) for t, p in zip(tracks, truth, strict=True) if t.is_known]
-    assert len(known) > 30
-    assert max(e @ np.linalg.solve(cov, e) for e, cov in known) < HONEST
+    errors = [(t.position - p, t.cov[:3, :3]) for t, p in zip(tracks, truth, strict=True) if t.is_known]
+    assert len(errors) > 30
+    assert max(e @ np.linalg.solve(cov, e) for e, cov in errors) < HONEST
 
 
 def test_stamps_said_to_be_off_widen_what_is_known_by_as_much() -> None:

@@ -1,4 +1,4 @@
-"""What must hold at the edges of reachable space: no NaN in what is claimed, no claim where nothing is known."""
+"""At the edges of reachable space: no NaN, no claim where nothing is known."""
 
 from dataclasses import replace
 
@@ -124,19 +124,19 @@ def test_flipped_labels_do_less_than_their_share(learned, percent):
     )
     verdict = again.query(labels.gaze_rad)
     assert np.isfinite([verdict.probability, verdict.degree]).all()
-    before = misjudged(learned)
+    undisturbed = misjudged(learned)
     after = misjudged(again)
-    print(f"{percent} % flipped: {100 * before:.2f} → {100 * after:.2f} % misjudged")
-    assert after < before + 0.6 * percent / 100
+    print(f"{percent} % flipped: {100 * undisturbed:.2f} → {100 * after:.2f} % misjudged")
+    assert after < undisturbed + 0.6 * percent / 100
 
 
 def ball_distance(gaze, center, radius):
     """Signed distance, in the map's isotropic coordinates, to a sphere in them: analytic; and its nearest point."""
     away = isotropic(gaze) - center
-    far = np.linalg.norm(away, axis=1)
-    at = center + away / far[:, None] * radius
+    distances = np.linalg.norm(away, axis=1)
+    at = center + away / distances[:, None] * radius
     at[:, 2] = 2 * np.arctan(np.exp(at[:, 2]))
-    return far - radius, at
+    return distances - radius, at
 
 
 CENTER = isotropic(np.array([0.1, 0.0, 0.9]))
@@ -203,9 +203,9 @@ def test_a_joint_that_is_stuck_throughout(joint):
 def test_babbling_that_often_fails_still_teaches(babbled):
     """Half of what could be fixated is not; in a tenth of the rest something else is, in another the encoder sticks."""
     random = np.random.default_rng(SEED + 3)
-    kept = random.random(len(babbled.arm_rad)) < 0.5
-    arm = babbled.arm_rad[kept]
-    gaze = babbled.gaze_rad[kept]
+    is_kept = random.random(len(babbled.arm_rad)) < 0.5
+    arm = babbled.arm_rad[is_kept]
+    gaze = babbled.gaze_rad[is_kept]
     wrong, stuck = random.random((2, len(gaze))) < 0.1
     gaze[wrong] = random.uniform(LIMITS.lower, LIMITS.upper, (wrong.sum(), 3))
     arm[stuck, 3] = np.deg2rad(60)

@@ -1,4 +1,4 @@
-"""What must hold for the skin whatever happens: no NaN, no certainty out of nothing, a count of what is lost."""
+"""The skin under any input: no NaN, no certainty without samples, lost samples counted."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def trials(n, seed=SEED):
     return [trial(rng, k % 4) for k in range(n)]
 
 
-FAR = 1e200  # metres or metres a second: what a broken filter may say
+FAR = 1e200  # metres or metres a second, from a broken filter
 coordinate = st.sampled_from([0.0, -0.0, 1e-300, -1e-9, 0.02, -0.05, 0.1, 0.2, 3.0, -FAR, FAR, np.inf, -np.inf, np.nan])
 vector = st.tuples(coordinate, coordinate, coordinate)
 
@@ -111,15 +111,15 @@ def test_duplicated_trials_give_the_same_map():
 def test_two_stimuli_at_once_are_each_perceived_as_if_alone():
     p = np.array([[0.0, 0.0, 0.08], [0.09, 0.0, 0.03]])
     v = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, -0.05]])
-    both = sees(p, v)
+    samples = sees(p, v)
     alone = [sees(p[k], v[k]) for k in range(2)]
-    np.testing.assert_array_equal(both, np.stack(alone, axis=1))
-    together = activation(MEMORY, *both)
-    np.testing.assert_allclose(together, [activation(MEMORY, *one) for one in alone])
-    counted = count_samples(PPSMemory.empty(SKIN), *both, np.arange(4) == 3)
+    np.testing.assert_array_equal(samples, np.stack(alone, axis=1))
+    together = activation(MEMORY, *samples)
+    np.testing.assert_allclose(together, [activation(MEMORY, *sample) for sample in alone])
+    counted = count_samples(PPSMemory.empty(SKIN), *samples, np.arange(4) == 3)
     one_by_one = PPSMemory.empty(SKIN)
-    for one in alone:
-        one_by_one = count_samples(one_by_one, *one, np.arange(4) == 3)
+    for sample in alone:
+        one_by_one = count_samples(one_by_one, *sample, np.arange(4) == 3)
     np.testing.assert_array_equal(counted.counts, one_by_one.counts)
 
 
@@ -143,12 +143,12 @@ def test_a_touch_with_no_track_and_a_track_with_no_touch():
     assert (unseen.memory.counts.sum(), unseen.unseen) == (0, 1)
     untouched = run(stamps, approach())
     assert (untouched.memory.counts.sum(), untouched.unseen) == (0, 0)
-    both = run(stamps, approach(), touched_at=(28,))
-    assert (both.memory.counts[1, ..., 0].sum() > 20, both.unseen) == (True, 0)
+    samples = run(stamps, approach(), touched_at=(28,))
+    assert (samples.memory.counts[1, ..., 0].sum() > 20, samples.unseen) == (True, 0)
 
 
 def test_gaps_and_stale_samples_cost_samples_but_nothing_else():
-    """Half of an approach lost, a frozen stamp, a stamp that is no number: all counted is from what was seen."""
+    """Half of an approach lost, a frozen stamp, a stamp that is no number: only seen frames are counted."""
     stamps = 0.05 * np.arange(30)
     tracks = approach()
     whole = run(stamps, tracks, touched_at=(28,))
@@ -174,7 +174,7 @@ def test_variances_never_get_negative_or_lost():
 def test_a_memory_of_other_taxels_is_refused():
     D, TTC = sees([0.0, 0.0, 0.05], [0.0, 0.0, -0.1])
     fewer = replace(MEMORY, taxel_ids=SKIN.taxel_ids[:3], part_index=np.zeros(3, np.intp), counts=MEMORY.counts[:3])
-    for use in (activation, lambda *what: count_samples(*what, np.ones(3, bool))):
+    for use in (activation, lambda *arguments: count_samples(*arguments, np.ones(3, bool))):
         with pytest.raises(ValueError, match="expected those of the memory's 3 taxels"):
             use(fewer, D, TTC)
     with pytest.raises(ValueError, match=r"touched .4,.: expected the memory's 3 taxels"):
@@ -182,8 +182,8 @@ def test_a_memory_of_other_taxels_is_refused():
 
 
 def test_one_place_for_all_taxels_is_that_place_for_each():
-    one = activation(MEMORY, 0.05, 0.5)
-    each = activation(MEMORY, np.full(4, 0.05), np.full(4, 0.5))
-    np.testing.assert_array_equal(one, each)
+    sample = activation(MEMORY, 0.05, 0.5)
+    rows = activation(MEMORY, np.full(4, 0.05), np.full(4, 0.5))
+    np.testing.assert_array_equal(sample, rows)
     places = np.array([[0.02], [0.08]])
     np.testing.assert_array_equal(activation(MEMORY, places, 0.5), activation(MEMORY, places * np.ones(4), 0.5))

@@ -47,5 +47,5 @@ def _images(camera: Path) -> list[ImageFile]:
     times = read_times(camera / "data.csv")
     if not times.names:
         raise InputError(times.file, "names no image; expected rows of stamp and the name of an image")
-    both = zip(times.names, times.stamps_s, strict=True)
-    return [ImageFile(camera / "data" / name, stamp_s) for name, stamp_s in both]
+    entries = zip(times.names, times.stamps_s, strict=True)
+    return [ImageFile(camera / "data" / name, stamp_s) for name, stamp_s in entries]

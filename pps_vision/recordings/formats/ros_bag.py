@@ -59,7 +59,7 @@ def open_source(source: Source) -> Recording:
     The topics are `source.left` and `source.right`, or the only ones whose names hold left and right.  Without
     `source.calib` the calibration is in the CameraInfo topics beside them; the pixels of a topic with the word "rect"
     in the last two parts of its name (image_rect, image_rect_color/compressed) are rectified.  With `source.robot` its
-    joints are those of the JointState topics.
+    joints come from the JointState topics.
 
     Raises:
         InputError: The bag cannot be read, or lacks topics, a calibration or joints.
@@ -119,17 +119,17 @@ class Bag:
 
     def topics(self, kinds: tuple[str, ...]) -> dict[str, Any]:
         """The connections of message types, by topic."""
-        return {one.topic: one for one in self.reader.connections if one.msgtype in kinds}
+        return {stream.topic: stream for stream in self.reader.connections if stream.msgtype in kinds}
 
-    def image_topic(self, side: str, given: tuple[str, ...]) -> str:
+    def image_topic(self, side: str, requested: tuple[str, ...]) -> str:
         """The topic that is given, or the only one whose name holds the side."""
-        found = self.topics(_IMAGES)
-        fitting = list(given) or [name for name in found if side in name.lower()]
-        if len(fitting) == 1 and fitting[0] in found:
+        image_topics = self.topics(_IMAGES)
+        fitting = list(requested) or [name for name in image_topics if side in name.lower()]
+        if len(fitting) == 1 and fitting[0] in image_topics:
             return fitting[0]
-        known = ", ".join(sorted(found)) or "no image topic"
-        named = f"{len(fitting)} {side} image topics" if not given else f"no topic {' '.join(given)}"
-        raise InputError(self.file, f"{named} among {known}; expected one, by --{side} TOPIC where it is not plain")
+        listed = ", ".join(sorted(image_topics)) or "no image topic"
+        named = f"{len(fitting)} {side} image topics" if not requested else f"no topic {' '.join(requested)}"
+        raise InputError(self.file, f"{named} among {listed}; expected one, by --{side} TOPIC where it is not plain")
 
     def images(self, topic: str) -> list["BagImage"]:
         """All images of a topic, not yet decoded."""
@@ -177,7 +177,7 @@ class Bag:
             return self.reader.deserialize(data, connection.msgtype)
 
     def joints(self, setup: "RobotSetup") -> dict[str, tuple[Array, Array]]:
-        """For each port stamps (n,) and encoder readings (n, joints) in degrees, of messages that hold all of it."""
+        """For each port stamps (n,) and encoder readings (n, joints) in degrees, of complete messages."""
         stamps: dict[str, list[float]] = {port: [] for port in setup.ports}
         rows: dict[str, list[Array]] = {port: [] for port in setup.ports}
         states = list(self.topics(("sensor_msgs/msg/JointState",)).values())
@@ -202,8 +202,8 @@ class Bag:
         logs = {}
         for port in setup.ports:
             if stamps[port]:
-                order, kept = np.unique(stamps[port], return_index=True)
-                logs[port] = (order, np.array(rows[port])[kept])
+                order, order_first = np.unique(stamps[port], return_index=True)
+                logs[port] = (order, np.array(rows[port])[order_first])
         return logs
 
 
@@ -219,8 +219,8 @@ class _Reading:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, InputError) or not isinstance(error, Exception):
             return
-        found = f"cannot be read: {type(error).__name__} {first_line(error)}"
-        raise InputError(self.file, f"{found}; expected a ROS bag") from error
+        image_topics = f"cannot be read: {type(error).__name__} {first_line(error)}"
+        raise InputError(self.file, f"{image_topics}; expected a ROS bag") from error
 
 
 class Messages:
@@ -264,7 +264,7 @@ class BagImage(ImageFile):
         return f"{self.messages.connection.topic} {self.index}"
 
     def load(self) -> Image | str:
-        """The image as RGB uint8, or what is wrong with it."""
+        """The image as RGB uint8, or the reason why there is none."""
         try:
             with self.messages.bag.reading():
                 message = self.messages.message(self.index)

@@ -61,9 +61,9 @@ def check_options(source: Source) -> None:
     """Raise InputError for options that contradict each other or are missing."""
     refuse_robot_options(source)
     if source.folder is None and not (source.left and source.right):
-        given, missing = ("left", "right") if source.left else ("right", "left")
+        option, missing = ("left", "right") if source.left else ("right", "left")
         name = (source.left or source.right)[0]
-        raise InputError("recording", f"--{given} {name} without --{missing}; expected both")
+        raise InputError("recording", f"--{option} {name} without --{missing}; expected both")
     if source.fps is not None and source.times:
         raise InputError("recording", "fps and times; expected one of them")
     if source.fps is not None and not 0 < source.fps < float("inf"):
@@ -102,7 +102,7 @@ def open_stereo_images(
     """Two sequences of one stereo camera.
 
     With `fps` they are paired by the last number in each file's name, which counts frames, so that a missing one leaves
-    a gap in the stamps.  Else the stamps are those of `times`, or of the names where these are stamps, and pair them.
+    a gap in the stamps.  Else the images are paired by their stamps, from `times` or from their names.
     Unpaired images are noted in `problems`.  InputError if a pattern matches nothing, one number comes twice, or the
     images have no stamps.
     """
@@ -147,8 +147,8 @@ def _by_frame(
         paired = {place for place, n in enumerate(sorted(mine)) if n in others}
         note_unpaired(files(mine), paired, f"{which} image of the same number, by which --fps pairs", problems)
     common = left.keys() & right.keys()
-    both = [files({n: paths[n] for n in common}) for paths in (left, right)]
-    return tuple(zip(*both, strict=True))
+    columns = [files({n: paths[n] for n in common}) for paths in (left, right)]
+    return tuple(zip(*columns, strict=True))
 
 
 def _matched(patterns: Sequence[str]) -> list[Path]:
@@ -170,8 +170,8 @@ def _by_number(paths: Sequence[Path], problems: list[Problem]) -> dict[int, Path
     for path in paths:
         number = number_in(path)
         if number is None:
-            found = "no number in its name; expected one to pair it by"
-            problems.append(Problem(ProblemKind.UNPAIRED, path, None, found))
+            reason = "no number in its name; expected one to pair it by"
+            problems.append(Problem(ProblemKind.UNPAIRED, path, None, reason))
         elif number in numbered:
             raise InputError(path, f"number {number} again; expected each once, and {numbered[number]} has it")
         else:

@@ -58,9 +58,9 @@ def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
         fixed_rig(source.calib, size, source.unit_m)
     except InputError:
         return
-    found = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
+    reason = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
     expected = "both images side by side, or two videos by --left and --right"
-    raise InputError(str(source.folder), f"{found}; expected {expected}")
+    raise InputError(str(source.folder), f"{reason}; expected {expected}")
 
 
 def _ends_early(left: list[VideoFrame], right: list[VideoFrame], max_skew_s: float) -> Iterator[str]:

@@ -38,7 +38,7 @@ _IMAGE_SUFFIXES = (".ppm", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".ti
 _DEPTH_SUFFIXES = (".float", ".floatzip")
 _VIDEOS = ("video.mkv", "video.avi")
 _FRAME = re.compile(r"frame_([0-9]{8,9})", re.ASCII)
-_STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts seconds since 1970
+_STAMP_RESOLUTION_S = 1e-6  # of the digits in a log, and of a double in seconds since 1970
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
 
@@ -70,8 +70,10 @@ def open_source(source: Source) -> Recording:
         if port not in ports:
             if port in ("left", "right"):
                 _refuse_depth(folder, port)
-            what = f"{port} images" if port in ("left", "right") else "joints" if port == "joints" else f"{port} joints"
-            raise InputError(folder, f"no {what}; expected a folder '{port}' with a data.log")
+            missing_logs = (
+                f"{port} images" if port in ("left", "right") else "joints" if port == "joints" else f"{port} joints"
+            )
+            raise InputError(folder, f"no {missing_logs}; expected a folder '{port}' with a data.log")
     joints = {
         port: _read_joints(ports[port], len(names), problems) for port, names in setup.ports.items() if port in ports
     }
@@ -101,8 +103,8 @@ def _icub(folder: Path) -> "RobotSetup":
     try:
         from pps_vision.robot.icub import icub_setup
     except ModuleNotFoundError as error:
-        found = f"is of a robot, and {error.name} is not installed"
-        raise InputError(folder, f"{found}; expected the whole of pps-vision's packages") from error
+        reason = f"is of a robot, and {error.name} is not installed"
+        raise InputError(folder, f"{reason}; expected the whole of pps-vision's packages") from error
     return icub_setup()
 
 
@@ -113,8 +115,8 @@ def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
     video: Video | None = None
     for row in read_log(log, None, problems, distinct_stamps=True):
         if not row.words or len(row.words) > 2:  # the second is the pixel code, "[rgb]"
-            found = f"{len(row.words)} words; expected index, stamp and the name of an image"
-            problems.append(Problem(ProblemKind.ROW, log, row.line, found))
+            reason = f"{len(row.words)} words; expected index, stamp and the name of an image"
+            problems.append(Problem(ProblemKind.ROW, log, row.line, reason))
             continue
         if frame := _FRAME.fullmatch(row.words[0]):
             video = video or _video(log)
@@ -122,8 +124,10 @@ def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
             if index < len(video.pts):
                 files.append(VideoFrame(video.path, row.stamp_s, log=log, line=row.line, video=video, index=index))
             else:
-                found = f"{row.words[0]} of {len(video.pts)} frames in {video.path.name}; expected a frame for each row"
-                problems.append(Problem(ProblemKind.IMAGE, log, row.line, found))
+                reason = (
+                    f"{row.words[0]} of {len(video.pts)} frames in {video.path.name}; expected a frame for each row"
+                )
+                problems.append(Problem(ProblemKind.IMAGE, log, row.line, reason))
             continue
         name = PurePath(row.words[0])
         if name.is_absolute() or ".." in name.parts:
@@ -161,8 +165,8 @@ def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Arr
             stamps.append(row.stamp_s)
             samples.append(sample)
         else:
-            found = f"joint reads {row.words[int(np.argmin(np.abs(sample) < _LARGEST_DEG))]}"
-            problems.append(Problem(ProblemKind.JOINTS, log, row.line, f"{found}; expected degrees"))
+            reason = f"joint reads {row.words[int(np.argmin(np.abs(sample) < _LARGEST_DEG))]}"
+            problems.append(Problem(ProblemKind.JOINTS, log, row.line, f"{reason}; expected degrees"))
     if not stamps:
         raise InputError(log, f"no readable sample; expected rows of index, stamp and {n_joints} joints in degrees")
     return np.array(stamps), np.array(samples)
@@ -175,7 +179,7 @@ def with_joints(
     setup: "RobotSetup",
     offsets_rad: Array | float,
 ) -> tuple[Pair, ...]:
-    """Every pair with the joints at each eye's stamp; what the joint logs do not cover is noted and left out."""
+    """Every pair with the joints at each eye's stamp; pairs outside the joint logs are noted and left out."""
     posed = []
     for pair in pairs:
         missing = [(file, port) for file in pair for port, log in joints.items() if not _covers(log[0], file.stamp_s)]
@@ -198,10 +202,10 @@ def with_joints(
 
 def _covers(stamps: Array, stamp_s: float) -> bool:
     """Whether a sample is near, and those on both sides are close enough together to go between them."""
-    before = stamps[max(int(np.searchsorted(stamps, stamp_s, "right")) - 1, 0)]
+    earlier = stamps[max(int(np.searchsorted(stamps, stamp_s, "right")) - 1, 0)]
     after = stamps[min(int(np.searchsorted(stamps, stamp_s, "left")), len(stamps) - 1)]  # itself if a sample is there
-    nearest_s = min(abs(stamp_s - before), abs(after - stamp_s)) - _STAMP_RESOLUTION_S
-    between_s = after - before - _STAMP_RESOLUTION_S
+    nearest_s = min(abs(stamp_s - earlier), abs(after - stamp_s)) - _STAMP_RESOLUTION_S
+    between_s = after - earlier - _STAMP_RESOLUTION_S
     most_s = MAX_JOINT_GAP_S if stamps[0] <= stamp_s <= stamps[-1] else MAX_BEYOND_S
     return bool(nearest_s <= most_s and between_s <= 2 * MAX_JOINT_GAP_S)
 
@@ -214,16 +218,16 @@ def interpolated(stamps: Array, samples: Array, stamp_s: float) -> Array:
 
 
 def find_ports(folder: Path, joint_ports: Sequence[str]) -> dict[str, Path]:
-    """The data.log of every port: "left" and "right" (images), those of the joints, skin.
+    """The data.log of every port: "left" and "right" (images), joints, skin.
 
     Joints and skin lie in a folder called so (`rightArm`, `right_arm/state:o`), images below one
     whose name holds left or right.  InputError if two logs claim one port.
     """
     ports: dict[str, Path] = {}
     logs = sorted(_logs(folder))
-    known = {_plain(port): port for port in (*joint_ports, "skin")}
+    port_names = {_plain(port): port for port in (*joint_ports, "skin")}
     for log in logs:
-        port = _port(log.parent.relative_to(folder), log, known)
+        port = _port(log.parent.relative_to(folder), log, port_names)
         if port in ports:
             raise InputError(log, f"a second log for {port}; expected one, and {ports[port]} is there")
         if port is not None:
@@ -234,13 +238,13 @@ def find_ports(folder: Path, joint_ports: Sequence[str]) -> dict[str, Path]:
     return ports
 
 
-def _port(place: Path, log: Path, known: dict[str, str]) -> str | None:
+def _port(place: Path, log: Path, port_names: dict[str, str]) -> str | None:
     """Which port a log belongs to, None if to one that is not read here."""
     if _holds_images(log):
         name = place.as_posix().lower()
         side = max(("left", "right"), key=name.rfind)
         return side if side in name else None
-    return next((known[part] for part in map(_plain, place.parts) if part in known), None)
+    return next((port_names[part] for part in map(_plain, place.parts) if part in port_names), None)
 
 
 def _plain(name: str) -> str:
@@ -248,7 +252,7 @@ def _plain(name: str) -> str:
 
 
 def _holds_images(log: Path) -> bool:
-    """By the type info.log states, or else by what the first row names."""
+    """By the type in info.log, or else by the file name in the first row."""
     if kind := _type(log):
         return kind.startswith("Image")
     return _names(log, _IMAGE_SUFFIXES) or any(map(_FRAME.fullmatch, first_row(log).split()))
@@ -260,17 +264,17 @@ def _names(log: Path, suffixes: tuple[str, ...]) -> bool:
 
 
 def _type(log: Path) -> str:
-    """What the info.log beside a log says that it holds, "Image:ppm;" for instance; "" where it says nothing."""
+    """The type stated in the info.log beside a log, "Image:ppm;" for instance; "" without one."""
     kind = first_row(log.with_name("info.log"))
     return kind.removeprefix("Type:").strip() if kind.startswith("Type:") else ""
 
 
 def _logs(folder: Path) -> Iterator[Path]:
     """Every data.log below a folder; linked folders are followed, each once."""
-    seen = {os.path.realpath(folder)}
+    visited = {os.path.realpath(folder)}
     for place, folders, files in os.walk(folder, followlinks=True):
         if "data.log" in files or "data.log" in folders:  # a folder of that name is refused by its reader
             yield Path(place, "data.log")
         real = {name: os.path.realpath(Path(place, name)) for name in folders}
-        folders[:] = [name for name in sorted(folders) if real[name] not in seen]
-        seen.update(real.values())
+        folders[:] = [name for name in sorted(folders) if real[name] not in visited]
+        visited.update(real.values())
