@@ -82,19 +82,10 @@ def test_a_folder_begun_with_other_options(first: str, second: str, said: str, t
 
 def test_settings_that_are_none(tmp_path: Path, refused) -> None:
     (tmp_path / "a.mp4").touch()
-    for content in ("{", "1", ""):
+    for content in ("{", "1"):
         (tmp_path / "settings.json").write_text(content)
         line = refused("batch", tmp_path / "a.mp4", "--out", tmp_path)
         assert re.search("settings.json: .*; expected the settings of a batch", line)
-
-
-def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
-    for name in ("l", "r"):
-        write_video(tmp_path / f"{name}.mp4", [k / 20 for k in range(5)])
-    (tmp_path / "list.csv").write_text("name,left,right,calib,fps\nfirst,l.mp4,r.mp4,calib.yml,10\n")
-    main(["batch", str(tmp_path / "list.csv"), "--out", str(tmp_path / "out")])
-    with (tmp_path / "out" / "first" / "trajectory.csv").open() as file:
-        assert [float(row["stamp_s"]) for row in csv.DictReader(file)] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
 
 
 @pytest.mark.parametrize(
@@ -129,14 +120,18 @@ def test_nothing_to_do(tmp_path: Path, refused) -> None:
 
 
 def test_a_row_s_own_options_go_before_those_for_all(tmp_path: Path, calib: Path) -> None:
-    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+    for name in ("a", "r"):
+        write_video(tmp_path / f"{name}.mp4", [k / 20 for k in range(4)])
     (tmp_path / "other.yml").write_bytes(calib.read_bytes())
-    (tmp_path / "list.csv").write_text("name,rec,calib,fps,unit_m\na,a.mp4,other.yml,10,0.01\nb,a.mp4,,,\n")
+    rows = ("name,rec,left,right,calib,fps,unit_m", "a,a.mp4,,,other.yml,10,0.01", "b,,a.mp4,r.mp4,,,")
+    (tmp_path / "list.csv").write_text("".join(f"{row}\n" for row in rows))
     words = ["--calib", str(calib), "--fps", "5", "--unit-m", "2", "--out", str(tmp_path / "out")]
     main(["batch", str(tmp_path / "list.csv"), *words])
     a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
     assert re.search(r"track a.mp4 --calib other.yml --fps 10.0 --unit-m 0.01", a)
-    assert re.search(r"track a.mp4 --calib \S*calib.yml --fps 5.0 --unit-m 2.0", b)
+    assert re.search(r"track --left a.mp4 --right r.mp4 --calib \S*calib.yml --fps 5.0 --unit-m 2.0", b)
+    with (tmp_path / "out" / "b" / "trajectory.csv").open() as file:
+        assert [float(row["stamp_s"]) for row in csv.DictReader(file)] == pytest.approx([0, 0.2, 0.4, 0.6])
 
 
 def test_why_a_row_failed_begins_with_its_place(tmp_path: Path, calib: Path, refused_with) -> None:

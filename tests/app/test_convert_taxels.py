@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning.archive import write_archive
 from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
 from pps_vision.app.cli import main
 from pps_vision.recordings.taxels_ini import read_taxels
@@ -138,25 +137,6 @@ def test_untouched_taxels_that_the_robot_lacks_are_left_out(like: Path, tmp_path
     assert f"left out: {32 - sum(mapped)} untouched taxels that {like} does not know" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("count", [1e300, 2.0**60])
-def test_a_count_beyond_every_robots_is_refused(refused, like: Path, tmp_path: Path, count: float) -> None:
-    """Larger counts overflow in sums, or in the whole numbers of the robot's form."""
-    memory = learned()
-    path = tmp_path / "m.npz"
-    arrays = {
-        "taxel_ids": np.array(memory.taxel_ids),
-        "part_index": memory.part_index,
-        "counts": np.full(memory.counts.shape, count),
-        "ranges": np.array([memory.params.distance_range_m, memory.params.ttc_range_s]),
-        "sigma_bins": 1.0,
-    }
-    write_archive(path, "PPS memory", 3, arrays)
-    assert "expected finite ones from 0 to 2^53" in refused("convert-taxels", path, tmp_path / "t.ini", "--like", like)
-    text = like.read_text().replace("nTaxels 0", "nTaxels 1", 1).replace("[r_hand]", f"27 ({int(count)}) (0)\n[r_hand]")
-    like.write_text(text)
-    assert "expected counts from 0 to 2^53" in refused("convert-taxels", like, tmp_path / "m2.npz")
-
-
 def test_which_way_is_told_by_the_suffixes(refused, like: Path, tmp_path: Path) -> None:
     save_memory(tmp_path / "m.npz", learned())
     for pair in (("m.npz", "n.npz"), ("robot.ini", "t.ini"), ("m.npz", "t.txt")):
@@ -175,3 +155,11 @@ def test_a_part_under_both_its_names_is_refused(refused, like: Path, tmp_path: P
     like.write_text(text + "3 (1) (2)\n")
     assert "robot.ini: " in refused("convert-taxels", like, tmp_path / "m.npz")
     assert not (tmp_path / "m.npz").exists()
+
+
+@pytest.mark.parametrize("count", [10**300, 2**60])
+def test_a_count_beyond_every_robots_is_refused(refused, like: Path, tmp_path: Path, count: int) -> None:
+    """Larger counts overflow in sums."""
+    text = like.read_text().replace("nTaxels 0", "nTaxels 1", 1).replace("[r_hand]", f"27 ({count}) (0)\n[r_hand]")
+    like.write_text(text)
+    assert "expected counts from 0 to 2^53" in refused("convert-taxels", like, tmp_path / "m2.npz")

@@ -1,4 +1,4 @@
-"""The demo's numbers, from a made-up log, and its whole run with training and episodes cut short."""
+"""The demo with training and episodes cut short, and the demo of encounters (its full run in make test-all)."""
 
 import json
 from itertools import islice
@@ -16,7 +16,8 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
-from pps_vision.app.demo import demo, drawn
+from pps_vision.app.demo import demo, drawn, write_side_by_side
+from pps_vision.app.demo_encounters import DemoEncounter, chosen, demo_encounters
 from pps_vision.app.simulation import SimulationScene
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import icub_skin
@@ -101,3 +102,41 @@ def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(unseen: Simu
     assert (image[corner & inside] == 200).all()
     assert (image[~corner & inside] == 80).mean() > 0.95  # the rest is the legend
     assert (image[240, 1] == [250, 40, 40]).all() == touched
+
+
+def met(title: str, gap_m: float) -> DemoEncounter:
+    logs = [SimpleNamespace(surface_gap_m=np.array([[g, 1.0]]), was_touched=g <= 0.02) for g in (0.0, gap_m)]
+    return DemoEncounter(title, tuple(logs), Path("none"))  # type: ignore[arg-type]
+
+
+def test_the_best_the_median_and_every_touched_one_are_shown_once() -> None:
+    some = [met("a", 0.05), met("b", 0.01), met("c", 0.12), met("d", 0.015), met("e", 0.07)]
+    assert [(label, encounter.title) for label, encounter in chosen(some)] == [
+        ("Best", "c"),
+        ("Median", "a"),
+        ("Touched", "b"),
+        ("Touched", "d"),
+    ]
+    assert [label for label, _ in chosen(some[:1])] == ["Only one"]
+    assert some[0].left_m == pytest.approx(0.03)
+
+
+@pytest.mark.long
+def test_a_report_of_one_encounter(tmp_path: Path) -> None:
+    demo_encounters(tmp_path / "out", 1, 2.0, 7, share=0.1)
+    (row,) = json.loads((tmp_path / "out" / "summary.json").read_text())["encounters"]
+    assert not row["touched"]
+    text = (tmp_path / "out" / "report.html").read_text()
+    assert text.count("<video") == 1
+    assert row["encounter"] in text
+
+
+def test_both_runs_are_filmed_side_by_side(tmp_path: Path) -> None:
+    left, right = ([np.full((48, 64, 3), level + 20 * k, np.uint8) for k in range(3)] for level in (40, 140))
+    write_side_by_side(tmp_path / "a.mp4", (left, right), (left[:1], right[:2]))
+    with av.open(str(tmp_path / "a.mp4")) as film:
+        frames = [frame.to_ndarray(format="rgb24").astype(float) for frame in film.decode(video=0)]
+    assert [frame.shape for frame in frames] == [(48, 128, 3)] * 5
+    for frame, (k, j) in zip(frames, ((0, 0), (1, 1), (2, 2), (0, 0), (0, 1)), strict=True):  # the shorter one waits
+        assert frame[:, 8:56].mean() == pytest.approx(40 + 20 * k, abs=5)
+        assert frame[:, 72:120].mean() == pytest.approx(140 + 20 * j, abs=5)

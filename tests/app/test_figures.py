@@ -188,17 +188,11 @@ def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
     assert first["points"][:3] == [None, None, points[6].tolist()]
     assert second["points"] == points[6:20].tolist()
     assert first["width"] > second["width"]
-    assert data["center"] == pytest.approx([0.15, 0.0, 0.5], abs=1e-3)
-    assert data["size"] == pytest.approx(0.15, abs=1e-3)
+    assert [*data["center"], data["size"]] == pytest.approx([0.15, 0.0, 0.5, 0.15], abs=1e-3)
     assert [axis["name"] for axis in data["axes"]] == ["x +0.1 m", "y +0.1 m", "z +0.1 m"]
-    for k, axis in enumerate(data["axes"]):
-        assert np.subtract(axis["to"], axis["from"]) == pytest.approx(0.1 * np.eye(3)[k])
     assert 30 < len(data["ellipsoids"]) <= 40
     assert data["ellipsoids"][0]["at"] == at[0].tolist()
     assert data["ellipsoids"][-1]["at"] == at[-1].tolist()
     lengths = sorted(np.linalg.norm(data["ellipsoids"][0]["axes"], axis=1))
     assert lengths == pytest.approx(2.7955 * np.array([0.01, 0.01, 0.02]), rel=1e-3)
     assert path3d([("green", points[:3])], at[:0], cov[:0]) == "<p>No position is known.</p>"
-    resting = json.loads(re.search(r'-data">(.*?)</script>', path3d([("green", at[:1])], at[:0], cov[:0]))[1])  # type: ignore[index]
-    assert resting["size"] == 1e-3
-    assert resting["ellipsoids"] == []

@@ -195,14 +195,7 @@ def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(ref
 
 
 def test_a_calibration_for_another_size_is_told(tmp_path: Path, capsys) -> None:
-    calib = tmp_path / "calib.yml"
-    storage = cv2.FileStorage(str(calib), cv2.FILE_STORAGE_WRITE)
-    K = np.array([[40.0, 0, 40], [0, 40, 30], [0, 0, 1]])
-    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
-        storage.write(key, value)
-    storage.write("image_width", 80)
-    storage.write("image_height", 60)
-    storage.release()
+    calib = write_calibration(tmp_path / "calib.yml", 40.0, (40.0, 30.0), (80, 60))
     write_video(tmp_path / "both.mp4", [0.0, 0.05, 0.1], size=(320, 120))
     main(["info", str(tmp_path / "both.mp4"), "--calib", str(calib)])
     assert f"warning: {calib} is for 80×60 pixels, scaled to images of 160×120\n" in capsys.readouterr().out

@@ -14,16 +14,16 @@ from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 
 TEXT_ROWS = 30
+CAMERA = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
+VIEW = StereoRig.fixed(CAMERA, CAMERA, np.eye(4)).view()
+FRAME = StereoFrame(*np.zeros((2, 100, 100, 3), np.uint8), 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("pixel", "scale"), [((40.0, 60.0), 1), ((40.5, 60.25), 2), ((47.75, 71.5), 5)])
 def test_the_cross_is_centred_on_the_projected_position(pixel: tuple[float, float], scale: int) -> None:
     """Pixel u of the image covers the pixels from scale * u to scale * u + scale - 1 of the canvas."""
-    camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
-    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
-    black = np.zeros((100, 100, 3), np.uint8)
     track = track_at([(pixel[0] - 49.5) / 100, (pixel[1] - 49.5) / 100, 1.0])
-    drawn = draw_pair(StereoFrame(black, black, 0.0, 0.0), view, track, scale=scale)
+    drawn = draw_pair(FRAME, VIEW, track, scale=scale)
     light = drawn[TEXT_ROWS:, : 100 * scale].sum(axis=2, dtype=float)
     rows, columns = np.nonzero(light)
     centre = np.average(columns, weights=light[rows, columns]), np.average(rows, weights=light[rows, columns])
@@ -38,10 +38,9 @@ def test_each_caption_has_a_line_of_its_own() -> None:
     view = StereoRig.fixed(camera, camera, np.eye(4)).view()
     black = np.zeros((240, 320, 3), np.uint8)
     frame = StereoFrame(black, black, 0.0, 0.0)
-    track = Track3D.unknown(0.0)
     rows = []
     for captions in ((), ("one",), ("one", "two")):
-        drawn = draw_pair(frame, view, track, captions=captions)
+        drawn = draw_pair(frame, view, Track3D.unknown(0.0), captions=captions)
         rows.append(drawn.any(axis=(1, 2)))
     for fewer, more in pairwise(rows):
         assert (more >= fewer).all()
@@ -51,11 +50,8 @@ def test_each_caption_has_a_line_of_its_own() -> None:
 
 def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status() -> None:
     """In the image of its eye: 100 px times the tangent of its angular radius, twice enlarged."""
-    camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
-    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
-    black = np.zeros((100, 100, 3), np.uint8)
     detection = Detection2D(0.0, "right", np.array([50.0, 60.0]), np.eye(2), 0.9, np.arctan(0.2), (40, 50, 20, 20))
-    drawn = draw_pair(StereoFrame(black, black, 0.0, 0.0), view, Track3D.unknown(0.0, Status.COASTING), [detection])
+    drawn = draw_pair(FRAME, VIEW, Track3D.unknown(0.0, Status.COASTING), [detection])
     left, right = np.split(drawn[TEXT_ROWS:].astype(float), 2, axis=1)
     assert not left.any()
     rows, columns = np.nonzero(right.sum(axis=2) > 300)
@@ -67,13 +63,8 @@ def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status()
 
 
 def test_only_taxels_in_view_are_drawn_the_larger_the_likelier() -> None:
-    camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
-    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
-    black = np.zeros((100, 100, 3), np.uint8)
     taxels = np.array([[-0.2, 0.0, 1.0], [0.2, 0.0, 1.0], [0.0, 0.2, -1.0], [0.7, 0.0, 1.0]])
-    pair = draw_pair(
-        StereoFrame(black, black, 0.0, 0.0), view, Track3D.unknown(0.0), (), taxels, np.array([0.01, 0.99, 0.9, 0.9])
-    )
+    pair = draw_pair(FRAME, VIEW, Track3D.unknown(0.0), (), taxels, np.array([0.01, 0.99, 0.9, 0.9]))
     lit = pair[TEXT_ROWS:, :200].any(axis=2)
     assert 0 < lit[:, :100].sum() < 0.3 * lit[:, 100:].sum()
     assert not lit[:, 160:].any()

@@ -128,19 +128,6 @@ def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_kee
     assert not any(step.command.dq_rad_s.any() for step in never_seen)
 
 
-def test_a_search_starts_anew_where_the_object_was_lost_again() -> None:
-    """The gaze is searched around is that at the loss, not one of an earlier loss."""
-    target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
-    pipeline = following(lambda t: target if int(10 * t + 1e-6) % 4 < 2 else None)
-    for k, shift in ((0, 0.0), (3, 0.0), (5, 0.0), (9, 0.2), (11, 0.2)):
-        q = home(ROBOT)
-        q[ROBOT.indices(ROBOT.names.gaze_joints)[0]] += shift
-        pipeline.step(frame_at(0.1 * k, q))
-    state = pipeline._state.searching
-    assert state is not None
-    assert state.center[0] == pytest.approx(0.2)
-
-
 def test_a_contact_that_goes_on_is_learned_at_the_end() -> None:
     velocity = before_taxel_3(0.0) - before_taxel_3(0.1)
     pipeline = following(lambda t: (before_taxel_3(0.1) + t * velocity, velocity))
@@ -307,18 +294,6 @@ def test_what_came_near_and_touched_nothing_is_learned_as_that() -> None:
     assert learned.counts[..., 1].sum() > 0
     assert learned.counts[..., 0].sum() == 0
     assert pipeline.memory is learned
-
-
-def test_a_command_is_obeyed_for_half_a_second_after_it_took_effect() -> None:
-    """0.2 s late: the one of 0.4 s ago still turns the robot until the next takes effect, one of 0.8 s ago does not."""
-    target = np.array([-0.35, -0.15, 0.3]), np.array([0.0, 0.2, 0.0])
-    for elapsed_s, turns_s in ((0.4, 0.2), (0.8, 0.0)):
-        pipeline = following(lambda t: target, PipelineParams(latency_s=0.2))
-        command = pipeline.step(frame_at(0.0, home(ROBOT))).command.dq_rad_s
-        assert command.any()
-        pipeline.step(frame_at(elapsed_s, home(ROBOT)))
-        assert pipeline._state.last_q_rad is not None
-        np.testing.assert_allclose(pipeline._state.last_q_rad - home(ROBOT), turns_s * command, atol=1e-9)
 
 
 def test_an_arm_avoids_as_its_side_is_asked_to() -> None:

@@ -149,18 +149,13 @@ def unseen() -> SimulationScene:
     return SimulationScene(setup, NoEyes(), np.random.default_rng(0), "left")  # type: ignore[arg-type]
 
 
-def command(q: Array, joint: int, rate: float) -> SimpleNamespace:
-    """A step whose command moves one joint."""
-    return SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.where(np.arange(len(q)) == joint, rate, 0.0)))
-
-
 def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen: SimulationScene) -> None:
     """A cube that comes to the skin in 1 s: it touches the taxels within 20 mm of its surface."""
     index = unseen.skin.index("left_forearm:3")
     way = np.array([0.05, -0.05, -0.1])
     begin = unseen.skin.at(unseen.robot.at(unseen.home))[0][index] - way
     episode = Episode("", "cube", lambda t: (begin + t * way, way), 1.0)
-    still = command(unseen.home, 0, 0.0)
+    still = SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.zeros(unseen.robot.n_joints)))
     steps = list(simulate(unseen, episode, lambda frame, touched: still))  # type: ignore[arg-type,return-value]
     assert fixation_error(unseen.robot.at(steps[0].q_rad), begin) < 1e-3
     shown = unseen.eyes.shown  # type: ignore[attr-defined]
