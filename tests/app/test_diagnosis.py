@@ -64,10 +64,8 @@ def same_in_both_eyes(rec: Path) -> None:
 
 
 def exchanged_eyes(rec: Path) -> None:
-    left, right = rec / "cam" / "left", rec / "cam" / "right"
-    left.rename(rec / "cam" / "other")
-    right.rename(left)
-    (rec / "cam" / "other").rename(right)
+    for source, target in (("left", "temporary"), ("right", "left"), ("temporary", "right")):
+        (rec / "cam" / source).rename(rec / "cam" / target)
 
 
 @pytest.fixture(scope="module")
@@ -341,27 +339,23 @@ def test_units_are_proposed_by_which_the_cameras_are_2_cm_to_1_m_apart(
 
 
 @pytest.fixture(scope="module")
-def crossing() -> Film:
+def crossing() -> tuple[StereoRig, list[StereoFrame]]:
     """A ball that crosses the view obliquely, 30 cm/s, 60 cm away."""
-    return Film(FilmScene(320, 240, seconds=2.0, motion="straight"), seed=11)
-
-
-@pytest.fixture(scope="module")
-def frames(crossing: Film) -> list[StereoFrame]:
-    return list(crossing)
+    film = Film(FilmScene(320, 240, seconds=2.0, motion="straight"), seed=11)
+    return film.rig, list(film)
 
 
 @pytest.mark.parametrize(("late", "off_px", "warned"), [(0, 0.0, False), (6, 0.0, True), (0, 8.0, True)])
 def test_left_and_right_of_different_moments_or_a_wrong_calibration(
-    crossing: Film, frames: list[StereoFrame], late: int, off_px: float, warned: bool
+    crossing: tuple[StereoRig, list[StereoFrame]], late: int, off_px: float, warned: bool
 ) -> None:
     """One eye is 0.2 s late, or the calibration's rows are 8 px off; either is told without saying which it is."""
+    rig, frames = crossing
     pairs = tuple(
         (MadeUp(Path("left.png"), k / 30, pixels=left.left), MadeUp(Path("right.png"), k / 30, pixels=right.right))
         for k, (left, right) in enumerate(zip(frames[late:], frames, strict=False))
     )
-    right = replace(crossing.rig.right, cy=crossing.rig.right.cy + off_px)
-    rig = StereoRig(crossing.rig.left, right, crossing.rig.eye_poses)
+    rig = StereoRig(rig.left, replace(rig.right, cy=rig.right.cy + off_px), rig.eye_poses)
     run = track(Recording("crossing", pairs, (320, 240), [], rig=rig))
     numbers = PathStatistics()
     for pair in run.tracked_pairs(run):

@@ -50,7 +50,8 @@ def crossing(rng: np.random.Generator) -> tuple[Boxes, Boxes]:
     track: dict[int, dict[int, np.ndarray]] = {}
     names = np.array([11, 12, 13])
     for frame in range(1, 80):
-        truth[frame], track[frame] = {}, {}
+        truth[frame] = {}
+        track[frame] = {}
         if rng.random() < 0.1:
             names = rng.permutation(names)
         for k in range(3):

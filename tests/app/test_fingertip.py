@@ -16,10 +16,14 @@ from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, Status
 
-ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
+ROBOT = load_icub()
+SKIN = icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
-TAXEL, DT, TIP = 3, 0.05, ROBOT.names.index_tips[1]
-TRAINED, TESTED = 10, 4
+TAXEL = 3
+DT = 0.05
+TIP = ROBOT.names.index_tips[1]
+TRAINED = 10
+TESTED = 4
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +43,9 @@ def touch(memory: PPSMemory, movement: DoubleTouch, obeys: bool) -> tuple[PPSMem
     home = tuple(movement.joints_rad[0][ARM])
     params = PipelineParams(arm=AvoidanceParams(home, confirmation_s=0.1))
     pipeline = Pipeline(params, ROBOT, SKIN, FingertipTracker(ROBOT), memory, np.random.default_rng(0))  # type: ignore[arg-type]
-    aside, nearest, first = np.zeros(ROBOT.n_joints), np.inf, np.nan
+    aside = np.zeros(ROBOT.n_joints)
+    nearest = np.inf
+    first = np.nan
     for k, planned in enumerate(movement.joints_rad):
         q = planned + aside
         distance = gaps(q)
@@ -68,10 +74,12 @@ def test_the_arm_avoids_its_own_finger_after_it_has_felt_it(touches: list[Double
 
 def test_the_fingertip_s_track_is_that_of_the_joints() -> None:
     """A wrist that turns: position within 1 mm, velocity from the last frame within 1 cm/s; none after a gap."""
-    tracker, q, joint = FingertipTracker(ROBOT), home(ROBOT), ROBOT.indices(("right_wrist_pitch",))[0]
-    tips, tracks = [], []
+    tracker = FingertipTracker(ROBOT)
+    joint = ROBOT.indices(("right_wrist_pitch",))[0]
+    tips = []
+    tracks = []
     for k, stamp_s in enumerate((1.0, 1.1, 1.1, 1.6, 2.2)):
-        turned = q.copy()
+        turned = home(ROBOT)
         turned[joint] -= 0.02 * k
         tips.append(ROBOT.at(turned).point(TIP))
         step = tracker.step(frame_at(stamp_s, turned))

@@ -26,7 +26,7 @@ def memory_file(approach: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 def test_the_touched_taxel_learns_positives_and_its_part_negatives(memory_file: Path) -> None:
     memory = load_memory(memory_file)
-    positive, negative = memory.counts[..., 0].sum(axis=(1, 2)), memory.counts[..., 1].sum(axis=(1, 2))
+    positive, negative = memory.counts.sum(axis=(1, 2)).T
     touched = memory.taxel_ids.index("left_forearm:3")
     assert positive[touched] > 5
     assert negative[touched] == 0

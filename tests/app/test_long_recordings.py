@@ -17,7 +17,8 @@ from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
 from tracking import smoother
 
-LOOPS, PAIRS = 6, 40
+LOOPS = 6
+PAIRS = 40
 
 
 @dataclass(frozen=True)
@@ -52,15 +53,16 @@ def test_memory_does_not_grow(options: list[str], approach: Path, tmp_path: Path
     monkeypatch.setattr(SourceOptions, "open", lambda self: recording)
     monkeypatch.setattr(smoother, "LAG", 20)
     main(["track", str(approach), "--out", str(tmp_path / "out"), *options])
-    begun, ended = min(recording.held[: LOOPS // 2]), min(recording.held[LOOPS // 2 :])
-    assert ended - begun < 5 * PAIRS * LOOPS // 2  # a track that is kept takes 5, all of a step 50
+    growth = min(recording.held[LOOPS // 2 :]) - min(recording.held[: LOOPS // 2])
+    assert growth < 5 * PAIRS * LOOPS // 2  # a track that is kept takes 5, all of a step 50
     assert len((tmp_path / "out" / "trajectory.csv").read_text().splitlines()) == 1 + len(recording)
 
 
 @pytest.mark.long
 def test_work_does_not_grow(approach: Path) -> None:
     """Number of function calls in each loop but the first; times would depend on the machine."""
-    calls, by_loop = 0, []
+    calls = 0
+    by_loop = []
 
     def count(frame: FrameType, event: str, arg: object) -> None:
         nonlocal calls

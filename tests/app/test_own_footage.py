@@ -13,7 +13,8 @@ from pps_vision.recordings.open import open_recording
 from pps_vision.testing import check_error
 
 CAMERA = Camera(width=320, height=240, fx=300.0, fy=300.0, cx=159.5, cy=119.5)
-RADIUS_M, SHIFT = 0.04, 4  # OpenCV draws at 1/16 px
+RADIUS_M = 0.04
+SHIFT = 4  # OpenCV draws at 1/16 px
 
 
 def test_tracked_within_millimetres(tmp_path: Path) -> None:

@@ -21,22 +21,16 @@ ROBOT = load_icub()
 TAXEL_3 = icub_skin(("left_forearm",)).index("left_forearm:3")
 
 
-def pipeline(memory_of: tuple, skin_of: tuple, params: PipelineParams | None = None) -> Pipeline:
-    robot = load_icub()
+def pipeline(parts: tuple, params: PipelineParams | None = None) -> Pipeline:
+    """A pipeline with the image tracker."""
     rng = np.random.default_rng(0)
-    tracker = Tracker(TrackerParams(), icub_rig(robot), rng)
-    memory = PPSMemory.empty(icub_skin(memory_of))
-    skin = icub_skin(skin_of)
-    return Pipeline(params or PipelineParams(), robot, skin, tracker, memory, rng)
-
-
-def test_a_memory_of_another_skin() -> None:
-    with pytest.raises(ValueError, match="memory has 16 taxels but the skin has 12"):
-        pipeline(("left_forearm", "left_palm"), ("left_forearm",))
+    tracker = Tracker(TrackerParams(), icub_rig(ROBOT), rng)
+    skin = icub_skin(parts)
+    return Pipeline(params or PipelineParams(), ROBOT, skin, tracker, PPSMemory.empty(skin), rng)
 
 
 def test_a_touch_without_a_track_is_counted() -> None:
-    robot_pipeline = pipeline(("left_forearm",), ("left_forearm",))
+    robot_pipeline = pipeline(("left_forearm",))
     q = home(robot_pipeline.robot)
     black = np.zeros((240, 320, 3), np.uint8)
     touched = np.arange(12) == 3
@@ -48,7 +42,7 @@ def test_a_touch_without_a_track_is_counted() -> None:
 
 
 def test_a_skin_that_the_avoiding_arm_does_not_carry_moves_nothing() -> None:
-    robot_pipeline = pipeline(("right_forearm",), ("right_forearm",))
+    robot_pipeline = pipeline(("right_forearm",))
     q = home(robot_pipeline.robot)
     black = np.zeros((240, 320, 3), np.uint8)
     step = robot_pipeline.step(StereoFrame(black, black, 0.0, 0.0, q, q), np.ones(12, bool))
@@ -126,6 +120,9 @@ def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_kee
     assert not any(moving[21:])
     never_seen, _ = run(following(lambda t: None, params), 0.3)
     assert not any(step.command.dq_rad_s.any() for step in never_seen)
+    by_default = following(lambda t: target if t == 0 else None)
+    moves = [bool(by_default.step(frame_at(t, home(ROBOT))).command.dq_rad_s.any()) for t in (0.0, 29.9, 30.1)]
+    assert moves[1:] == [True, False]
 
 
 def test_a_contact_that_goes_on_is_learned_at_the_end() -> None:
@@ -263,13 +260,6 @@ def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None
         assert np.any(step.command.dq_rad_s[ROBOT.indices(ROBOT.names.arm("left"))])
 
 
-def test_gaze_searches_for_half_a_minute_where_nothing_else_is_asked_for() -> None:
-    target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
-    pipeline = following(lambda t: target if t == 0 else None)
-    moves = [bool(pipeline.step(frame_at(t, home(ROBOT))).command.dq_rad_s.any()) for t in (0.0, 29.9, 30.1)]
-    assert moves[1:] == [True, False]
-
-
 @pytest.mark.parametrize(("beside_m", "avoided"), [(0.0, True), (0.2, False)])
 def test_an_object_whose_path_passes_by_is_not_avoided(beside_m: float, avoided: bool) -> None:
     """It comes at 10 cm/s from 18 cm before a taxel, towards it or beside it; the skin expects a touch of either."""
@@ -338,4 +328,11 @@ def test_the_arm_that_is_approached_avoids_if_asked_to(side: str, arms: str) -> 
 )
 def test_parameters_of_arms_that_contradict_the_robot_are_refused(params: PipelineParams, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        pipeline(("left_forearm",), ("left_forearm",), params)
+        pipeline(("left_forearm",), params)
+
+
+def test_a_memory_of_another_skin_is_refused() -> None:
+    skin = icub_skin(("left_forearm",))
+    memory = PPSMemory.empty(icub_skin(("left_forearm", "left_palm")))
+    with pytest.raises(ValueError, match="memory has 16 taxels but the skin has 12"):
+        Pipeline(PipelineParams(), ROBOT, skin, KnownTrack(lambda t: None), memory, np.random.default_rng(0))  # type: ignore[arg-type]

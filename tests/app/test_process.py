@@ -92,22 +92,27 @@ def test_characters_that_a_terminal_lacks_are_escaped() -> None:
     assert process.returncode == 0
 
 
-def test_a_warning_of_a_library_is_one_line() -> None:
-    process = start("import warnings\ndef run():\n    warnings.warn('two\\nlines', RuntimeWarning)")
-    assert process.communicate()[1] == "pps-vision: RuntimeWarning: two lines\n"
-
-
-def test_a_missing_system_library_is_one_line() -> None:
-    process = start("def run():\n    raise ImportError('libEGL.so.1: cannot open shared object file')")
-    assert process.communicate()[1] == "pps-vision: libEGL.so.1: cannot open shared object file\n"
-    assert process.returncode == 2
-
-
-def test_a_missing_package_is_one_line() -> None:
-    process = start("def run():\n    import not_installed.part")
-    said = process.communicate()[1]
-    assert said.startswith("pps-vision: No module named 'not_installed'; requirements-track.txt is for tracking only")
-    assert (said.count("\n"), process.returncode) == (1, 2)
+@pytest.mark.parametrize(
+    ("body", "line", "code"),
+    [
+        ("import warnings; warnings.warn('two\\nlines', RuntimeWarning)", "RuntimeWarning: two lines", 0),
+        (
+            "raise ImportError('libEGL.so.1: cannot open shared object file')",
+            "libEGL.so.1: cannot open shared object file",
+            2,
+        ),
+        (
+            "import not_installed.part",
+            "No module named 'not_installed'; requirements-track.txt is for tracking only",
+            2,
+        ),
+    ],
+)
+def test_a_warning_or_a_missing_library_is_one_line(body: str, line: str, code: int) -> None:
+    process = start(f"def run():\n    {body}")
+    errors = process.communicate()[1]
+    assert errors.startswith(f"pps-vision: {line}")
+    assert (errors.count("\n"), process.returncode) == (1, code)
 
 
 @pytest.mark.parametrize("bug", ["from pathlib import nothing", "1 / 0"])

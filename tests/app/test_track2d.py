@@ -23,7 +23,8 @@ def box(k: int) -> tuple[int, int, int, int]:
 @pytest.fixture
 def frames(tmp_path: Path) -> Path:
     """Images 1 to 6 of 120×90 pixels, with a blue block."""
-    rng, folder = np.random.default_rng(SEED), tmp_path / "frames"
+    rng = np.random.default_rng(SEED)
+    folder = tmp_path / "frames"
     folder.mkdir()
     for k in range(N):
         image = np.clip(90 + rng.normal(0, 4, (90, 120, 3)), 0, 255).astype(np.uint8)
@@ -45,13 +46,14 @@ def test_every_form_holds_the_boxes(frames: Path, tmp_path: Path, capsys) -> Non
         assert "warning" not in said.err
     for form in ("csv", "mot"):
         assert evaluate_boxes(read_boxes(files[form]), read_boxes(tmp_path / "truth.csv")).mean_iou > 0.95
-    coco, rows = json.loads(files["coco"].read_text()), files["csv"].read_text().split()[1:]
+    coco = json.loads(files["coco"].read_text())
+    rows = np.loadtxt(files["csv"], delimiter=",", skiprows=1)
     assert [image["file_name"] for image in coco["images"]] == [str(frames / f"{k + 1}.png") for k in range(N)]
     assert [(image["frame_id"], image["width"], image["height"]) for image in coco["images"]] == [
         (k + 1, 120, 90) for k in range(N)
     ]
     written = [[row["image_id"], *row["bbox"], row["score"]] for row in coco["annotations"]]
-    np.testing.assert_allclose(written, [[float(cell) for cell in row.split(",")] for row in rows], atol=1e-4)
+    np.testing.assert_allclose(written, rows, atol=1e-4)
 
 
 def test_an_image_that_cannot_be_read_has_no_box(frames: Path, tmp_path: Path, capsys) -> None:

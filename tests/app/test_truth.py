@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate import read_path
 
-TAG_PX, TAG_MM = 240, 48.0
+TAG_PX = 240
+TAG_MM = 48.0
 
 
 @pytest.fixture

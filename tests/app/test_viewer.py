@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tracks import track_at
 from videos import coded, number_of, write_video
 
@@ -68,12 +69,7 @@ def test_a_view_holds_what_was_tracked(entities) -> None:
     assert len(ellipsoids) == len(tracked)
     for k, row in zip(tracked, ellipsoids, strict=True):
         np.testing.assert_allclose(row["centers"][0], position(k), rtol=1e-6)
-        x, y, z, w = row["quaternions"][0]
-        turn = np.array([
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ])  # fmt: skip
+        turn = Rotation.from_quat(row["quaternions"][0]).as_matrix()
         cov = turn @ np.diag(np.square(row["half_sizes"][0]) / CHI2_95) @ turn.T
         np.testing.assert_allclose(cov, COV, atol=1e-9)
     assert sum("is_recursive" in row for row in entities["/track"]) == 1
