@@ -19,5 +19,5 @@ class Encounters(EncountersParameters):
         "controllers": Part(controllers.run, controllers.chart, controllers.tables),
         "rendered": Part(rendered.run, table=rendered.table),
         "sessions": Part(sessions.run, sessions.chart, sessions.table),
-        "tuning": Part(tuning.run, table=tuning.table),
+        "tuning": Part(tuning.run),
     }

@@ -1,5 +1,6 @@
 """Every controller on the same encounters, without rendering."""
 
+import operator
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import ceil
@@ -12,8 +13,13 @@ from pps_vision.app.encounters.encounter import FAST_M_S, HARMLESS, HAZARDS, SPE
 from pps_vision.app.encounters.registry import ASKING, BASELINES, NAMES, NONE, OURS, REACHING, TRUE
 from pps_vision.app.encounters.suite import Rows, run_suite
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.encounters.parameters import EncountersParameters
-from pps_vision.experiments.encounters.rates import MIN_SELF_DISTANCE_MM, SLOW_M_S, rate, unfinished_folder
+from pps_vision.experiments.encounters.parameters import (
+    MIN_SELF_DISTANCE_MM,
+    SLOW_M_S,
+    EncountersParameters,
+    rate,
+    unfinished_folder,
+)
 from pps_vision.experiments.study import interval, median
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.atomic_write import whole_file, write_json
@@ -34,6 +40,7 @@ _CONTROLLERS = {
     "15–30 cm/s": "fast",
     "harmless: no command (%)": "still, all",
 }
+_IS_MET: dict[str, Callable[[float, float], bool]] = {"≥ ": operator.ge, "> ": operator.gt, "": operator.eq}
 Row = dict[str, Any]
 
 
@@ -170,26 +177,24 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
     smallest_mm = [numbers["limits"]["smallest_self_distance_mm"]]
     left = [numbers["limits"]["left"]]
     reaching = numbers["reaching"]
-    goals: list[tuple[str, str, Sequence[float], Callable[[float], bool]]] = [
-        ("stop, ≤ 15 cm/s: not touched (%)", "≥ 99", ours["stop, slow"], lambda x: x >= 99),
-        ("distance left (mm), median", "≥ 20", ours["stop, slow, distance_mm"], lambda x: x >= 20),
-        ("lead (s), median", "≥ 0.4", ours["stop, slow, lead_s"], lambda x: x >= 0.4),
-        ("press, through: points above true positions", "≥ −3", above[TRUE], lambda x: x >= -3),
-        ("points above distance only", "≥ 15", above["distance only"], lambda x: x >= 15),
-        (f"points above the best baseline ({best})", "> 0", above[best], lambda x: x > 0),
-        ("15–30 cm/s: points above true positions", "≥ −5", fast, lambda x: x >= -5),
-        ("harmless: no command (%)", "≥ 99", ours["still, all"], lambda x: x >= 99),
-        (
-            "reached by the part aimed at (%)",
-            "≥ 98",
-            reaching[OURS]["reachable: by the part aimed at"],
-            lambda x: x >= 98,
-        ),
-        ("out of reach, attempted (%)", "0", reaching[ASKING]["out of reach: attempted"], lambda x: x == 0),
-        ("smallest self-collision distance (mm)", "≥ 20", smallest_mm, lambda x: x >= MIN_SELF_DISTANCE_MM),
-        ("encounters that left a limit", "0", left, lambda x: x == 0),
+    goals: list[tuple[str, str, float, Sequence[float]]] = [
+        ("stop, ≤ 15 cm/s: not touched (%)", "≥ ", 99, ours["stop, slow"]),
+        ("distance left (mm), median", "≥ ", 20, ours["stop, slow, distance_mm"]),
+        ("lead (s), median", "≥ ", 0.4, ours["stop, slow, lead_s"]),
+        ("press, through: points above true positions", "≥ ", -3, above[TRUE]),
+        ("points above distance only", "≥ ", 15, above["distance only"]),
+        (f"points above the best baseline ({best})", "> ", 0, above[best]),
+        ("15–30 cm/s: points above true positions", "≥ ", -5, fast),
+        ("harmless: no command (%)", "≥ ", 99, ours["still, all"]),
+        ("reached by the part aimed at (%)", "≥ ", 98, reaching[OURS]["reachable: by the part aimed at"]),
+        ("out of reach, attempted (%)", "", 0, reaching[ASKING]["out of reach: attempted"]),
+        ("smallest self-collision distance (mm)", "≥ ", MIN_SELF_DISTANCE_MM, smallest_mm),
+        ("encounters that left a limit", "", 0, left),
     ]
-    return [[what, goal, judged(estimate(value), not is_met(value[0]))] for what, goal, value, is_met in goals]
+    return [
+        [name, f"{sign}{bound:g}".replace("-", "−"), judged(estimate(value), not _IS_MET[sign](value[0], bound))]
+        for name, sign, bound, value in goals
+    ]
 
 
 def _above(beyond: Sequence[float]) -> list[float]:

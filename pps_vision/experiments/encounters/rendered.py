@@ -13,8 +13,7 @@ from pps_vision.app.encounters.suite import track_rng
 from pps_vision.app.encounters.tracks import ERRORS, track_of
 from pps_vision.app.encounters.training import learn
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.encounters.parameters import EncountersParameters
-from pps_vision.experiments.encounters.rates import counts, rate
+from pps_vision.experiments.encounters.parameters import EncountersParameters, counts, rate
 from pps_vision.experiments.study import NOISE_SIGMA, interval, median
 from pps_vision.experiments.tables import Table, estimate, judged
 

@@ -8,9 +8,7 @@ from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS
 from pps_vision.app.encounters.registry import OURS, TUNABLE, Baseline
 from pps_vision.app.encounters.suite import Rows, run_suite
-from pps_vision.experiments.encounters.parameters import EncountersParameters
-from pps_vision.experiments.encounters.rates import counts, unfinished_folder
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.encounters.parameters import EncountersParameters, counts, unfinished_folder
 
 _LOGARITHMIC = "gain"
 
@@ -44,12 +42,3 @@ def score(rows: Rows) -> float:
     touched = [row["touched"] for row in rows if row["condition"] in HAZARDS]
     moved = [row["commands"] > 0 for row in rows if row["condition"] in HARMLESS]
     return float(100 * np.mean(touched) + 100 * np.mean(moved))
-
-
-def table(numbers: dict[str, Any]) -> Table:
-    """Return our defaults and the best of each search."""
-    rows = [[f"{OURS}, defaults", f"{numbers['ours']:.3g}", "as everywhere"]]
-    for name, best in numbers["best"].items():
-        values = ", ".join(f"{key} {value:.3g}" for key, value in best.items() if key != "score")
-        rows.append([name, f"{best['score']:.3g}", values])
-    return Table(["controller", "score on the tuning encounters", "parameters"], rows)
