@@ -1,14 +1,13 @@
 """A single taxel: R's Monte Carlos (Figs 2, 3), the authors' published counts, prediction after one touch (Fig 9)."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
@@ -37,8 +36,6 @@ from pps_vision.experiments.tables import Table
 from pps_vision.types import Array, Mask
 
 Counts = NDArray[np.int64]
-Perceive = Callable[[ArrayLike, ArrayLike], tuple[Array, Array]]
-"""D and TTC of displacements and velocities (T, n, 3)."""
 Path3D = tuple[Array, Array, Mask]
 """Displacements and velocities (T, n, 3) in the taxels' frames, and the touched taxels (n,)."""
 
@@ -49,14 +46,9 @@ OBJECTS = 500
 
 FIG9_TRIALS = {1: (17,), 4: (14, 15, 16, 17)}
 """Trials behind Fig 9; no other trial, or four consecutive trials, comes as near to the published counts."""
-PARTS = ("inner forearm", "outer forearm", "palm")
-"""Body parts of R Fig 8, in the order of the released file's `part`."""
-REFERENCE_POINTS: dict[str, Perceive] = {
-    "the last sample": from_landing,
-    "the taxel": partial(from_taxel, field=UNBOUNDED),
-}
 _FIG3_OFFSET_M = -0.10
-_FIG3_RADII_M = (0.10, np.inf)  # greatest distances of a sample from the normal through the path's end
+_FIG3_RADIUS_M = 0.10  # greatest distance of a sample from the normal through the path's end
+_N_PARTS = 3  # inner forearm, outer forearm, palm: R Fig 8
 
 THRESHOLD = 0.4
 """Activation that starts avoidance (R)."""
@@ -89,12 +81,9 @@ def monte_carlo(study: "PpsTaxel") -> dict[str, Any]:
 
 def simulated_ridge(simulation: Simulation, reference: str, n: int, seed: int) -> dict[str, Any]:
     """Return medians over `n` simulations, and the map of the first one."""
-    crossings = []
-    widths = []
-    for k in range(n):
-        fine = _simulated_map(simulation, reference, seed, k, FINE)
-        crossings.append(100 * float(offsets(fine)[0]))
-        widths.append(100 * ridge_width(fine.counts[0]))
+    maps = [_simulated_map(simulation, reference, seed, k, FINE) for k in range(n)]
+    crossings = [100 * float(offsets(fine)[0]) for fine in maps]
+    widths = [100 * ridge_width(fine.counts[0]) for fine in maps]
     first = _simulated_map(simulation, reference, seed, 0, MemoryParams())
     return {
         "crosses_ttc_0_at_cm": [round(float(q), 2) for q in np.percentile(crossings, (50, 25, 75))],
@@ -114,13 +103,11 @@ def _simulated_map(simulation: Simulation, reference: str, seed: int, k: int, pa
 
 def draw_monte_carlo(numbers: dict[str, Any]) -> Figure:
     """Draw the maps: one row by the taxel, one by the landing point."""
-    maps = {
-        f"{name}, from the {reference}\ncrosses TTC = 0 at {ridge['crosses_ttc_0_at_cm'][0]:.1f} cm": ridge[
-            "activation"
-        ]
-        for reference, ridges in numbers["landscapes"].items()
-        for name, ridge in ridges.items()
-    }
+    maps = {}
+    for reference, ridges in numbers["landscapes"].items():
+        for name, ridge in ridges.items():
+            crossing = f"crosses TTC = 0 at {ridge['crosses_ttc_0_at_cm'][0]:.1f} cm"
+            maps[f"{name}, from the {reference}\n{crossing}"] = ridge["activation"]
     return landscape_chart(maps, columns=3)
 
 
@@ -129,11 +116,12 @@ def authors_counts(study: "PpsTaxel") -> dict[str, Any]:
     folder = study.data / "pps_real_robot"
     if not folder.exists():
         return {"skipped": f"no {folder}"}
+    noisy = _arrays(folder / "monte_carlo_500_noisy_events.npz")
     return {
         "monte_carlo": count_monte_carlo(_arrays(folder / "monte_carlo_500_events.npz")),
-        "fig3": count_fig3(_arrays(folder / "monte_carlo_500_noisy_events.npz")),
+        "fig3": count_fig3(noisy),
         "fig9": count_fig9(folder),
-        "ridge_cm": published_ridge_cm(_arrays(folder / "monte_carlo_500_noisy_events.npz")),
+        "ridge_cm": published_ridge_cm(noisy),
         "fig8": fig8(_arrays(folder / "systematic_offsets.npz")),
     }
 
@@ -143,68 +131,54 @@ def _arrays(file: Path) -> dict[str, NDArray[Any]]:
         return dict(archive)
 
 
-def _published(data: Mapping[str, NDArray[Any]]) -> Counts:
-    return np.stack([data["positive_counts"], data["negative_counts"]], axis=-1).astype(np.int64)
-
-
-def count_monte_carlo(data: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
-    """Return the differences for the Monte Carlo of 500 objects, by the point from which D and TTC are measured."""
+def count_monte_carlo(data: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return the difference for the Monte Carlo of 500 objects."""
     paths = []
     for start, end, outcome in zip(data["offsets"][:-1], data["offsets"][1:], data["outcome"], strict=True):
         # A second taxel, touched by the misses alone, makes them negative samples of the first.
         d, v = (np.repeat(data[name][start:end, None], 2, axis=1) for name in ("position_m", "velocity_m_s"))
         paths.append((d, v, np.array([outcome > 0, outcome <= 0])))
-    return {
-        point: _difference(_count(paths, perceive, 2, 3.0)[0], _published(data))
-        for point, perceive in REFERENCE_POINTS.items()
-    }
+    return _difference(_count(paths, 2, 3.0)[0], _published(data, ""))
 
 
-def count_fig3(data: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
-    """Return the differences for the noisy Monte Carlo behind R Fig 3, by the greatest distance from the normal.
+def count_fig3(data: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return the difference for the noisy Monte Carlo behind R Fig 3.
 
-    D and TTC (R eqs 1–2) are both measured from a point 10 cm above the path's end along the normal.
+    D and TTC (R eqs 1–2) are both measured from a point 10 cm above the path's end along the normal. Samples more than
+    10 cm from the normal are not counted.
     """
-    positions = data["position_m"].astype(float)
     starts = data["offsets"]
     event = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    positions = data["position_m"].astype(float)
     from_end = positions - positions[starts[1:] - 1][event]
     shifted = from_end + _FIG3_OFFSET_M * NORMAL
     D, TTC = from_taxel(shifted[:, None], data["velocity_m_s"].astype(float)[:, None], UNBOUNDED)
-    from_normal = np.linalg.norm(from_end[:, :2], axis=1)
-    differences = {}
-    for radius in _FIG3_RADII_M:
-        counts = []
-        for hit in (True, False):
-            used = (from_normal < radius) & ((data["outcome"] > 0)[event] == hit)
-            memory = count_samples(empty_map(1, MemoryParams()), D[used], TTC[used], np.ones(1, bool))
-            counts.append(memory.counts[0, ..., 0])
-        within = "" if np.isinf(radius) else f", within {100 * radius:g} cm of its normal"
-        difference = _difference(np.stack(counts, axis=-1).astype(np.int64), _published(data))
-        differences[f"the last sample, shifted by 10 cm{within}"] = difference
-    return differences
+    is_near = np.linalg.norm(from_end[:, :2], axis=1) < _FIG3_RADIUS_M
+    counts = []
+    for is_touch in (True, False):
+        used = is_near & ((data["outcome"] > 0)[event] == is_touch)
+        counts.append(count_samples(empty_map(1, MemoryParams()), D[used], TTC[used], np.ones(1, bool)).counts[..., 0])
+    return _difference(np.stack(counts, axis=-1)[0].astype(np.int64), _published(data, ""))
 
 
-def count_fig9(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the differences for the maps after 1 and 4 trials, by the point from which D and TTC are measured."""
+def count_fig9(folder: Path) -> dict[str, Any]:
+    """Return the difference for the maps after 1 and 4 trials."""
     data = _arrays(folder / "histograms_after_1_and_4_trials.npz")
-    named = [[data[f"E{n}_{sign}"] for sign in ("positive", "negative")] for n in FIG9_TRIALS]
-    published = np.array(named).astype(np.int64).transpose(0, *range(2, np.ndim(named)), 1)
     paths = [(trial.d_m, trial.v_m_s, trial.touched) for trial in load_trials(folder / "trials_forearm_internal.npz")]
-    return {
-        point: _difference(
-            np.stack([_count([paths[k] for k in trials], perceive, 4, 1.2) for trials in FIG9_TRIALS.values()]),
-            published,
-        )
-        for point, perceive in REFERENCE_POINTS.items()
-    }
+    counts = [_count([paths[k] for k in trials], 4, 1.2) for trials in FIG9_TRIALS.values()]
+    return _difference(np.stack(counts), np.stack([_published(data, f"E{n}_") for n in FIG9_TRIALS]))
 
 
-def _count(paths: Iterable[Path3D], perceive: Perceive, n_taxels: int, ttc_max_s: float) -> Counts:
-    """Counts (n, 8, 4, 2) of D and TTC on a body part of n taxels."""
+def _published(data: Mapping[str, NDArray[Any]], prefix: str) -> Counts:
+    suffix = "" if prefix else "_counts"
+    return np.stack([data[f"{prefix}{sign}{suffix}"] for sign in ("positive", "negative")], axis=-1).astype(np.int64)
+
+
+def _count(paths: Iterable[Path3D], n_taxels: int, ttc_max_s: float) -> Counts:
+    """Counts (n, 8, 4, 2) of D and TTC, measured from the last sample, on a body part of n taxels."""
     memory = empty_map(n_taxels, MemoryParams(ttc_range_s=(0.0, ttc_max_s)))
     for d, v, touched in paths:
-        memory = count_samples(memory, *perceive(d, v), touched)
+        memory = count_samples(memory, *from_landing(d, v), touched)
     return memory.counts.astype(np.int64)
 
 
@@ -218,8 +192,7 @@ def _difference(ours: Counts, published: Counts) -> dict[str, Any]:
 def published_ridge_cm(data: Mapping[str, NDArray[Any]]) -> dict[str, float]:
     """Return where the line through the noisy Monte Carlo's published counts crosses TTC = 0, by weights and bins."""
     positive = data["positive_counts"]
-    negative = data["negative_counts"]
-    weights = {"positive counts": positive, "f": positive / np.maximum(positive + negative, 1)}
+    weights = {"positive counts": positive, "f": positive / np.maximum(positive + data["negative_counts"], 1)}
     return {
         f"{name}, {bins}": 100 * orthogonal_line(*axes, w)[0]
         for name, w in weights.items()
@@ -227,19 +200,13 @@ def published_ridge_cm(data: Mapping[str, NDArray[Any]]) -> dict[str, float]:
     }
 
 
-def fig8(data: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
-    """Return the offsets of ten taxels (R Fig 8) by weights and places of the bins, beside the stated ones."""
-    weights = {"edited landscape": data["edited_landscape"], "positive counts": data["positive_counts"]}
-    places = {"spread over the ranges": _spread_bins(), "bin centres": bin_centers(MemoryParams())}
-    errors = {}
-    for weight, taxels in weights.items():
-        for place, axes in places.items():
-            offset_m = np.array([orthogonal_line(*axes, taxel)[0] for taxel in taxels])
-            errors[f"{weight}, {place}"] = {
-                "means_cm": [100 * float(offset_m[data["part"] == part].mean()) for part in range(len(PARTS))],
-                "largest_error_mm": 1000 * float(np.abs(offset_m - data["offset_m"]).max()),
-            }
-    return errors
+def fig8(data: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return the mean offset by body part, and the largest difference from the offsets of ten taxels that R states."""
+    offset_m = np.array([orthogonal_line(*_spread_bins(), taxel)[0] for taxel in data["edited_landscape"]])
+    return {
+        "means_cm": [100 * float(offset_m[data["part"] == part].mean()) for part in range(_N_PARTS)],
+        "largest_error_mm": 1000 * float(np.abs(offset_m - data["offset_m"]).max()),
+    }
 
 
 def _spread_bins() -> tuple[Array, Array]:

@@ -61,7 +61,7 @@ _TOUCH_M = 0.01
 
 
 def _run_loop(study: "ReachInLoop") -> dict[str, Any]:
-    """Return the share of frames judged rightly (%, with the interval over runs), counts, and processor times.
+    """Return the share of frames judged rightly (%, with the interval over runs), and processor times.
 
     A ball crosses the left hand's workspace in front of the rendered eyes, which track and fixate it while the arm
     rests.  The truth is closed-form inverse kinematics at the ball's true position.
@@ -76,9 +76,7 @@ def _run_loop(study: "ReachInLoop") -> dict[str, Any]:
             log = log_of(scene, episode, simulate(scene, episode, pipeline.step, avoid=False), avoid=False)
             runs.append(judge(scene.robot, learned, log))
         ms = _frame_ms(scene.robot, learned, np.random.default_rng((study.seed, study.n)))
-    counts = {name: int(sum(np.sum(run[name]) for run in runs)) for name in runs[0] if name not in _VERDICTS}
-    shares = {name: interval([run[name] for run in runs], percent) for name in _VERDICTS}
-    return {**counts, **shares, "ms": ms}
+    return {**{name: interval([run[name] for run in runs], percent) for name in _VERDICTS}, "ms": ms}
 
 
 def crossing(scene: SimulationScene, reachable: bool, rng: np.random.Generator) -> Episode:
@@ -105,22 +103,16 @@ def random_gaze(limits: GazeLimits, n: int, rng: np.random.Generator) -> Array:
 
 
 def judge(robot: Robot, learned: ReachableMap, log: EpisodeLog) -> Values:
-    """Return (T,) booleans of the tracked frames of a run: whether each verdict is right, and the kinds of errors.
+    """Return (T,) booleans of the tracked frames of a run: whether each verdict is right.
 
     A position that no gaze within the map's limits fixates counts as unreachable.
     """
     tracked = [k for k, answer in enumerate(log.reachability) if answer.status != ReachStatus.UNKNOWN]
-    answers = [log.reachability[k] for k in tracked]
+    verdict = np.array([log.reachability[k].is_reachable for k in tracked], dtype=bool)
     points = log.truth_m[tracked]
     gaze = GazeModel(robot).gaze(points, _LOOP_GAZE)
     reachable = np.isfinite(closed_form(robot, "left").solve(points)[:, 0]) & np.isfinite(gaze[:, 0])
-    verdict = np.array([answer.is_reachable for answer in answers], dtype=bool)
     return {
-        "frames": np.ones(len(points), bool),
-        "truly_reachable": reachable,
-        "not_fixated": np.array([answer.status == ReachStatus.NOT_FIXATED for answer in answers], dtype=bool),
-        "false_positives": verdict & ~reachable,
-        "false_negatives": ~verdict & reachable,
         "right": verdict == reachable,
         "right_at_true_position": (learned.query(gaze).probability > 0.5) == reachable,
     }
@@ -152,11 +144,9 @@ class Attempt:
 
     status: LeanStatus
     """Last status of the controller."""
-    palm_off_m: float
-    """Distance between palm and object, with the arm by inverse kinematics at the final gaze."""
-    turned_rad: float
-    """Total turn of the torso."""
-    fixation_rad: float
+    is_touched: bool
+    """Whether the palm meets the object within 1 cm, with the arm by inverse kinematics at the final gaze."""
+    fixation_deg: float
     """Largest fixation error."""
     seconds: float
     """Duration of the turn."""
@@ -167,39 +157,31 @@ def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point:
 
     Unless the head `compensates` for the torso, fixation only reacts.
     """
+
+    def is_reachable(gaze: Array) -> Mask:
+        return learned.query(gaze, threshold).reachable
+
     robot = oracle.robot
     model = GazeModel(robot)
-    torso = robot.indices(robot.names.torso)
     q = gaze_at(robot, robot.clamp(np.zeros(robot.n_joints)), point)
     status: LeanStatus = "leaning"
     error = 0.0
-    turned = 0.0
     t = 0.0
     while t < _MAX_LEAN_S:
         posture = robot.at(q)
         error = max(error, fixation_error(posture, point))
-        status, command = lean.step(
-            LeanParams(),
-            model,
-            _LEAN_GAZE,
-            lambda gaze: learned.query(gaze, threshold).reachable,
-            posture,
-            point,
-            _DT_S,
-            t,
-        )
+        status, command = lean.step(LeanParams(), model, _LEAN_GAZE, is_reachable, posture, point, _DT_S, t)
         if status != "leaning":
             break
-        dq = command.dq_rad_s
-        carried = compensates * head.carried_velocity(posture, point, dq)
+        carried = compensates * head.carried_velocity(posture, point, command.dq_rad_s)
         gaze_command = fixation.step(FixationParams(), posture, point, -carried, _DT_S, t)
-        turned += _DT_S * float(np.linalg.norm(dq[torso]))
-        q = robot.clamp(q + _DT_S * (dq + gaze_command.dq_rad_s))
+        q = robot.clamp(q + _DT_S * (command.dq_rad_s + gaze_command.dq_rad_s))
         t += _DT_S
     solution = oracle.solve(model.gaze(model.to_upright(q[None], point), _LEAN_GAZE))
     q[robot.indices(robot.names.arm(_LEAN_SIDE))[:4]] = solution.q_rad[0]
     palm = robot.at(q).point(robot.names.palm(_LEAN_SIDE))
-    return Attempt(status, float(np.linalg.norm(palm - point)), turned, error, t)
+    is_touched = status == "within reach" and bool(np.linalg.norm(palm - point) <= _TOUCH_M)
+    return Attempt(status, is_touched, error / _DEG, t)
 
 
 def can_be_reached(robot: Robot, points: Array) -> Mask:
@@ -243,7 +225,7 @@ def _run_lean(study: "ReachInLoop") -> dict[str, Any]:
     points = _draw_unreachable(robot, study.n_objects, np.random.default_rng(study.seed + 1_000_000))
     possible = can_be_reached(robot, points)
     attempts = [lean_once(point, compensates=True) for point in tqdm(points, desc="objects", disable=None)]
-    touched = [row for row in attempts if row.status == "within reach" and row.palm_off_m <= _TOUCH_M]
+    touched = [row for row in attempts if row.is_touched]
     refused = np.array([row.status == "out of reach" for row in attempts])
     reacting = [lean_once(point, compensates=False) for point in points[possible][: max(study.n_objects // 8, 1)]]
     return {
@@ -252,10 +234,8 @@ def _run_lean(study: "ReachInLoop") -> dict[str, Any]:
         "touched": len(touched),
         "refused_rightly": int((refused & ~possible).sum()),
         "refused_wrongly": int((refused & possible).sum()),
-        "palm_off_mm": _quantiles([1000 * row.palm_off_m for row in touched]),
-        "fixation_error_deg": _quantiles([row.fixation_rad / _DEG for row in touched]),
-        "fixation_error_reacting_deg": _quantiles([row.fixation_rad / _DEG for row in reacting]),
-        "turned_deg": _quantiles([row.turned_rad / _DEG for row in touched]),
+        "fixation_error_deg": _quantiles([row.fixation_deg for row in touched]),
+        "fixation_error_reacting_deg": _quantiles([row.fixation_deg for row in reacting]),
         "seconds": _quantiles([row.seconds for row in touched]),
     }
 
