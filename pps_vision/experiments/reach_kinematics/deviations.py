@@ -19,7 +19,6 @@ from pps_vision.experiments.reach_kinematics.forward_model import N_TEST, Forwar
 from pps_vision.experiments.reach_truth import first, gaze_rmse_deg
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table
-from pps_vision.experiments.timing import timed
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
@@ -116,7 +115,7 @@ def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
 
 
 def run(seeds: Sequence[int], n_samples: int) -> dict[str, Any]:
-    """Return by noise, deviation and model the RMSE (°) with its interval, and the median time of learning (s)."""
+    """Return by noise, deviation and model the RMSE (°) with its interval."""
     return {
         "noises": {
             f"{noise_deg:g}": {
@@ -130,7 +129,6 @@ def run(seeds: Sequence[int], n_samples: int) -> dict[str, Any]:
 
 def _measure(seeds: Sequence[int], n_samples: int, deviation: str, noise_deg: float) -> dict[str, Any]:
     errors: dict[str, list[list[float]]] = {model: [] for model in MODELS}
-    seconds: dict[str, list[float]] = {model: [] for model in MODELS}
     for seed in seeds:
         rng = np.random.default_rng(seed)
         train, test = (first(samples(deviation, int(n / _MIN_FIXATED), rng), n) for n in (n_samples, N_TEST))
@@ -138,11 +136,9 @@ def _measure(seeds: Sequence[int], n_samples: int, deviation: str, noise_deg: fl
         gaze = np.clip(train.gaze_rad + noise, _LIMITS.lower, _LIMITS.upper)
         for name, make in MODELS.items():
             model = make()
-            _, learning_ms = timed(partial(model.learn, train.arm_rad, gaze))
-            _, fitting_ms = timed(partial(model, test.arm_rad[:1]))
+            model.learn(train.arm_rad, gaze)
             errors[name].append([gaze_rmse_deg(model, test)[0]])
-            seconds[name].append((learning_ms + fitting_ms) / 1000)
-    return {name: {"rmse_deg": interval(errors[name]), "seconds": float(np.median(seconds[name]))} for name in MODELS}
+    return {name: {"rmse_deg": interval(errors[name])} for name in MODELS}
 
 
 def table(numbers: dict[str, Any]) -> Table:

@@ -21,8 +21,6 @@ from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
 
-_EXTREMES_OF_J = {"C, farthest": (11.17, 15.0), "D, closest": (89.15, 105.0)}  # vergence, elbow (degrees)
-
 
 def run(seeds: Sequence[int], n_tried: int, n_labels: int, n_labels_of_j: int, n_test: int) -> dict[str, Any]:
     """Return the scores of each map against the true and the learned kinematics, with 95 % intervals over repetitions.
@@ -35,7 +33,7 @@ def run(seeds: Sequence[int], n_tried: int, n_labels: int, n_labels_of_j: int, n
     ]
     maps = {
         name: {
-            truth: {key: interval([[one["maps"][name][truth][key]] for one in repetitions]) for key in scores}
+            truth: {key: interval([[run["maps"][name][truth][key]] for run in repetitions]) for key in scores}
             for truth, scores in by_truth.items()
         }
         for name, by_truth in repetitions[0]["maps"].items()
@@ -82,18 +80,16 @@ def _repetition(
 
 
 def _extremes(babbled: Babbled) -> dict[str, dict[str, float]]:
-    """Return points C and D of J Fig 3, the farthest and the closest fixated hand, beside J's; degrees."""
+    """Return points C and D of J Fig 3, the farthest and the closest fixated hand; degrees."""
     gaze_deg = np.rad2deg(babbled.gaze_rad)
-    indices = (gaze_deg[:, 2].argmin(), gaze_deg[:, 2].argmax())
+    vergence_deg = gaze_deg[:, 2]
     return {
         name: {
             "yaw_deg": float(gaze_deg[k, 0]),
-            "vergence_deg": float(gaze_deg[k, 2]),
+            "vergence_deg": float(vergence_deg[k]),
             "elbow_deg": float(np.rad2deg(babbled.arm_rad[k, 3])),
-            "vergence_deg_of_j": vergence_of_j,
-            "elbow_deg_of_j": elbow_of_j,
         }
-        for (name, (vergence_of_j, elbow_of_j)), k in zip(_EXTREMES_OF_J.items(), indices, strict=True)
+        for name, k in (("C, farthest", vergence_deg.argmin()), ("D, closest", vergence_deg.argmax()))
     }
 
 

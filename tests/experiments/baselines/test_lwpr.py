@@ -35,26 +35,6 @@ def test_a_model_of_two_outputs_is_two_models(rng):
     np.testing.assert_allclose(trained(params, x, y).predict(grid), np.transpose(alone), rtol=0, atol=1e-8)
 
 
-def test_a_direction_without_information_gets_no_projection(rng):
-    """Six inputs of which one matters: the second projection never halves the error, so no third is added."""
-    x = rng.uniform(-1, 1, (900, 6))
-    model = trained(LWPRParams(init_D=0.1, rate=0), x, x[:, :1] + 0.1 * rng.standard_normal((900, 1)))
-    assert model.fields.n_projections.max() == 2
-    three = x @ np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, 0], [0, 0, 0], [0, 0, 0]]).sum(
-        axis=1, keepdims=True
-    )
-    model = trained(LWPRParams(init_D=0.1, rate=0, first_projections=2), x * [1, 2, 3, 1, 1, 1], three)
-    assert model.fields.n_projections.max() > 2
-
-
-def test_fields_shrink_where_the_function_bends_and_grow_where_noise_dominates(rng):
-    x = rng.uniform(-1, 1, (1500, 1))
-    for init_D, y, sign in ((4.0, np.cos(6 * x), 1), (100.0, x + 0.3 * rng.standard_normal(x.shape), -1)):
-        model = trained(LWPRParams(init_D=init_D, rate=250), x, y)
-        metric = model.fields.metric[: model.n_fields, 0] ** 2
-        assert sign * np.median(metric) > sign * init_D
-
-
 def test_a_field_with_all_projections_is_weighted_least_squares(rng):
     """Of the samples after the one that created it."""
     x = rng.uniform(-0.5, 0.5, (60, 3))

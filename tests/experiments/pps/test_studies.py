@@ -21,7 +21,6 @@ from pps_vision.experiments.pps_taxel import (
 from pps_vision.experiments.severity.pps import DISTURBANCES, sample, score_map
 from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import read_numbers
-from pps_vision.experiments.whole_skin import activations, make_body
 from pps_vision.recordings.atomic_write import plain
 
 RESULTS = Path(__file__).parents[3] / "docs" / "results"
@@ -71,8 +70,3 @@ def test_the_map_predicts_undisturbed_and_the_worst_severity_costs(name: str) ->
     )
     assert mild > 0.87
     assert worst < mild - 0.05
-
-
-def test_only_taxels_near_the_ball_are_activated() -> None:
-    active = activations(make_body(500, np.random.default_rng(SEED))) > 0
-    assert 0 < active.sum() < 100
