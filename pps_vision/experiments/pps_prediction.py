@@ -31,7 +31,7 @@ HELD_OUT = 40
 """Rendered approaches that test the calibration."""
 AUROC_GOAL = 0.95
 ERROR_GOAL = 0.05
-_BINS = 10  # of the reliability diagram
+_BINS = 10  # reliability diagram
 CALIBRATED: dict[str, Predictor] = {
     "base rate": by_base_rate,
     "R's map": by_map,

@@ -45,12 +45,12 @@ TITLES: dict[SessionName, str] = {
     "palm": "objects, palm (Fig 7)",
 }
 FIG9_TRIALS = (1, 4, 53)
-_RESAMPLINGS = 200  # of the trials, for an interval
+_RESAMPLINGS = 200  # bootstrap samples of the trials
 
 R_SPEEDS_M_S = (0.05, 0.15)
 """Range of the speed of R's simulated approaches, the only speeds that R states."""
 _ATTEMPTS = 10  # at each misaimed touch
-_MIN_STEPS = 3  # of a movement, for its velocity
+_MIN_STEPS = 3  # shortest movement; its velocity is a difference quotient
 
 PAPER_OFFSETS_MM: dict[SessionName, float] = {"inner": 21.1, "outer": 17.3, "palm": 11.6}
 """R Fig 8."""

@@ -43,9 +43,8 @@ _SECONDS = 3.0
 _SPEED_M_S = (0.05, 0.15)
 _LENGTH_M = (0.10, 0.30)
 _LOOP_GAZE = GazeLimits(pitch_rad=(-80 * _DEG, 40 * _DEG))  # J's, with the pitch that the eyes' tilt adds
-_PATH_GAZE = GazeLimits(
-    (-50 * _DEG, 50 * _DEG), (-75 * _DEG, 35 * _DEG), (5 * _DEG, 17 * _DEG)
-)  # of the ends of paths; nearer, the eyes lag
+# ends of paths; the eyes lag behind nearer objects
+_PATH_GAZE = GazeLimits((-50 * _DEG, 50 * _DEG), (-75 * _DEG, 35 * _DEG), (5 * _DEG, 17 * _DEG))
 _N_TIMED = 1000
 _MAX_FP = 1e-3
 _VERDICTS = {"right": "asked at the track", "right_at_true_position": "asked at the true position"}
@@ -54,7 +53,7 @@ _LEAN_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pi
 _LEAN_ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's first joint
 _LEAN_SIDE = "right"
 _LEAN_MAX_FP = 1e-4
-_TORSO_STEP_RAD = 2 * _DEG  # of the truth's grid
+_TORSO_STEP_RAD = 2 * _DEG  # grid step of the ground truth
 _DT_S = 0.05
 _MAX_LEAN_S = 20.0
 _TOUCH_M = 0.01

@@ -22,9 +22,8 @@ ARMS = ("left", "right")
 SCORES = {"JE (%)": "je", "FN (%)": "fn", "FP (%)": "fp", "RMSE of R": "degree_rmse", "JE in J's box (%)": "box_je"}
 """Scores of a map by their names in tables."""
 _BOX_LOW = np.array([-0.376, -0.10, 0.1524])
-_BOX_HIGH = np.array(
-    [-0.226, 0.10, 0.3524]
-)  # root frame, m: J's box X ±0.10, Y 0.75–0.95, Z 0.20–0.35 of its simulator
+_BOX_HIGH = np.array([-0.226, 0.10, 0.3524])
+"""J's box in the root frame, m: X ±0.10, Y 0.75–0.95, Z 0.20–0.35 of its simulator."""
 _N_BOX = 9000
 
 
@@ -47,7 +46,7 @@ class MapTruth:
 
     @classmethod
     def of(cls, robot: Robot, n: int, rng: np.random.Generator, side: str = "right") -> "MapTruth":
-        """Draw `n` gaze postures, and 9000 locations without those that cannot be fixated."""
+        """Draw `n` gaze postures, and 9000 locations; locations that cannot be fixated are dropped."""
         limits = GazeLimits()
         gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
         points = rng.uniform(_BOX_LOW, _BOX_HIGH, (_N_BOX, 3))
@@ -60,16 +59,16 @@ class MapTruth:
         fixated = np.isfinite(box[:, 0])
         return cls(gaze, reachable, 1 - effort, error, box[fixated], np.isfinite(arm.solve(points[fixated])[:, 0]))
 
-    def both(self, other: "MapTruth") -> "MapTruth":
-        """Return the answers for both arms at once, given those of the other arm at the same gaze postures."""
-        reachable = self.reachable & other.reachable
-        distances = [np.where(arm.reachable, 0.0, arm.error_m) for arm in (self, other)]
+    def with_arm(self, second: "MapTruth") -> "MapTruth":
+        """Return the answers for both arms at once, given the other arm's at the same gaze postures."""
+        reachable = self.reachable & second.reachable
+        distances = [np.where(arm.reachable, 0.0, arm.error_m) for arm in (self, second)]
         return replace(
             self,
             reachable=reachable,
-            optimality=np.minimum(self.optimality, other.optimality),
+            optimality=np.minimum(self.optimality, second.optimality),
             error_m=np.where(reachable, np.nan, np.maximum(*distances)),
-            box_reachable=self.box_reachable & other.box_reachable,
+            box_reachable=self.box_reachable & second.box_reachable,
         )
 
     def judge(self, query: MapQuery, max_error_m: float) -> dict[str, float]:

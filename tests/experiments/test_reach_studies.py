@@ -40,11 +40,11 @@ def test_both_hands_reach_as_the_worse_of_them_does() -> None:
         return MapTruth(gaze, np.array(reachable), np.array(optimality), np.array(error_m), gaze, np.array(reachable))
 
     left = truth([True, True, False, True], [0.6, 0.5, NAN, 0.4], [NAN, NAN, 0.2, NAN])
-    both = left.both(truth([True, False, False, False], [0.3, NAN, NAN, NAN], [NAN, 0.1, 0.5, NAN]))
-    np.testing.assert_array_equal(both.reachable, [True, False, False, False])
-    np.testing.assert_array_equal(both.box_reachable, both.reachable)
-    np.testing.assert_array_equal(both.optimality, [0.3, NAN, NAN, NAN])
-    np.testing.assert_array_equal(both.error_m, [NAN, 0.1, 0.5, NAN])
+    worse = left.with_arm(truth([True, False, False, False], [0.3, NAN, NAN, NAN], [NAN, 0.1, 0.5, NAN]))
+    np.testing.assert_array_equal(worse.reachable, [True, False, False, False])
+    np.testing.assert_array_equal(worse.box_reachable, worse.reachable)
+    np.testing.assert_array_equal(worse.optimality, [0.3, NAN, NAN, NAN])
+    np.testing.assert_array_equal(worse.error_m, [NAN, 0.1, 0.5, NAN])
 
 
 def test_simulator_coordinates_are_those_of_the_public_code() -> None:

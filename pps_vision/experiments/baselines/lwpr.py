@@ -20,7 +20,7 @@ from pps_vision.jit import njit
 from pps_vision.types import Array, Mask
 
 _TINY = 1e-10  # initial weight; keeps the first divisions finite
-_MAX_METRIC_STEP = 0.1  # of the largest metric element; a larger step is refused and halves the rate
+_MAX_METRIC_STEP = 0.1  # relative to the largest metric element; a larger step is refused and halves the rate
 _FIRST_CAPACITY = 64
 
 
@@ -230,7 +230,7 @@ def _regress(fields: Fields, k: int, x: Array, y: float, w: float, params: LWPRP
     scores = np.zeros(n)
     scaled = np.zeros(n)
     left_out_e = np.empty(n)
-    left_out = 1.0  # 1 − leverage of all projections so far
+    left_out = 1.0  # 1 − leverage of the projections up to r
     leverage = 0.0
     e = 0.0
     for r in range(n):

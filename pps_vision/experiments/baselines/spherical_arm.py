@@ -121,7 +121,7 @@ class SphericalArm:
         return self.elbow - self.shoulder + _rotated(self.hand - self.elbow, self.elbow_axis, elbow)
 
     def _third_joint(self, target: Array) -> Array:
-        """(N, 2, 14) angles of the third joint at its limits, at those of the other two, and at turning points."""
+        """(N, 2, 14) angles of the third joint at the limits of the three joints and at turning points."""
         first, second, third = self.axes
         hand = self._hand(self._elbow(target))
         angles = [np.broadcast_to(np.array([self.lower_rad[2], self.upper_rad[2]]), (*hand.shape[:2], 2))]

@@ -39,7 +39,7 @@ _DEEPEST_M = -0.005  # greatest penetration of a taxel on the way
 _MARGIN_PX = 15.0  # smallest distance of a fingertip from the image's edge
 _BATCH = 12  # double touches planned at once
 _MAX_INFEASIBLE = 600  # consecutive infeasible starts after which a taxel counts as out of reach
-_SKIPPED_SHARE = 0.15  # of the time to the touch, at the start: a reach hardly moves there
+_SKIPPED_SHARE = 0.15  # the first part of a reach, in which it hardly moves
 
 
 class Movement(NamedTuple):

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-_BINS = 10  # of a reliability diagram
+_BINS = 10  # reliability diagram
 
 
 def auroc(outcome: ArrayLike, score: ArrayLike) -> float:

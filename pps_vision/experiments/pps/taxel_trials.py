@@ -22,7 +22,7 @@ from pps_vision.types import Array, Mask
 HORIZON_S = 0.15
 """A prediction uses samples up to this time before a trial's end."""
 FOREARM = "left_forearm"
-_SAMPLE_PERIOD_S = 0.1  # of the released, resampled positions and velocities
+_SAMPLE_PERIOD_S = 0.1  # the released positions and velocities are resampled
 _ARRAYS = ("position_m", "velocity_m_s", "offsets", "outcome")
 _EPS_S = 1e-6
 

@@ -61,14 +61,14 @@ def run(seeds: Sequence[int], sizes: Sequence[int]) -> dict[str, Any]:
 
 
 def learn_and_time(model: ForwardModel, batches: list[Babbled], test: Babbled) -> list[dict[str, Any]]:
-    """Return after each batch the RMSE (degrees), and processor times: of the update per sample, and of a query.
+    """Return after each batch the RMSE (degrees), and the processor times of a query and of the update per sample.
 
     `ms` holds the quartiles of queries of one posture.
     """
     rows = []
     for batch in batches:
         _, learning_ms = timed(partial(model.learn, batch.arm_rad, batch.gaze_rad))
-        _, fitting_ms = timed(partial(model, test.arm_rad[:1]))  # of a model that is fitted at its first query
+        _, fitting_ms = timed(partial(model, test.arm_rad[:1]))  # some models are fitted at their first query
         _, query_ms = timed_steps(model, test.arm_rad[:_N_QUERIES, None])
         rows.append(
             {
@@ -81,7 +81,7 @@ def learn_and_time(model: ForwardModel, batches: list[Babbled], test: Babbled) -
 
 
 def _mean_row(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Means of the same row of several sets of postures; of the RMSE also its 95 % interval."""
+    """Means of the same row of several sets of postures, and the 95 % interval of the RMSE."""
     means = {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
     return {**means, "rmse_deg": interval([[row["rmse_deg"]] for row in rows])}
 

@@ -21,7 +21,7 @@ def run(seeds: Sequence[int], n_labels: int, n_test: int) -> dict[str, Any]:
     for seed in tqdm(seeds, desc="seeds", unit="pair of maps", disable=None):
         left, right = (MapTruth.of(robot, n_test, np.random.default_rng(seed + 1_000_000), arm) for arm in ARMS)
         maps = [train_reachable_map(robot, arm, np.random.default_rng(seed), params) for arm in ARMS]
-        for truth, learned in zip((left, right, left.both(right)), (*maps, both(*maps)), strict=True):
+        for truth, learned in zip((left, right, left.with_arm(right)), (*maps, both(*maps)), strict=True):
             scores = truth.judge(learned.query, learned.max_error_m)
             rows.append({"seed": seed, "arm": learned.side, "reachable": 100 * float(truth.reachable.mean()), **scores})
     return {"maps": rows}

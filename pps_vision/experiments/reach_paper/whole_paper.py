@@ -25,7 +25,7 @@ from pps_vision.robot.icub import load_icub
 def run(seeds: Sequence[int], n_tried: int, n_labels: int, n_labels_of_j: int, n_test: int) -> dict[str, Any]:
     """Return the scores of each map against the true and the learned kinematics, with 95 % intervals over repetitions.
 
-    Extreme postures and the samples for the figures are those of the first repetition.
+    Extreme postures and samples for the figures come from the first repetition.
     """
     repetitions = [
         _repetition(seed, n_tried, n_labels, n_labels_of_j, n_test, with_samples=seed == seeds[0])

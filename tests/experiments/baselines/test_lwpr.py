@@ -36,7 +36,7 @@ def test_a_model_of_two_outputs_is_two_models(rng):
 
 
 def test_a_field_with_all_projections_is_weighted_least_squares(rng):
-    """Of the samples after the one that created it."""
+    """The first sample creates the field and is not part of its regression."""
     x = rng.uniform(-0.5, 0.5, (60, 3))
     y = np.sin(3 * x[:, 0]) + x[:, 1] * x[:, 2] + x[:, 2]
     params = LWPRParams(init_D=2.0, rate=0, first_forgetting=1 - 1e-9, last_forgetting=1 - 1e-9, first_projections=3)
