@@ -99,7 +99,7 @@ def test_verdicts_in_the_loop_are_counted_at_the_true_position() -> None:
     learned = SimpleNamespace(query=lambda gaze: MapPrediction(*[np.isfinite(gaze[:, 0])] * 4))
     values = judge(ROBOT, learned, SimpleNamespace(reachability=answers, truth_m=truth))
     np.testing.assert_array_equal(values["right"], [True, False, False, True])
-    np.testing.assert_array_equal(values["right_at_true_position"], [True, True, False, True])
+    np.testing.assert_array_equal(values["right_at_true_position"], True)
     nothing = judge(ROBOT, learned, SimpleNamespace(reachability=answers[4:], truth_m=truth[4:]))
     assert {len(value) for value in nothing.values()} == {0}
 
