@@ -1,7 +1,7 @@
 """Track many recordings, or learn from them, each in a process of its own: `pps-vision batch`.
 
-A recording is finished when its result is there, since `track` and `learn` write it whole or not at all; so a batch
-that was killed is continued by running it again.
+`track` and `learn` write complete results or none, so a recording with a result is finished; running a killed batch
+again continues it.
 """
 
 import json
@@ -42,31 +42,31 @@ MEMORY = "memory.npz"
 _OWN = (SETTINGS, MEMORY, SUMMARY, BATCH, "batch.parquet", REPORT)
 _POSITIVE = "a positive number"
 _NUMBERS = {"fps": _POSITIVE, "unit_m": _POSITIVE, "max_skew_s": "a number of at least 0"}  # columns of a manifest
-_BUSY_S = 0.5  # between two looks at a recording that another run is tracking
+_BUSY_S = 0.5  # before another try where another run is writing the result
 
 
 @dataclass(frozen=True)
 class Job:
-    """One recording: the name of its result, and what `pps-vision track` or `learn` is given for it."""
+    """One recording: the name of its result, and its arguments of `pps-vision track` or `learn`."""
 
     name: str
     rec: tuple[str, ...]
     options: tuple[str, ...]
-    """Its own, which go before those for all."""
+    """Options of this recording; they override those of the batch."""
     folder: Path
-    """Where relative paths begin."""
+    """Base of relative paths."""
     row: str = ""
     """FILE:LINE of a manifest that lists it."""
 
     @property
     def source(self) -> str:
-        """What has asked for it: a row of a manifest, or its path."""
+        """The row of the manifest or the path that lists the recording."""
         return self.row or self.rec[0]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is done with every recording: the command, its options for all, and the folder of the results."""
+    """The command for every recording, its common options, and the folder of the results."""
 
     command: Literal["track", "learn"]
     options: tuple[str, ...]
@@ -78,7 +78,7 @@ class Task:
         return TRACK_TABLE if self.command == "track" else LEARN_TABLE
 
     def result(self, job: Job) -> Path:
-        """What the command writes of a recording: a folder, or a memory."""
+        """The output of the command for a recording: a folder, or a memory."""
         return self.out / (job.name if self.command == "track" else f"{job.name}.npz")
 
     def is_done(self, job: Job) -> bool:
@@ -87,7 +87,7 @@ class Task:
         return (result / SUMMARY).exists() if self.command == "track" else result.exists()
 
     def row(self, job: Job, reason: str) -> dict[str, object]:
-        """The row of a recording; `reason` why it failed, or ""."""
+        """The row of a recording; `reason`: of its failure, or ""."""
         row: dict[str, object] = dict.fromkeys(self.table) | {"name": job.name}
         if reason:
             return row | {"status": "failed", "reason": f"{job.row}: {reason}" if job.row else reason}
@@ -111,8 +111,7 @@ class Task:
 
 
 def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
-    """Jobs of recordings (folders, videos, or patterns), and of manifests: CSV files with `columns`, of which a row has
-    those that it needs, and `name`.
+    """Jobs from recordings (folders, videos, or patterns) and manifests: CSV files with `name` and some of `columns`.
 
     Raises:
         InputError: A pattern matches nothing, a manifest cannot be used, or a name comes twice.
@@ -126,12 +125,12 @@ def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
         if not matched:
             raise InputError(source, "matches no recording; expected folders, videos, a pattern, or a manifest .csv")
         jobs += [Job(Path(path).resolve().name, (path,), (), Path.cwd()) for path in matched]
-    seen: dict[str, str] = {}
+    sources_by_name: dict[str, str] = {}
     for job in jobs:
-        if job.name in seen:
+        if first := sources_by_name.get(job.name):
             expected = "distinct names, which a manifest can give"
-            raise InputError(job.source, f"name {job.name!r} is that of {seen[job.name]} too; expected {expected}")
-        seen[job.name] = job.source
+            raise InputError(job.source, f"name {job.name!r} is that of {first} too; expected {expected}")
+        sources_by_name[job.name] = job.source
     return jobs
 
 
@@ -145,52 +144,47 @@ def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
         raise InputError(file, f"no column name; expected {expected}", 1)
     for line, fields in rows[1:]:
         if len(fields) != len(header):
-            found = f"{len(fields)} fields under {len(header)} columns"
-            raise InputError(file, f"{found}; expected a field for each column", line)
-        row = dict(zip(header, fields, strict=True))
-        name, rec = row.pop("name"), row.pop("rec", "")
+            problem = f"{len(fields)} fields under {len(header)} columns"
+            raise InputError(file, f"{problem}; expected a field for each column", line)
+        row = {key: value for key, value in zip(header, fields, strict=True) if value}
+        name = row.pop("name", "")
         if not name or Path(name).name != name or name.startswith("."):
             raise InputError(file, f"name {name!r}; expected the name of a new folder", line)
-        given = {key: value for key, value in row.items() if value}
-        for key, text in given.items():
+        for key, text in row.items():
             if key in _NUMBERS and not _is_number(text, _NUMBERS[key] == _POSITIVE):
                 raise InputError(file, f"{key} {text!r}; expected {_NUMBERS[key]}", line)
-        options = [word for key, value in given.items() for word in (_flag(key), *value.split(";"))]
-        recs = tuple(rec.split(";")) if rec else ()
-        yield Job(name, recs, tuple(options), file.resolve().parent, f"{file}:{line}")
+        values = {key: tuple(value.split(";")) for key, value in row.items()}
+        rec = values.pop("rec", ())
+        options = [word for key, words in values.items() for word in (f"--{key.replace('_', '-')}", *words)]
+        yield Job(name, rec, tuple(options), file.resolve().parent, f"{file}:{line}")
 
 
 def _is_number(text: str, positive: bool) -> bool:
-    """Whether a text spells a finite number that is positive, or at least not negative."""
+    """Whether a text is a finite number that is positive, or not negative."""
     try:
         return finite(text) > 0 if positive else finite(text) >= 0
     except ValueError:
         return False
 
 
-def _flag(key: str) -> str:
-    return f"--{key.replace('_', '-')}"
-
-
 def run_batch(
     jobs: Sequence[Job], task: Task, workers: int, scheduler: str | None = None, parquet: bool = False
 ) -> list[dict[str, object]]:
-    """Do what is not finished and return a row of the task's table for each job, in their order; they are in batch.csv
-    too.
+    """Run the unfinished jobs. Returns one row per job, in job order (also written to batch.csv).
 
-    A recording that cannot be used fails alone.  The results do not depend on where they are made.  What was learned
-    from all recordings is added up in memory.npz.
+    A recording that cannot be used does not stop the others. The results do not depend on the machine. Learning also
+    writes the sum of all memories, memory.npz.
 
     Args:
         jobs: The recordings.
-        task: What is done with them.
+        task: The command to run.
         workers: Processes on this machine.
-        scheduler: Address or scheduler file of a Dask cluster that does it instead.
+        scheduler: Address or scheduler file of a Dask cluster that runs the jobs instead.
         parquet: Also write batch.parquet (extra `parquet`).
 
     Raises:
-        InputError: Another batch is writing to the folder, or has begun there with other options; a name is one of the
-            batch's own files; the extra `parquet` is wanted and not there.
+        InputError: Another batch is writing to the folder, or was begun there with other options; a name is that of a
+            file of the batch; the extra `parquet` is missing.
         OSError: The cluster does not answer.
     """
     if workers < 1:
@@ -198,7 +192,8 @@ def run_batch(
     for job in jobs:
         if (name := task.result(job).name) in _OWN:
             raise InputError(job.source, f"a result called {name}; expected none of {', '.join(_OWN)}")
-    task, out = replace(task, out=task.out.resolve()), task.out
+    out = task.out
+    task = replace(task, out=out.resolve())
     with locked_folder(out):
         if parquet:
             require_pyarrow()  # before hours of work
@@ -231,28 +226,28 @@ def run_batch(
 
 
 def _read_settings(file: Path) -> list[str]:
-    """Command and options that a batch was begun with."""
+    """Command and options of the batch that was begun in the folder."""
     try:
         return [str(word) for word in json.loads(read_bytes(file, "the settings of a batch"))]
     except (ValueError, TypeError) as error:
         raise InputError(file, f"{first_line(error)}; expected the settings of a batch, or another folder") from error
 
 
-def _difference(begun: Sequence[str], asked: Sequence[str]) -> str:
-    """How the options of two batches differ: "with --order 4", "without --smooth"; "" if they are the same."""
-    if begun[:1] != asked[:1]:
+def _difference(begun: Sequence[str], requested: Sequence[str]) -> str:
+    """The difference of two batches' options: "with --order 4", "without --smooth"; "" if they are the same."""
+    if begun[:1] != requested[:1]:
         return f"{'with' if begun[:1] == ['learn'] else 'without'} --learn"
-    one, other = (
-        re.split(" (?=--)", re.sub(r"(--[\w-]+)=", r"\1 ", shlex.join(words[1:]))) for words in (begun, asked)
+    old, new = (
+        re.split(" (?=--)", re.sub(r"(--[\w-]+)=", r"\1 ", shlex.join(words[1:]))) for words in (begun, requested)
     )
-    if given := [option for option in one if option not in other]:
-        return f"with {' '.join(given)}"
-    added = [option for option in other if option not in one]
+    if removed := [option for option in old if option not in new]:
+        return f"with {' '.join(removed)}"
+    added = [option for option in new if option not in old]
     return f"without {' '.join(added)}" if added else ""
 
 
 def _add_up(memories: Sequence[Path], out: Path) -> None:
-    """Write the sum of memories; none, no file."""
+    """Write the sum of memories, no file if there are none."""
     from learning.pps.memory import load_memory, save_memory
 
     total = None
@@ -270,26 +265,25 @@ def _on_cluster(scheduler: str, jobs: Sequence[Job], task: Task, advance: Callab
         from distributed import Client, as_completed
         from distributed.scheduler import KilledWorker
     except ImportError as error:
-        wanted = "the extra cluster: pip install 'pps-vision[cluster]'"
-        raise InputError("batch", f"--scheduler needs Dask; expected {wanted}") from error
-    where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
-    with Client(**where, set_as_default=False) as client:  # type: ignore[no-untyped-call]
-        places = {client.submit(_do, job, task, pure=False): place for place, job in enumerate(jobs)}
+        expected = "the extra cluster: pip install 'pps-vision[cluster]'"
+        raise InputError("batch", f"--scheduler needs Dask; expected {expected}") from error
+    address = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
+    with Client(**address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+        indices = {client.submit(_do, job, task, pure=False): k for k, job in enumerate(jobs)}
         reasons = [""] * len(jobs)
-        done = as_completed(list(places), loop=client.loop)  # type: ignore[no-untyped-call]
-        for future in done:
+        for future in as_completed(list(indices), loop=client.loop):  # type: ignore[no-untyped-call]
             try:
-                reasons[places[future]] = future.result()
+                reasons[indices[future]] = future.result()
             except KilledWorker as error:
-                reasons[places[future]] = f"the workers that worked on it died: {first_line(error)}"
+                reasons[indices[future]] = f"the workers that worked on it died: {first_line(error)}"
             advance()
     return reasons
 
 
 def _do(job: Job, task: Task) -> str:
-    """Do one recording unless it is finished; return why it failed, or "".
+    """Run an unfinished job; return the reason of a failure, or "".
 
-    What a worker that was killed has started ends with it, but not at once: its end is waited for.
+    Waits while the process of a killed worker is still ending.
     """
     while (reason := _do_once(job, task)).endswith(BUSY):
         time.sleep(_BUSY_S)
@@ -300,31 +294,31 @@ def _do_once(job: Job, task: Task) -> str:
     if task.is_done(job):
         return ""
     words = [task.command, *job.rec, *task.options, *job.options, "--out", str(task.result(job))]
-    ours_is_open, ours = os.pipe()
+    stdin, our_end = os.pipe()
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "pps_vision", *words],
             cwd=job.folder,
             env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8", ENDS_WITH_STDIN: "1"},
-            stdin=ours_is_open,
+            stdin=stdin,
             capture_output=True,
             encoding="utf-8",
             errors="replace",
         )
     finally:
-        os.close(ours_is_open)
-        os.close(ours)
-    if done.returncode < 0:
-        return f"ended by signal {-done.returncode}"
-    if done.returncode == 0:
+        os.close(stdin)
+        os.close(our_end)
+    if process.returncode < 0:
+        return f"ended by signal {-process.returncode}"
+    if process.returncode == 0:
         return ""
-    return _reason(done.stderr) or f"ended with exit code {done.returncode}"
+    return _reason(process.stderr) or f"ended with exit code {process.returncode}"
 
 
-def _reason(said: str) -> str:
-    """What a command that failed has said last: a line, or the first paragraph in tyro's frame."""
-    _, frame, framed = said.partition("╭")
+def _reason(stderr: str) -> str:
+    """The last line of a failed command, or the first paragraph in tyro's frame."""
+    _, frame, framed = stderr.partition("╭")
     if frame:
         return " ".join(takewhile(bool, (line.strip(" │─╰╯") for line in framed.splitlines()[1:])))
-    lines = [line.strip(" |+-") for line in said.splitlines()]  # which frame a group of tracebacks
+    lines = [line.strip(" |+-") for line in stderr.splitlines()]  # the frame of a group of tracebacks
     return next(filter(None, reversed(lines)), "").removeprefix("pps-vision: ")

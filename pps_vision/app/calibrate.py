@@ -1,6 +1,6 @@
 """Calibrate a stereo camera from images of a chessboard or charuco board: `pps-vision calibrate`."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,13 +16,13 @@ from pps_vision.recordings.video import is_video, open_video
 from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Array, Image
 
-_FEWEST_VIEWS = 3  # of a planar board, for four intrinsics and a lens (Zhang 2000)
-_LEAST_TURN_DEG = 10.0  # between two boards: tilted by 5° to either side, with which 40 % fail (Zhang 2000)
+_FEWEST_VIEWS = 3  # that a planar board needs for four intrinsics and a lens (Zhang 2000)
+_LEAST_TURN_DEG = 10.0  # between two boards; with ±5°, 40 % of the calibrations fail (Zhang 2000)
 _FEWEST_CORNERS = 6  # in common, for the pose of a board in a view
-_MOST_VIEWS = 60  # of a video; more add time and no accuracy
+_MOST_VIEWS = 60  # per video; more add time and no accuracy
 _MOST_SQUARES = 100  # along one side
-_HALF_WINDOW_PX = 11  # of the refinement of a corner, at most: as in OpenCV's sample stereo_calib
-_WINDOW = 0.25  # of the distance to the nearest corner, beyond which a tilted board's window may hold the next one
+_HALF_WINDOW_PX = 11  # largest for subpixel refinement, as in OpenCV's sample stereo_calib
+_WINDOW = 0.25  # half window relative to the distance of neighbouring corners, so that it holds a single corner
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Board:
     """A chessboard, or with `marker_m` a charuco board.
 
     Attributes:
-        columns: Inner corners along the longer side; of a charuco board its squares.
-        rows: The same along the other side.
+        columns: Inner corners (charuco: squares) along the longer side.
+        rows: Inner corners (charuco: squares) along the shorter side.
         square_m: Side of a square.
         marker_m: Side of a charuco board's markers.
         dictionary: Name of the markers' dictionary in OpenCV, without DICT_.
@@ -45,8 +45,8 @@ class Board:
 
     def __post_init__(self) -> None:
         if not all(3 <= n <= _MOST_SQUARES for n in (self.columns, self.rows)):
-            found = f"{self.columns}×{self.rows}"
-            raise InputError("board", f"{found}; expected 3 to {_MOST_SQUARES} inner corners (charuco: squares) a side")
+            expected = f"3 to {_MOST_SQUARES} inner corners (charuco: squares) a side"
+            raise InputError("board", f"{self.columns}×{self.rows}; expected {expected}")
         if not 0 < self.square_m < np.inf:
             raise InputError("board", f"squares of {1000 * self.square_m:g} mm; expected a positive length")
         if self.marker_m is not None and not 0 < self.marker_m < self.square_m:
@@ -63,36 +63,33 @@ class Board:
         return (self.square_m * np.column_stack([grid, np.zeros(len(grid))])).astype(np.float32)
 
     def find(self, image: Image) -> dict[int, Array]:
-        """Return the pixel (2,) of every corner that is found, by its number; of a chessboard all or none."""
+        """Return the pixels (2,) of the detected corners by their number; a chessboard is detected as a whole."""
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if self.marker_m is not None:
             pixels, numbers, _, _ = cv2.aruco.CharucoDetector(self._charuco()).detectBoard(grey)
             if numbers is None or len(numbers) < _FEWEST_CORNERS:
                 return {}
-            found_px = np.asarray(pixels, dtype=float).reshape(-1, 2)
-            return {int(k): pixel for k, pixel in zip(np.ravel(numbers), found_px, strict=True)}
-        found, pixels = cv2.findChessboardCorners(grey, (self.columns, self.rows))
-        if not found:
+            return dict(zip(np.ravel(numbers).tolist(), np.asarray(pixels, dtype=float).reshape(-1, 2), strict=True))
+        is_complete, pixels = cv2.findChessboardCorners(grey, (self.columns, self.rows))
+        if not is_complete:
             return {}
         grid = pixels.reshape(self.rows, self.columns, 2)
-        apart = min(np.linalg.norm(np.diff(grid, axis=k), axis=2).min() for k in (0, 1))
-        half = int(np.clip(_WINDOW * apart, 2, _HALF_WINDOW_PX))
+        spacing_px = min(np.linalg.norm(np.diff(grid, axis=k), axis=2).min() for k in (0, 1))
+        half = int(np.clip(_WINDOW * spacing_px, 2, _HALF_WINDOW_PX))
         ends = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
         return dict(enumerate(cv2.cornerSubPix(grey, pixels, (half, half), (-1, -1), ends).reshape(-1, 2)))
 
     def _charuco(self) -> cv2.aruco.CharucoBoard:
         markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary}"))
         n_markers = self.columns * self.rows // 2
-        if n_markers > len(markers.bytesList):
-            known = len(markers.bytesList)
-            raise InputError("board", f"{n_markers} markers, and {self.dictionary} has {known}; expected a larger one")
-        size = (self.columns, self.rows)
-        return cv2.aruco.CharucoBoard(size, self.square_m, float(self.marker_m or 0), markers)
+        if n_markers > (n := len(markers.bytesList)):
+            raise InputError("board", f"{n_markers} markers, and {self.dictionary} has {n}; expected a larger one")
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, float(self.marker_m or 0), markers)
 
 
 @dataclass(frozen=True)
 class BoardView:
-    """A board in one pair of images: its corners (n, 3) m, and their pixels (n, 2) in both."""
+    """A board in one pair of images: corners (n, 3) m and their left and right pixels (n, 2)."""
 
     name: str
     corners: Array
@@ -102,17 +99,17 @@ class BoardView:
 
 @dataclass(frozen=True)
 class StereoCalibration:
-    """What was calibrated, and how well it fits.
+    """Cameras, and residuals of the calibration.
 
     Attributes:
         image_size: Width and height.
         K: Camera matrices (2, 3, 3) of left and right.
-        D: Lenses (2, 5): k1, k2, p1, p2, k3.
+        D: Distortions (2, 5): k1, k2, p1, p2, k3.
         R: (3, 3), p_right = R p_left + T.
         T: (3,) m.
         focal_std_px: (2,) standard deviation of fx, each camera calibrated by itself.
         views: The views that were used.
-        residuals_px: For every view those of the left and of the right image, (n, 2) each.
+        residuals_px: Left and right residuals of every view, (n, 2) each.
     """
 
     image_size: tuple[int, int]
@@ -127,11 +124,11 @@ class StereoCalibration:
     @property
     def rms_px(self) -> float:
         """RMS reprojection error of both cameras together."""
-        return _rms(np.concatenate([residuals for both in self.residuals_px for residuals in both]))
+        return _rms(np.concatenate([residuals for view in self.residuals_px for residuals in view]))
 
     def rms_of(self, side: int) -> float:
         """RMS reprojection error of the left (0) or the right (1) images, px."""
-        return _rms(np.concatenate([both[side] for both in self.residuals_px]))
+        return _rms(np.concatenate([view[side] for view in self.residuals_px]))
 
     def write(self, file: Path) -> None:
         """Write OpenCV's YAML, lengths in metres, as `pps-vision track --calib` reads it."""
@@ -152,28 +149,30 @@ class StereoCalibration:
             "baseline_mm": 1000 * float(np.linalg.norm(self.T)),
             "focal_px": self.K[:, 0, 0],
             "focal_std_px": self.focal_std_px,
-            "views": {view.name: [_rms(r) for r in both] for view, both in self._both()},
+            "views": {
+                view.name: [_rms(left), _rms(right)]
+                for view, (left, right) in zip(self.views, self.residuals_px, strict=True)
+            },
         }
 
     def figure(self) -> Figure:
-        """Reprojection errors: as arrows where they are in both images, against each other, and by view."""
+        """Reprojection errors: as arrows in each image, as a scatter plot, and as RMS per view."""
         figure = Figure(figsize=(11, 7.5), layout="constrained")
         axes = figure.subplots(2, 2)
-        colors = [f"C{k}" for k in range(len(self.views))]
         width, height = self.image_size
+        arrows = {"angles": "xy", "scale_units": "xy", "scale": 0.02, "width": 0.002}
+        for k, (view, residuals) in enumerate(zip(self.views, self.residuals_px, strict=True)):
+            for axis, px, residual in zip(axes[0], (view.left_px, view.right_px), residuals, strict=True):
+                axis.quiver(*px.T, *residual.T, color=f"C{k}", **arrows)
+            axes[1, 0].scatter(*np.concatenate(residuals).T, s=3, color=f"C{k}")
         for side, (axis, title) in enumerate(zip(axes[0], ("left", "right"), strict=True)):
-            for (view, both), color in zip(self._both(), colors, strict=True):
-                px, residual = (view.left_px, view.right_px)[side], both[side]
-                axis.quiver(*px.T, *residual.T, color=color, angles="xy", scale_units="xy", scale=0.02, width=0.002)
             axis.set(xlim=(0, width), ylim=(height, 0), aspect="equal", xlabel="x (px)", ylabel="y (px)")
             axis.set_title(f"{title}: RMS {self.rms_of(side):.3f} px; errors 50 times enlarged", fontsize=9)
-        for (_, both), color in zip(self._both(), colors, strict=True):
-            axes[1, 0].scatter(*np.concatenate(both).T, s=3, color=color)
         axes[1, 0].set(aspect="equal", xlabel="error in x (px)", ylabel="error in y (px)")
         axes[1, 0].grid(alpha=0.25)
         x = np.arange(len(self.views))
         for side, label in enumerate(("left", "right")):
-            heights = [_rms(both[side]) for both in self.residuals_px]
+            heights = [_rms(view[side]) for view in self.residuals_px]
             axes[1, 1].bar(x + 0.4 * side, heights, 0.4, label=label, color=("0.35", "0.7")[side])
         axes[1, 1].set_xticks(x + 0.2, [view.name for view in self.views], rotation=90, fontsize=6)
         axes[1, 1].set_ylabel("RMS by view (px)")
@@ -182,15 +181,11 @@ class StereoCalibration:
         figure.suptitle(f"stereo RMS {self.rms_px:.3f} px, {len(self.views)} views, baseline {baseline_mm:.2f} mm")
         return figure
 
-    def _both(self) -> Iterable[tuple[BoardView, tuple[Array, Array]]]:
-        return zip(self.views, self.residuals_px, strict=True)
-
 
 def board_pairs(
     left: Sequence[str], right: Sequence[str], fps: float | None, max_skew_s: float, problems: list[Problem]
 ) -> tuple[Pair, ...]:
-    """Pairs of images of the board: images by the last number in their names (without `fps`: 1, or 2, …), or frames of
-    two videos by their stamps, spread over the videos."""
+    """Image pairs of the board: image files by the last number in their names, or a subset of two videos' frames."""
     if not (left and right):
         raise InputError("calibrate", "expected left and right images, or two videos")
     if not any(is_video(Path(name)) for name in (*left, *right)):
@@ -199,14 +194,13 @@ def board_pairs(
         return recording.pairs
     if len(left) != 1 or len(right) != 1:
         raise InputError("calibrate", "expected one left and one right video")
-    both = [open_video(Path(side[0]), fps) for side in (left, right)]
-    pairs = pair_by_stamp(both[0], both[1], max_skew_s, problems)
+    pairs = pair_by_stamp(open_video(Path(left[0]), fps), open_video(Path(right[0]), fps), max_skew_s, problems)
     chosen = np.unique(np.linspace(0, len(pairs) - 1, _MOST_VIEWS).astype(int)) if pairs else np.empty(0, int)
     return tuple(pairs[k] for k in chosen)
 
 
 def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], list[BoardView], list[str]]:
-    """Return the images' width and height, the views of the board, and why other pairs have none."""
+    """Return the images' width and height, the views of the board, and the reasons for skipping other pairs."""
     size = usual_size("calibrate", tuple(pairs), [])
     views: list[BoardView] = []
     skipped: list[str] = []
@@ -215,17 +209,17 @@ def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], li
         if bad := [str(image) for image in images if isinstance(image, Problem)]:
             skipped += bad
             continue
-        found = [board.find(image) for image in images if not isinstance(image, Problem)]
-        if missing := [file.title for file, corners in zip(pair, found, strict=True) if not corners]:
+        detections = [board.find(image) for image in images if not isinstance(image, Problem)]
+        if missing := [file.title for file, corners in zip(pair, detections, strict=True) if not corners]:
             skipped.append(
                 f"{' and '.join(missing)}: no board found; expected all of a chessboard, or part of a charuco"
             )
             continue
-        common = sorted(found[0].keys() & found[1].keys())
+        common = sorted(detections[0].keys() & detections[1].keys())
         if len(common) < _FEWEST_CORNERS:
             skipped.append(f"{pair[0].title}: {len(common)} corners in both images; expected {_FEWEST_CORNERS}")
             continue
-        left_px, right_px = (np.array([corners[k] for k in common], np.float32) for corners in found)
+        left_px, right_px = (np.array([corners[k] for k in common], np.float32) for corners in detections)
         if board.marker_m is None and (left_px[-1] - left_px[0]) @ (right_px[-1] - right_px[0]) < 0:
             right_px = right_px[::-1].copy()  # a board with as many dark as light corners looks the same upside down
         views.append(BoardView(pair[0].title, board.corners[common], left_px, right_px))
@@ -236,25 +230,23 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
     """Calibrate each camera by itself (Zhang 2000), then both together with OpenCV's stereoCalibrate.
 
     Raises:
-        InputError: Fewer than three views, or views from which the cameras do not follow: boards that hardly turn.
+        InputError: Fewer than three views, or views that do not determine the cameras: boards that hardly turn.
     """
     if len(views) < _FEWEST_VIEWS:
-        found = f"the board is seen by both cameras in {len(views)} pairs"
-        raise InputError("calibrate", f"{found}; expected at least {_FEWEST_VIEWS}, better 10 or more")
+        expected = f"at least {_FEWEST_VIEWS}, better 10 or more"
+        raise InputError("calibrate", f"the board is seen by both cameras in {len(views)} pairs; expected {expected}")
     corners = [view.corners for view in views]
-    left_px, right_px = [view.left_px for view in views], [view.right_px for view in views]
+    pixels = [[view.left_px for view in views], [view.right_px for view in views]]
     try:
-        singles = [
-            cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in (left_px, right_px)
-        ]
+        singles = [cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in pixels]
         turn_deg = min(_largest_turn_deg(np.array(single[3], dtype=float).reshape(-1, 3)) for single in singles)
         if turn_deg < _LEAST_TURN_DEG:
-            found = f"the board has nearly the same direction in all {len(views)} views (within {turn_deg:.1f}°)"
-            raise InputError("calibrate", f"{found}; expected some tilted by 20° or more to different sides")
+            problem = f"the board has nearly the same direction in all {len(views)} views (within {turn_deg:.1f}°)"
+            raise InputError("calibrate", f"{problem}; expected some tilted by 20° or more to different sides")
         (_, K1, D1, *_), (_, K2, D2, *_) = singles
         flags = cv2.CALIB_USE_INTRINSIC_GUESS
         _, *matrices, _, _, rotations, shifts, _ = cv2.stereoCalibrateExtended(
-            corners, left_px, right_px, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
+            corners, *pixels, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
         )
     except cv2.error as error:
         raise InputError("calibrate", f"the views do not determine the cameras ({error.err}); add others") from error
@@ -280,7 +272,7 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
 
 def _largest_turn_deg(rotations: Array) -> float:
     """Largest angle between the normals of two boards with rotation vectors (n, 3)."""
-    normals = np.array([cv2.Rodrigues(one)[0][:, 2] for one in rotations])
+    normals = np.array([cv2.Rodrigues(rotation)[0][:, 2] for rotation in rotations])
     return float(np.rad2deg(np.arccos(np.clip(np.min(normals @ normals.T), -1, 1))))
 
 

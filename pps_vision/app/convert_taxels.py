@@ -35,13 +35,12 @@ def from_maps(maps: Sequence[PartMap], file: Path) -> PPSMemory:
 
 
 def onto(memory: PPSMemory, skin: Skin) -> PPSMemory:
-    """The memory for exactly the taxels of a skin: what is new is empty, what is not on it left out."""
+    """The memory restricted and extended to the taxels of a skin; new taxels are empty."""
     blank = PPSMemory.empty(skin, memory.params)
-    at = {name: i for i, name in enumerate(memory.taxel_ids)}
+    by_name = dict(zip(memory.taxel_ids, memory.counts, strict=True))
     counts = blank.counts.astype(memory.counts.dtype)
     for i, name in enumerate(skin.taxel_ids):
-        if name in at:
-            counts[i] = memory.counts[at[name]]
+        counts[i] = by_name.get(name, counts[i])
     return replace(blank, counts=counts)
 
 
@@ -58,8 +57,8 @@ def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Pat
     knows_ttc = np.all(np.isfinite(params.ttc_range_s))
     extent = (*params.distance_range_m, *(params.ttc_range_s if knows_ttc else ()))
     if not np.all(np.isfinite(extent)) or not (knows_ttc or params.ttc_range_s == (-np.inf, np.inf)):
-        found = f"ranges D {params.distance_range_m} m, TTC {params.ttc_range_s} s"
-        raise InputError(source, f"{found}; expected finite ones, or all TTC in one bin, which the .ini can hold")
+        ranges = f"ranges D {params.distance_range_m} m, TTC {params.ttc_range_s} s"
+        raise InputError(source, f"{ranges}; expected finite ones, or all TTC in one bin, which the .ini can hold")
     theirs = {part.name: part for part in like}
     taken: dict[str, dict[int, int]] = {}
     for i, name in enumerate(memory.taxel_ids):
@@ -68,8 +67,8 @@ def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Pat
         if part in theirs and taxel.isdecimal() and int(taxel) in theirs[part].mapping:
             taken.setdefault(part, {})[int(taxel)] = i
         elif memory.counts[i].any():
-            found = f"[{part}] knows no taxel {taxel}" if part in theirs else f"has no {part}, on which taxel {name} is"
-            raise InputError(model, f"{found}; expected a map with all taxels that {source} has learned")
+            lack = f"[{part}] knows no taxel {taxel}" if part in theirs else f"has no {part}, on which taxel {name} is"
+            raise InputError(model, f"{lack}; expected a map with all taxels that {source} has learned")
     if not taken:
         raise InputError(model, f"has none of the taxels of {source}; expected a map of the same robot")
     counts = memory.counts.astype(np.int64)

@@ -1,4 +1,4 @@
-"""Why hardly anything of a recording was tracked, or wrongly, and what to try: for summary.json and the terminal."""
+"""Likely causes of failed or inaccurate tracking, with remedies, for summary.json and the terminal."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,19 +14,19 @@ from pps_vision.types import Array, Image, StereoFrame
 from tracking import Mode
 
 _ENOUGH_TRACKED = 0.1  # share of pairs
-_LOOKED_AT = 5  # frames, spread over the recording
+_SAMPLED = 5  # frames, spread over the recording
 _DARK = 12.0  # mean grey level of 255, below which colours are noise
 _BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
 _RADIANS = np.pi  # largest reading in degrees that is suspected to be in radians
-_FEATURES = 500  # looked for in an image
-_DISTINCT = 0.8  # Lowe's ratio: a match is so much nearer than the next best
-_MATCHES = 50  # fewer do not show which camera is which
+_FEATURES = 500  # per image
+_DISTINCT = 0.8  # Lowe's ratio: distance of the best match relative to the second best
+_MATCHES = 50  # fewest that tell left from right
 _FITS_PX = 3.0  # median misfit; 0.4–0.7 px in rendered recordings and independent films, 1.8 in baseball
-_CLEARLY = 0.4  # of the misfit as they are; exchanging correct images makes it 4.7 times as large at least
-_OFFSET_PX = 8.0  # of one camera against the other: poor calibrations have so much (baseball: 5–8 px)
+_CLEARLY = 0.4  # misfit after an exchange relative to before; at least 4.7 if the order was right
+_OFFSET_PX = 8.0  # between the cameras, in poor calibrations (baseball: 5–8 px)
 _CONTINUES = 4.0  # times the usual step between columns; 0.4–3.1 within 80 images, 5.7–32 between stereo images
-_IN_COMMON = 0.08  # of the features; 0.02–0.04 in the halves of one image, 0.2 and more in stereo images of boards
-_EXPLAINED = 0.8  # of the change of most pixels remains where a shift explains it: 0.1–0.5; 1 or more where none does
+_IN_COMMON = 0.08  # share of features; 0.02–0.04 in the halves of an image, at least 0.2 in stereo images of boards
+_EXPLAINED = 0.8  # median change after motion compensation, relative to before: 0.1–0.5 for a shift, else at least 1
 _UNITS_M = (0.001, 0.01, 0.0254, 1.0)  # mm, cm, inch and m, in which boards are measured
 _USUAL_BASELINE_M = (0.02, 1.0)  # within which a unit is proposed
 _RESIDUAL_PX = 1.0  # median reprojection error; up to 0.07 px in rendered and independent recordings, 2.1 in baseball
@@ -35,7 +35,7 @@ _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey leve
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the search met, in numbers and in words, and what to try."""
+    """Counts of the search, likely causes of failure, and remedies."""
 
     counts: dict[str, int]
     """`tracking.acquisition.SearchCounts`."""
@@ -44,11 +44,11 @@ class Diagnosis:
 
     def __str__(self) -> str:
         n = Counter(self.counts)
-        found = [f"{n['candidates_left']} left and {n['candidates_right']} right candidates for the object"]
+        results = [f"{n['candidates_left']} left and {n['candidates_right']} right candidates for the object"]
         if "motion_left" in self.counts:
-            found.insert(0, f"motion in {n['motion_left']} left and {n['motion_right']} right images")
-        found += [f"{count} pairs {what}" for what, count in _rejections(n).items()]
-        return "\n  try ".join([f"searched {n['frames']} frames: {', '.join(found)}", *self.advice])
+            results.insert(0, f"motion in {n['motion_left']} left and {n['motion_right']} right images")
+        results += [f"{count} pairs {reason}" for reason, count in _rejections(n).items()]
+        return "\n  try ".join([f"searched {n['frames']} frames: {', '.join(results)}", *self.advice])
 
 
 def diagnose(
@@ -59,11 +59,15 @@ def diagnose(
     turn_deg: tuple[float, float],
     residual_px: float,
 ) -> Diagnosis | None:
-    """Return the likely causes why hardly anything was tracked in this mode, from what the search met.
+    """Return the likely causes of failed or inaccurate tracking, None if there are none.
 
-    None where more than that was tracked and the recording has none of the faults that make positions wrong.
-    `turn_deg` is by how much cameras that are said to be fixed turned (deg), and how fast (deg/s); `residual_px` the
-    median RMS reprojection error of what was tracked, which a delay of one camera raises as a wrong calibration does.
+    Args:
+        recording: The recording.
+        mode: The tracker's mode.
+        counts: `tracking.acquisition.SearchCounts`.
+        tracked_share: Share of the pairs with a track.
+        turn_deg: Rotation of cameras that are declared fixed: amplitude (deg) and rate (deg/s).
+        residual_px: Median RMS reprojection error of the track; a wrong calibration or a delay of one camera raises it.
     """
     faults = tuple(faults_of(recording, turn_deg))
     if residual_px > _RESIDUAL_PX:
@@ -79,7 +83,7 @@ def diagnose(
 
 
 def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) -> Iterator[str]:
-    """What is wrong with the recording itself, whatever moves in it."""
+    """Faults of the images, the calibration and the joints, independent of the object."""
     frames = _some_frames(recording)
     if not frames:
         return
@@ -122,37 +126,37 @@ def length(metres: float) -> str:
 
 
 def _units(recording: Recording, baseline_m: float) -> str:
-    """The units of the calibration by which the cameras would be as far apart as usual."""
-    apart_m = {unit: baseline_m / recording.unit_m * unit for unit in _UNITS_M}
+    """The calibration units that would make the baseline usual, as a clause."""
     low, high = _USUAL_BASELINE_M
-    usual = [f"--unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
-    return "".join(f"; {one}" for one in usual)
+    apart_m = {unit: baseline_m / recording.unit_m * unit for unit in _UNITS_M}
+    return "".join(f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high)
 
 
 def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
-    """That left and right images are exchanged, if the points that both show fit the cameras far better then.
-
-    Whatever the cameras look at, its points lie on epipolar lines and in front of them.
-    """
-    as_is, other = [], []
+    """Reports exchanged left and right images: matched points fit the epipolar geometry far better if exchanged."""
+    in_order: list[Array] = []
+    swapped: list[Array] = []
     for frame in frames:
-        view, (left_px, right_px) = rig.view_of(frame), _matches(frame.left, frame.right)
+        view = rig.view_of(frame)
+        left_px, right_px = _matches(frame.left, frame.right)
         if len(left_px):
-            as_is.append(_epipolar(view.left, view.right, left_px, right_px))
-            other.append(_epipolar(view.left, view.right, right_px, left_px))
-    n = sum(one.shape[1] for one in as_is)
+            in_order.append(_epipolar(view.left, view.right, left_px, right_px))
+            swapped.append(_epipolar(view.left, view.right, right_px, left_px))
+    n = sum(errors.shape[1] for errors in in_order)
     if n < _MATCHES:
         return
-    now, then = (_misfit_px(np.concatenate(one, axis=1)) for one in (as_is, other))
-    if then < _FITS_PX and then < _CLEARLY * now:
+    misfit_px = _misfit_px(np.hstack(in_order))
+    swapped_px = _misfit_px(np.hstack(swapped))
+    if swapped_px < min(_FITS_PX, _CLEARLY * misfit_px):
+        as_is = f"within {misfit_px:.1f} px" if misfit_px < np.inf else "most lie behind the cameras"
         yield (
             f"--left and --right exchanged, or the folders cam/left and cam/right: {n} points that both images show "
-            f"then fit the cameras within {then:.1f} px (median), as they are {_words(now)}"
+            f"then fit the cameras within {swapped_px:.1f} px (median), as they are {as_is}"
         )
 
 
 def _one_image(frames: Sequence[StereoFrame]) -> bool:
-    """Whether left and right images are rather the halves of one image than two views of one scene."""
+    """Whether left and right images are the halves of one image rather than two views of a scene."""
     steps = [np.abs(np.diff(np.hstack([f.left, f.right]).astype(float), axis=1)).mean(axis=(0, 2)) for f in frames]
     seams = [
         step[frame.left.shape[1] - 1] / max(np.median(step), 1.0) for step, frame in zip(steps, frames, strict=True)
@@ -161,50 +165,47 @@ def _one_image(frames: Sequence[StereoFrame]) -> bool:
     return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON * _FEATURES)
 
 
-def _words(misfit_px: float) -> str:
-    return f"within {misfit_px:.1f} px" if misfit_px < np.inf else "most lie behind the cameras"
-
-
 def _matches(left: Image, right: Image) -> tuple[Array, Array]:
-    """Pixels (n, 2) that show the same in both images."""
+    """Pixels (n, 2) of matching ORB features in the left and the right image."""
     orb = cv2.ORB.create(nfeatures=_FEATURES, fastThreshold=8)
-    (a, of_a), (b, of_b) = (orb.detectAndCompute(image, None) for image in (left, right))
-    if of_a is None or of_b is None:
+    left_points, left_features = orb.detectAndCompute(left, None)
+    right_points, right_features = orb.detectAndCompute(right, None)
+    if left_features is None or right_features is None:
         return np.empty((0, 2)), np.empty((0, 2))
-    pairs = [two for two in cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(of_a, of_b, k=2) if len(two) == 2]
-    found = [best for best, next_best in pairs if best.distance < _DISTINCT * next_best.distance]
-    left_px, right_px = [a[one.queryIdx].pt for one in found], [b[one.trainIdx].pt for one in found]
+    nearest = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(left_features, right_features, k=2)
+    matches = [pair[0] for pair in nearest if len(pair) == 2 and pair[0].distance < _DISTINCT * pair[1].distance]
+    left_px = [left_points[match.queryIdx].pt for match in matches]
+    right_px = [right_points[match.trainIdx].pt for match in matches]
     return np.reshape(left_px, (-1, 2)), np.reshape(right_px, (-1, 2))
 
 
 def _epipolar(left: View, right: View, left_px: Array, right_px: Array) -> Array:
-    """(2, n) px: how far matched pixels (n, 2) are from each other's epipolar line, and their parallax, which is
-    positive in front of the cameras."""
-    a, b, baseline = left.rays(left_px), right.rays(right_px), right.center - left.center
+    """(2, n) px: signed epipolar distances of matched pixels (n, 2), and parallaxes (positive in front)."""
+    left_rays = left.rays(left_px)
+    right_rays = right.rays(right_px)
+    baseline = right.center - left.center
     along = baseline / np.linalg.norm(baseline)
-    normal = np.cross(along, a)
-    aside = np.sum(normal * b, axis=1) / np.linalg.norm(normal, axis=1)
-    parallax = np.arccos(np.clip(b @ along, -1, 1)) - np.arccos(np.clip(a @ along, -1, 1))
+    normal = np.cross(along, left_rays)
+    aside = np.sum(normal * right_rays, axis=1) / np.linalg.norm(normal, axis=1)
+    parallax = np.arccos(np.clip(right_rays @ along, -1, 1)) - np.arccos(np.clip(left_rays @ along, -1, 1))
     return left.camera.focal_px * np.array([np.arcsin(np.clip(aside, -1, 1)), parallax])
 
 
-def _misfit_px(found: Array) -> float:
-    """Median distance of matches from their epipolar lines, but for a small offset that all have in common; infinite
-    where most lie behind the cameras."""
-    aside, parallax = found
+def _misfit_px(errors: Array) -> float:
+    """Median epipolar distance after removing a small common offset; infinite if most points are behind the cameras."""
+    aside, parallax = errors
     offset = np.clip(np.median(aside), -_OFFSET_PX, _OFFSET_PX)
     return float(np.median(np.where(parallax > -1.0, np.abs(aside - offset), np.inf)))
 
 
 def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:
-    """What the numbers of the search point at, and a change of the whole image."""
-    n = counts.get("frames", 0)
-    left, right = counts.get("candidates_left", 0), counts.get("candidates_right", 0)
+    """Likely causes from the counts of the search, and from a change of the whole image."""
+    in_both = counts.get("candidates_left", 0) and counts.get("candidates_right", 0)
     if recording.robot is None and _change(recording) > _WHOLE_IMAGE:
         yield "cameras that rest, or a recording with joints: the whole image changes from frame to frame"
-    elif not n:
+    elif not counts.get("frames"):
         yield "other images: every frame is dark, plain or the same as the one before"
-    elif mode == "marker" and not (left and right):
+    elif mode == "marker" and not in_both:
         yield "--mode generic: no blob of the marker's green is in both images"
     elif mode == "generic" and not counts.get("motion_left"):
         if not _image_shift_px(recording):  # else it was not searched, and the cameras' motion is a fault
@@ -225,49 +226,48 @@ def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> I
             f"--left and --right exchanged, or another calibration: candidates are refused by {most}; "
             "left and right may also show different moments",
         )
-    elif left and right:
+    elif in_both:
         yield "a longer recording: candidates were found, but not in enough frames in a row"
     elif counts.get("motion_right"):
         yield "an object whose colours stand out from its surroundings: what moves has no outline"
 
 
 def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
-    return {what: count for what, count in counts.items() if what.startswith("rejected by ")}
+    return {reason: count for reason, count in counts.items() if reason.startswith("rejected by ")}
 
 
 def _some_frames(recording: Recording) -> list[StereoFrame]:
     """A few frames, spread over the recording."""
-    chosen = np.unique(np.linspace(0, len(recording) - 1, _LOOKED_AT).astype(int))
+    chosen = np.unique(np.linspace(0, len(recording) - 1, _SAMPLED).astype(int))
     return list(replace(recording, pairs=tuple(recording.pairs[k] for k in chosen)))
 
 
-def _in_a_row(recording: Recording) -> list[tuple[StereoFrame, StereoFrame]]:
+def _successive_frames(recording: Recording) -> list[tuple[StereoFrame, StereoFrame]]:
     """A few frames, spread over the recording, each with the next one."""
-    starts = np.unique(np.linspace(0, len(recording) - 2, _LOOKED_AT).astype(int))
-    both = [list(replace(recording, pairs=recording.pairs[k : k + 2])) for k in starts]
-    return [(two[0], two[1]) for two in both if len(two) == 2]
+    starts = np.unique(np.linspace(0, len(recording) - 2, _SAMPLED).astype(int))
+    groups = [tuple(replace(recording, pairs=recording.pairs[k : k + 2])) for k in starts]
+    return [(frames[0], frames[1]) for frames in groups if len(frames) == 2]
 
 
 def _image_shift_px(recording: Recording) -> float:
-    """How far the left images of fixed cameras shift from a frame to the next, where they do in two frames of those
-    that are looked at; 0 below half a pixel, where that does not explain how most pixels change, and with joints.
+    """Second largest shift between successive left images of fixed cameras (phase correlation, Kuglin and Hines 1975).
 
-    Phase correlation (Kuglin and Hines 1975).
+    0 for less than half a pixel, for shifts that do not explain the change of most pixels, and with joints.
     """
     if recording.robot is not None:
         return 0.0
     shifts_px = [0.0, 0.0]
-    for frames in _in_a_row(recording):
-        then, now = (np.mean(frame.left, axis=2, dtype=np.float32) for frame in frames)
-        window = cv2.createHanningWindow((then.shape[1], then.shape[0]), cv2.CV_32F)
-        (x, y), _ = cv2.phaseCorrelate(window * then, window * now)  # given the window, it would change both images
-        moved = np.roll(then, (round(y), round(x)), axis=(0, 1))
-        if np.median(np.abs(now - moved)) < _EXPLAINED * np.median(np.abs(now - then)):
+    for frames in _successive_frames(recording):
+        first, second = (np.mean(frame.left, axis=2, dtype=np.float32) for frame in frames)
+        window = cv2.createHanningWindow((first.shape[1], first.shape[0]), cv2.CV_32F)
+        (x, y), _ = cv2.phaseCorrelate(window * first, window * second)  # its argument `window` modifies the images
+        moved = np.roll(first, (round(y), round(x)), axis=(0, 1))
+        if np.median(np.abs(second - moved)) < _EXPLAINED * np.median(np.abs(second - first)):
             shifts_px.append(float(np.hypot(x, y)))
     return sorted(shifts_px)[-2]
 
 
 def _change(recording: Recording) -> float:
     """Median change of the left image's pixels from a frame to the next, grey levels of 255."""
-    changes = [np.median(np.abs(now.left.astype(float) - then.left)) for then, now in _in_a_row(recording)]
+    changes = [np.median(np.abs(b.left.astype(float) - a.left)) for a, b in _successive_frames(recording)]
     return float(np.median(changes)) if changes else 0.0

@@ -15,7 +15,7 @@ from pps_vision.recordings.text import read_lines
 from pps_vision.types import Array, Mask, Status, Track3D, Truth
 
 _BRIDGED = 1.5  # times the median interval: a longer one is a gap, across which nothing is interpolated
-_LAG_S = 0.5  # largest lag that is looked for
+_LAG_S = 0.5  # search range
 _LAG_STEP_S = 0.005
 _FEWEST = 3  # positions to compare
 
@@ -83,7 +83,7 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
         rows = read_table(file, names)
         if "status" in header:
             status = read_table(file, ["status"])
-            searching = {line for line, (one,) in status if one in (Status.SEARCHING, Status.LOST)}
+            searching = {line for line, (value,) in status if value in (Status.SEARCHING, Status.LOST)}
     elif anipose:
         if len(anipose) > 1:
             raise InputError(file, f"has the points {', '.join(anipose)}; expected one point", 1)
@@ -103,22 +103,22 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
         values = [(line, [row[0] / fps, *row[1:]]) for line, row in values]
     if unstamped := [line for line, row in values if not np.isfinite(row[0])]:
         raise InputError(file, "has no stamp; expected one in every row", unstamped[0])
-    known = [(line, row) for line, row in values if np.all(np.isfinite(row[1:4]))]
-    missing = {line for line, _ in values} - {line for line, _ in known} - searching
-    for (_, before), (line, row) in pairwise(known):
-        if not row[0] > before[0]:
-            raise InputError(file, f"stamp {row[0]} after {before[0]}; expected stamps that increase", line)
-    table = np.array([row for _, row in known] or np.zeros((0, 4)))
+    positions = [(line, row) for line, row in values if np.all(np.isfinite(row[1:4]))]
+    missing = {line for line, _ in values} - {line for line, _ in positions} - searching
+    for (_, (last_s, *_)), (line, (stamp_s, *_)) in pairwise(positions):
+        if not stamp_s > last_s:
+            raise InputError(file, f"stamp {stamp_s} after {last_s}; expected stamps that increase", line)
+    table = np.array([row for _, row in positions] or np.zeros((0, 4)))
     cov = covariances(table[:, 4:]) if table.shape[1] == 10 else np.full((len(table), 3, 3), np.nan)
-    return Path3D(str(file), table[:, 0], table[:, 1:4], cov, len(values) - len(known), tuple(sorted(missing)))
+    return Path3D(str(file), table[:, 0], table[:, 1:4], cov, len(values) - len(positions), tuple(sorted(missing)))
 
 
 def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
     """The known positions of tracks."""
-    known = [track for track in tracks if track.is_known]
-    position = np.reshape([track.position for track in known], (-1, 3))
-    cov = np.reshape([track.cov[:3, :3] for track in known], (-1, 3, 3))
-    return Path3D(name, np.array([track.stamp_s for track in known]), position, cov, len(tracks) - len(known))
+    usable = [track for track in tracks if track.is_known]
+    position = np.reshape([track.position for track in usable], (-1, 3))
+    cov = np.reshape([track.cov[:3, :3] for track in usable], (-1, 3, 3))
+    return Path3D(name, np.array([track.stamp_s for track in usable]), position, cov, len(tracks) - len(usable))
 
 
 def path_of_truth(name: str, truth: Sequence[Truth]) -> Path3D:
@@ -145,10 +145,10 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
     moved = replace(track, stamps_s=track.stamps_s - lag_s)
     _, error, cov = errors_of(moved, truth, align)
     if len(error) < _FEWEST:
-        found = f"{len(error)} of {len(track.stamps_s)} positions have a truth at their stamp in {truth.name}"
+        problem = f"{len(error)} of {len(track.stamps_s)} positions have a truth at their stamp in {truth.name}"
         if len(moved.stamps_s) and len(truth.stamps_s):
-            found += f" (stamps {_span(moved)}; of the truth {_span(truth)})"
-        raise InputError(track.name, f"{found}; expected at least {_FEWEST}")
+            problem += f" (stamps {_span(moved)}; of the truth {_span(truth)})"
+        raise InputError(track.name, f"{problem}; expected at least {_FEWEST}")
     distance_mm = 1000 * np.linalg.norm(error, axis=1)
     nees = _nees(error, cov)
     bias = 1000 * error.mean(axis=0)
@@ -185,7 +185,9 @@ def errors_of(track: Path3D, truth: Path3D, align: bool = False) -> tuple[Array,
     """The track's stamps (m,) at which there is a truth, track minus truth (m, 3) in m, and the stated covariances
     (m, 3, 3)."""
     at = _covered(truth, track.stamps_s)
-    stamps, position, cov = track.stamps_s[at], track.position[at], track.cov[at]
+    stamps = track.stamps_s[at]
+    position = track.position[at]
+    cov = track.cov[at]
     true = (
         np.stack([np.interp(stamps, truth.stamps_s, column) for column in truth.position.T], axis=1)
         if at.any()
@@ -193,7 +195,8 @@ def errors_of(track: Path3D, truth: Path3D, align: bool = False) -> tuple[Array,
     )
     if align and len(position) >= _FEWEST:
         R, t = rigid_alignment(position, true)
-        position, cov = position @ R.T + t, R @ cov @ R.T
+        position = position @ R.T + t
+        cov = R @ cov @ R.T
     return stamps, position - true, cov
 
 

@@ -1,8 +1,8 @@
 """Score boxes in images against the true ones: `pps-vision evaluate --boxes`.
 
-Success and precision are those of OTB (Wu et al. 2013), for one object: the share of frames whose overlap exceeds a
-threshold, and whose centre is within a distance.  Misses, false boxes and identity switches are those of CLEAR MOT
-(Bernardin and Stiefelhagen 2008), for any number of objects.
+For one object, success and precision of OTB (Wu et al. 2013): the share of frames whose overlap exceeds a threshold,
+and whose centre is within a distance. For any number of objects, misses, false boxes and identity switches of CLEAR MOT
+(Bernardin and Stiefelhagen 2008).
 """
 
 import re
@@ -37,7 +37,7 @@ class Boxes:
 
 @dataclass(frozen=True)
 class BoxScore:
-    """How well boxes agree with the true ones; NaN for what is defined for one object only where there are more."""
+    """Agreement of boxes with the true ones; measures of a single object are NaN where there are more."""
 
     name: str
     boxes: int
@@ -119,9 +119,10 @@ def _box(file: Path, line: int, row: list[str]) -> list[str]:
 
 def overlaps(boxes: Array, others: Array) -> Array:
     """(n, m) intersection over union of boxes (n, 4) and others (m, 4)."""
-    a, b = np.reshape(boxes, (-1, 1, 4)), np.reshape(others, (1, -1, 4))
-    low, high = np.maximum(a[..., :2], b[..., :2]), np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:])
-    shared = np.prod(np.clip(high - low, 0, None), axis=2)
+    a = np.reshape(boxes, (-1, 1, 4))
+    b = np.reshape(others, (1, -1, 4))
+    sides = np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    shared = np.prod(np.clip(sides, 0, None), axis=2)
     return shared / (np.prod(a[..., 2:], axis=2) + np.prod(b[..., 2:], axis=2) - shared)
 
 
@@ -131,18 +132,17 @@ def per_frame(track: Boxes, truth: Boxes) -> tuple[Array, Array]:
     Raises:
         InputError: Several boxes in a frame.
     """
-    iou, distance = [], []
+    results = []
     for frame, true in sorted(truth.frames.items()):
-        found = track.frames.get(frame, {})
-        for boxes, one in ((truth, true), (track, found)):
-            if len(one) > 1:
-                raise InputError(boxes.name, f"{len(one)} boxes in frame {frame}; expected one for a success curve")
-        if not true:
-            continue
-        (a,), b = true.values(), next(iter(found.values()), None)
-        iou.append(0.0 if b is None else float(overlaps(a, b)[0, 0]))
-        distance.append(np.inf if b is None else float(np.linalg.norm(a[:2] - b[:2] + (a[2:] - b[2:]) / 2)))
-    return np.array(iou), np.array(distance)
+        for boxes in (truth, track):
+            if (n := len(boxes.frames.get(frame, {}))) > 1:
+                raise InputError(boxes.name, f"{n} boxes in frame {frame}; expected one for a success curve")
+        for a in true.values():
+            b = next(iter(track.frames.get(frame, {}).values()), None)
+            distance = np.inf if b is None else np.linalg.norm(a[:2] - b[:2] + (a[2:] - b[2:]) / 2)
+            results.append([0.0 if b is None else overlaps(a, b)[0, 0], distance])
+    iou, distance_px = np.reshape(results, (-1, 2)).T
+    return iou, distance_px
 
 
 def success(iou: Array) -> Array:
@@ -157,7 +157,7 @@ def precision(distance_px: Array) -> Array:
 
 def evaluate_boxes(track: Boxes, truth: Boxes) -> BoxScore:
     """Score boxes."""
-    single = all(len(one) <= 1 for boxes in (track, truth) for one in boxes.frames.values())
+    single = all(len(frame) <= 1 for boxes in (track, truth) for frame in boxes.frames.values())
     iou, distance = per_frame(track, truth) if single else (np.array([np.nan]), np.array([np.nan]))
     n, missed, false, switches = _clear(track, truth)
     with_box = distance[np.isfinite(distance)]
@@ -180,16 +180,17 @@ def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
     n = missed = false = switches = 0
     last: dict[int, int] = {}
     for frame in sorted(truth.frames.keys() | track.frames.keys()):
-        true, found = truth.frames.get(frame, {}), track.frames.get(frame, {})
+        true = truth.frames.get(frame, {})
+        tracked = track.frames.get(frame, {})
         n += len(true)
         matched = {
             name: last[name]
             for name in true
-            if last.get(name) in found and overlaps(true[name], found[last[name]])[0, 0] >= _MATCHED
+            if last.get(name) in tracked and overlaps(true[name], tracked[last[name]])[0, 0] >= _MATCHED
         }
         names = [name for name in true if name not in matched]
-        others = [name for name in found if name not in matched.values()]
-        iou = overlaps(_stack(true, names), _stack(found, others))
+        others = [name for name in tracked if name not in matched.values()]
+        iou = overlaps(_stack(true, names), _stack(tracked, others))
         allowed = iou >= _MATCHED
         for i, j in zip(*linear_sum_assignment(np.where(allowed, -iou, 1e3)), strict=True):
             if allowed[i, j]:
@@ -197,7 +198,7 @@ def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
                 matched[names[i]] = others[j]
         last |= matched
         missed += len(true) - len(matched)
-        false += len(found) - len(matched)
+        false += len(tracked) - len(matched)
     return n, missed, false, switches
 
 

@@ -1,4 +1,4 @@
-"""What a recording holds and lacks, without tracking it: `pps-vision info`."""
+"""Contents and faults of a recording, without tracking: `pps-vision info`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _RESTING_DEG = 0.05  # turn of a camera below which it rests: the resolution of 
 
 @dataclass(frozen=True)
 class RecordingInfo:
-    """What a recording holds; `warnings` are what it lacks or what is implausible, and what to try."""
+    """Contents of a recording; `warnings` name missing or implausible data, and remedies."""
 
     source: str
     pairs: int
@@ -71,16 +71,17 @@ class RecordingInfo:
 
 
 def info(recording: Recording) -> RecordingInfo:
-    """Return what a recording holds; its images are not read but for a few."""
+    """Return the contents of a recording; only a few images are read."""
     left, right = (np.array([pair[side].stamp_s for pair in recording.pairs]) for side in (0, 1))
-    steps, skews_ms = np.diff(left), 1000 * (right - left)
+    steps = np.diff(left)
+    skews_ms = 1000 * (right - left)
     usual_s = float(np.median(steps)) if len(steps) else np.nan
     baseline_m = focal_px = field_deg = np.nan
     if recording.rig is not None:
         view = recording.rig.view(recording.pairs[0][0].joints_rad, recording.pairs[0][1].joints_rad)
         baseline_m = float(np.linalg.norm(view.right.center - view.left.center))
-        camera = recording.rig.left
-        focal_px, field_deg = camera.fx, float(np.rad2deg(2 * np.arctan(camera.width / (2 * camera.fx))))
+        focal_px = recording.rig.left.fx
+        field_deg = float(np.rad2deg(2 * np.arctan(recording.rig.left.width / (2 * focal_px))))
     gaps = int(np.sum(steps > _GAP * usual_s))
     advice = tuple(_advice(recording, float(np.median(skews_ms)), usual_s, gaps))
     return RecordingInfo(
@@ -102,12 +103,12 @@ def info(recording: Recording) -> RecordingInfo:
         truth_rows=len(recording.truth),
         skipped=count_by_kind(recording.problems),
         calibration_at="" if recording.rig else recording.calibration_at,
-        warnings=(*recording.warnings, *(f"try {one}" for one in advice)),
+        warnings=(*recording.warnings, *(f"try {action}" for action in advice)),
     )
 
 
 def _advice(recording: Recording, skew_ms: float, usual_s: float, gaps: int) -> Iterator[str]:
-    """What to try."""
+    """Remedies for implausible stamps, and for the faults of the recording."""
     if not np.isfinite(usual_s):
         yield "a longer recording: there is a single pair"
     elif abs(skew_ms) > 250 * usual_s:  # a quarter of an interval

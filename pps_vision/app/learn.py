@@ -19,12 +19,12 @@ from pps_vision.robot.skin import Skin
 from pps_vision.types import Mask
 from tracking import Mode
 
-_MAX_TOUCH_AGE_S = 0.06  # of a report of the skin, which comes every 0.02 to 0.05 s
+_MAX_TOUCH_AGE_S = 0.06  # the skin reports every 0.02 to 0.05 s
 
 
 @dataclass(frozen=True)
 class Learned:
-    """What one recording added: the memory after it, number of new samples, number of rejected ones by reason."""
+    """The memory after a recording, number of new samples, number of rejected samples by reason."""
 
     memory: PPSMemory
     samples: int
@@ -80,11 +80,13 @@ def learn_from(
 def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> list[TouchTrial]:
     """The first frame of each contact in which the object is tracked."""
     tracker = tracker_for(recording, tracker_params(mode), seed)
-    found, counted = [], False
+    trials = []
+    is_counted = False
     for frame in recording:
-        track, touched = tracker.step(frame).track, touched_at(recording.touches, frame.stamp_s, skin)
-        if touched.any() and not counted and track.is_known:
-            found.append(
+        track = tracker.step(frame).track
+        touched = touched_at(recording.touches, frame.stamp_s, skin)
+        if touched.any() and not is_counted and track.is_known:
+            trials.append(
                 TouchTrial(
                     np.array([frame.stamp_s]),
                     joints_of(frame)[None],
@@ -95,8 +97,8 @@ def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> 
                     touched,
                 )
             )
-        counted = bool(touched.any()) and (counted or track.is_known)
-    return found
+        is_counted = bool(touched.any()) and (is_counted or track.is_known)
+    return trials
 
 
 def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin) -> Mask:

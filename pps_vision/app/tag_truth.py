@@ -17,7 +17,7 @@ _CORNER_PX2 = 0.1**2  # variance of a refined corner; both eyes are taken to be 
 
 @dataclass(frozen=True)
 class TagPath:
-    """Positions (n, 3) m at stamps (n,), root frame, and the sides of the tag as they were measured (n,) m."""
+    """Positions (n, 3) m at stamps (n,), root frame, and measured side lengths of the tag (n,) m."""
 
     stamps_s: Array
     position: Array
@@ -29,11 +29,11 @@ def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, 
 
     Args:
         recording: The recording.
-        number: Of the tag.
-        side_m: Of its black square, m.
+        number: Number of the tag.
+        side_m: Side of its black square, m.
         offset_m: (3,) from the tag's centre to the point that is wanted, in the tag's frame: x to its right, y to its
             top, z out of it.
-        dictionary: Of the tag, as OpenCV calls it without DICT_.
+        dictionary: Name of the tag's dictionary in OpenCV, without DICT_.
 
     Raises:
         InputError: There is no calibration or no such dictionary, or no pair shows the tag.
@@ -45,29 +45,29 @@ def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, 
         raise InputError("truth", f"a tag of {1000 * side_m:g} mm; expected a positive length")
     params = cv2.aruco.DetectorParameters()
     params.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
-    detector = cv2.aruco.ArucoDetector(known, params)
+    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    detector = cv2.aruco.ArucoDetector(tags, params)
     square = side_m / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
-    stamps, positions, sides = [], [], []
+    rows = []
     for frame in recording:
         corners = [_corners(detector, image, number) for image in (frame.left, frame.right)]
         points = _points(rig.view_of(frame), *corners)
         if points is None:
             continue
         R, t = rigid_alignment(square, points)
-        stamps.append(frame.stamp_s)
-        positions.append(R @ offset_m + t)
-        sides.append(float(np.mean(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1))))
-    if not stamps:
+        mean_side_m = np.mean(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1))
+        rows.append([frame.stamp_s, *(R @ offset_m + t), mean_side_m])
+    if not rows:
         raise InputError(recording.name, f"no pair shows tag {number} of {dictionary} in both images")
-    return TagPath(np.array(stamps), np.array(positions), np.array(sides))
+    table = np.array(rows)
+    return TagPath(table[:, 0], table[:, 1:4], table[:, 4])
 
 
 def _corners(detector: cv2.aruco.ArucoDetector, image: Image, number: int) -> Array | None:
     """(4, 2) px of the tag: its top left, top right, bottom right and bottom left; None unless it is seen once."""
     quads, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
-    found = [k for k, one in enumerate(np.ravel(numbers) if numbers is not None else ()) if one == number]
-    return np.asarray(quads[found[0]], dtype=float).reshape(4, 2) if len(found) == 1 else None
+    matches = np.flatnonzero(np.ravel(numbers) == number) if numbers is not None else ()
+    return np.asarray(quads[matches[0]], dtype=float).reshape(4, 2) if len(matches) == 1 else None
 
 
 def _points(view: StereoView, left_px: Array | None, right_px: Array | None) -> Array | None:
@@ -75,6 +75,6 @@ def _points(view: StereoView, left_px: Array | None, right_px: Array | None) -> 
     if left_px is None or right_px is None:
         return None
     cov = _CORNER_PX2 * np.eye(2)
-    found = [triangulate(view, a, b, cov, cov) for a, b in zip(left_px, right_px, strict=True)]
-    points = [one.p_root for one in found if one is not None]
-    return np.array(points) if len(points) == len(found) else None
+    corners = [triangulate(view, a, b, cov, cov) for a, b in zip(left_px, right_px, strict=True)]
+    points = [corner.p_root for corner in corners if corner is not None]
+    return np.array(points) if len(points) == len(corners) else None
