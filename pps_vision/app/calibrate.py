@@ -69,7 +69,8 @@ class Board:
             pixels, numbers, _, _ = cv2.aruco.CharucoDetector(self._charuco()).detectBoard(grey)
             if numbers is None or len(numbers) < _FEWEST_CORNERS:
                 return {}
-            return dict(zip(np.ravel(numbers).tolist(), np.asarray(pixels, dtype=float).reshape(-1, 2), strict=True))
+            corners_px = np.asarray(pixels, dtype=float).reshape(-1, 2)
+            return {int(k): pixel for k, pixel in zip(np.ravel(numbers), corners_px, strict=True)}
         is_complete, pixels = cv2.findChessboardCorners(grey, (self.columns, self.rows))
         if not is_complete:
             return {}
@@ -236,9 +237,12 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
         expected = f"at least {_FEWEST_VIEWS}, better 10 or more"
         raise InputError("calibrate", f"the board is seen by both cameras in {len(views)} pairs; expected {expected}")
     corners = [view.corners for view in views]
-    pixels = [[view.left_px for view in views], [view.right_px for view in views]]
+    left_px = [view.left_px for view in views]
+    right_px = [view.right_px for view in views]
     try:
-        singles = [cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in pixels]
+        singles = [
+            cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in (left_px, right_px)
+        ]
         turn_deg = min(_largest_turn_deg(np.array(single[3], dtype=float).reshape(-1, 3)) for single in singles)
         if turn_deg < _LEAST_TURN_DEG:
             problem = f"the board has nearly the same direction in all {len(views)} views (within {turn_deg:.1f}°)"
@@ -246,7 +250,7 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
         (_, K1, D1, *_), (_, K2, D2, *_) = singles
         flags = cv2.CALIB_USE_INTRINSIC_GUESS
         _, *matrices, _, _, rotations, shifts, _ = cv2.stereoCalibrateExtended(
-            corners, *pixels, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
+            corners, left_px, right_px, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
         )
     except cv2.error as error:
         raise InputError("calibrate", f"the views do not determine the cameras ({error.err}); add others") from error

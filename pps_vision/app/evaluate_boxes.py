@@ -132,17 +132,17 @@ def per_frame(track: Boxes, truth: Boxes) -> tuple[Array, Array]:
     Raises:
         InputError: Several boxes in a frame.
     """
-    results = []
+    results: list[tuple[float, float]] = []
     for frame, true in sorted(truth.frames.items()):
         for boxes in (truth, track):
             if (n := len(boxes.frames.get(frame, {}))) > 1:
                 raise InputError(boxes.name, f"{n} boxes in frame {frame}; expected one for a success curve")
         for a in true.values():
             b = next(iter(track.frames.get(frame, {}).values()), None)
-            distance = np.inf if b is None else np.linalg.norm(a[:2] - b[:2] + (a[2:] - b[2:]) / 2)
-            results.append([0.0 if b is None else overlaps(a, b)[0, 0], distance])
-    iou, distance_px = np.reshape(results, (-1, 2)).T
-    return iou, distance_px
+            distance_px = np.inf if b is None else float(np.linalg.norm(a[:2] - b[:2] + (a[2:] - b[2:]) / 2))
+            results.append((0.0 if b is None else float(overlaps(a, b)[0, 0]), distance_px))
+    table: Array = np.reshape(results, (-1, 2))
+    return table[:, 0], table[:, 1]
 
 
 def success(iou: Array) -> Array:
