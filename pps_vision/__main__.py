@@ -1,4 +1,4 @@
-"""`python -m pps_vision`, and the command `pps-vision`: what the whole process needs before a command runs.
+"""`python -m pps_vision`, and the command `pps-vision`: signals, output streams and exit codes of the process.
 
 Exit codes: 0 done; 1 some recordings of a batch failed; 2 bad input, in one line; 70 a bug, with its traceback.
 """
@@ -13,36 +13,37 @@ from threading import Thread
 from typing import TextIO
 
 ENDS_WITH_STDIN = "PPS_VISION_ENDS_WITH_STDIN"
-"""Environment variable of a process that ends, as by SIGTERM, when its standard input does: when the process that has
-started it and holds the other end of this pipe has died, even by SIGKILL."""
+"""Environment variable: the process ends, as by SIGTERM, when its standard input is closed. The parent holds the other
+end of the pipe, so its death, even by SIGKILL, ends the child."""
 
 _BUG = 70  # exit code; sysexits' EX_SOFTWARE
 _OURS = "pps_vision", "rendering", "tracking", "learning", "control"
 
 
 def main() -> None:
-    """Run the command line; a missing package or system library is said in one line, a bug by its traceback."""
+    """Run the command line; report a missing package or system library in one line, a bug by its traceback."""
     for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(signum) is not signal.SIG_IGN:  # as under nohup
             signal.signal(signum, _end)
     if os.environ.pop(ENDS_WITH_STDIN, None):
         Thread(target=_end_with_stdin, daemon=True).start()
-    sys.stdout, sys.stderr = _Output.instead_of(sys.stdout), _Output.instead_of(sys.stderr)
+    sys.stdout = _Output.instead_of(sys.stdout)
+    sys.stderr = _Output.instead_of(sys.stderr)
     warnings.formatwarning = _on_one_line
     try:
         from pps_vision.app.cli import main as run  # here, so that a signal or a missing library is caught
 
         run()
     except Exception as error:
-        said = _what_is_missing(error)
-        if said is None:
+        message = _missing_dependency(error)
+        if message is None:
             traceback.print_exc()
             sys.exit(_BUG)
-        print(f"pps-vision: {said}", file=sys.stderr)
+        print(f"pps-vision: {message}", file=sys.stderr)
         sys.exit(2)
 
 
-def _what_is_missing(error: Exception) -> str | None:
+def _missing_dependency(error: Exception) -> str | None:
     """The package or the system library that could not be imported; None for another error."""
     if not isinstance(error, ImportError):
         return None
@@ -54,12 +55,12 @@ def _what_is_missing(error: Exception) -> str | None:
 
 
 def _end(signum: int, frame: object) -> None:
-    """Remove what is half-written and end, as the signal does by itself.
+    """Remove unfinished files, then end by the signal's default action.
 
-    No exception, because code that a signal interrupts (imports, callbacks, finalizers) may swallow it.
+    An exception could be swallowed by the interrupted code (imports, callbacks, finalizers).
     """
     atomic_write = sys.modules.get("pps_vision.recordings.atomic_write")
-    remove_unfinished = getattr(atomic_write, "remove_unfinished", None)  # None: not loaded, so nothing is half-written
+    remove_unfinished = getattr(atomic_write, "remove_unfinished", None)  # None: not loaded, no unfinished files
     if remove_unfinished is not None:
         remove_unfinished()
     signal.signal(signum, signal.SIG_DFL)
@@ -73,16 +74,17 @@ def _end_with_stdin() -> None:
 
 
 class _Output(io.TextIOWrapper):
-    """A standard stream whose reader may go away or whose disk may be full: the rest is dropped, the work goes on."""
+    """A standard stream that drops its output after an error (closed pipe, full disk) instead of stopping the work."""
 
     _is_gone = False
 
     @classmethod
     def instead_of(cls, stream: TextIO | None) -> "_Output":
-        """Take the place of a stream; characters that it cannot encode are escaped."""
+        """Replace a stream; characters that it cannot encode are escaped."""
         if not isinstance(stream, io.TextIOWrapper):  # None: it was closed before the start
             return cls(open(os.devnull, "wb"), encoding="utf-8")
-        encoding, line_buffering = stream.encoding, stream.line_buffering
+        encoding = stream.encoding
+        line_buffering = stream.line_buffering
         return cls(stream.detach(), encoding, "backslashreplace", line_buffering=line_buffering)
 
     def write(self, text: str) -> int:
@@ -105,7 +107,7 @@ class _Output(io.TextIOWrapper):
 def _on_one_line(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
 ) -> str:
-    """How a library's warning is shown."""
+    """Format a library's warning."""
     return f"pps-vision: {category.__name__}: {' '.join(str(message).split())}\n"
 
 

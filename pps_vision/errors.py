@@ -6,11 +6,11 @@ _HALF = 300  # characters of a message; a file's content may be quoted in it
 
 
 class InputError(ValueError):
-    """Input that cannot be used.  Its message is one line, "SOURCE:LINE: what was found; what was expected".
+    """Input that cannot be used.  Its message is one line, "SOURCE:LINE: problem; expected …".
 
     Args:
         source: The file, folder or command that the input came from.
-        message: What was found and what was expected.
+        message: The problem and the expected input.
         line: The line of the file, from 1.
     """
 
@@ -23,7 +23,7 @@ class InputError(ValueError):
 
 
 def cite(source: Path | str, line: int | None, message: str) -> str:
-    """Return "SOURCE:LINE: message" on one line; of a long message the beginning and the end."""
+    """Return "SOURCE:LINE: message" on one line; a long message is cut in the middle."""
     where = f"{source}" if line is None else f"{source}:{line}"
     words = " ".join(message.splitlines())
     if len(words) > 2 * _HALF:
@@ -32,6 +32,6 @@ def cite(source: Path | str, line: int | None, message: str) -> str:
 
 
 def first_line(error: Exception) -> str:
-    """What an exception says, on one line: the system's own words for an OSError."""
+    """The message of an exception on one line; for an OSError, the system's message."""
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return " ".join(text.split())

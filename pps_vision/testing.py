@@ -1,4 +1,4 @@
-"""What a laboratory's own tests need: recordings whose tracking error must stay below a limit.
+"""Tests of a laboratory's own recordings: their tracking error must stay below a limit.
 
 from pps_vision.testing import check_error
 

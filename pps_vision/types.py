@@ -1,4 +1,4 @@
-"""What flows through pps_vision: one frozen dataclass per arrow of the data path.
+"""The messages of pps_vision: one frozen dataclass per arrow of the data path.
 
 Time is a stamp in seconds, lengths are metres, angles radians, image points pixels
 (integer coordinates are pixel centres).  A name says its unit where that is not obvious.
@@ -57,7 +57,7 @@ class StereoFrame:
 
     @property
     def stamp_s(self) -> float:
-        """Mean stamp of the pair; what is derived from both eyes carries it."""
+        """Mean stamp of the pair; results of both eyes carry it."""
         return 0.5 * (self.stamp_left_s + self.stamp_right_s)
 
 
@@ -65,9 +65,9 @@ class StereoFrame:
 class Detection2D:
     """The object in one eye's image.
 
-    `center_px` (2,) is where the object's centre projects, in the image as recorded (lens
-    distortion included); `cov_px` (2, 2) its covariance; `angular_radius_rad` half the angle
-    under which the object is seen; `score` in [0, 1] how well its appearance fits.
+    `center_px` (2,) is the projection of the object's centre, lens distortion included;
+    `cov_px` (2, 2) its covariance; `angular_radius_rad` half the angle that the object
+    subtends; `score` in [0, 1] the similarity of its appearance.
     """
 
     stamp_s: float
@@ -84,11 +84,11 @@ class Detection2D:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where a rendered object really is at one stamp: the answer estimates are measured against.
+    """The true position of a rendered object at one stamp.
 
-    `position` m, `velocity` m/s (3,) in the root frame; `left_px`, `right_px` (2,) where its centre
-    projects, lens distortion included, NaN where it cannot; visible means that the centre lies
-    in the image and nothing stands before it but the object itself.
+    `position` m, `velocity` m/s (3,) in the root frame; `left_px`, `right_px` (2,) projections of its
+    centre, lens distortion included, NaN behind a camera; visible: the centre lies in the image and
+    only the object itself occludes it.
     """
 
     stamp_s: float
@@ -108,8 +108,8 @@ class Truth:
 class Observation3D:
     """A triangulated position in the root frame: `p_root` (3,), `cov_root` (3, 3), m and m².
 
-    `correlated_cov_root` (3, 3) m² is the part of `cov_root` whose error lasts from frame to frame: that of the
-    cameras' pose and of what both outlines share.
+    `correlated_cov_root` (3, 3) m² is the part of `cov_root` whose error is correlated from frame to frame: errors of
+    the cameras' poses, and errors common to both outlines.
     """
 
     stamp_s: float
@@ -117,7 +117,7 @@ class Observation3D:
     cov_root: Array
     radius_m: float
     radius_var_m2: float
-    residual_px: float  # how far the two eyes disagree with one point, RMS reprojection error
+    residual_px: float  # RMS reprojection error in both images
     correlated_cov_root: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     def __post_init__(self) -> None:
@@ -160,16 +160,16 @@ class Track3D:
 
     @classmethod
     def unknown(cls, stamp_s: float, status: Status = Status.SEARCHING) -> "Track3D":
-        """A track that knows nothing: NaN everywhere."""
+        """A track without a state: NaN everywhere."""
         return cls(stamp_s, np.full((4, 3), np.nan), np.full((12, 12), np.nan), np.nan, np.nan, status)
 
 
 @dataclass(frozen=True, slots=True)
 class TaxelEvents:
-    """What every taxel perceives of the stimulus at one stamp.
+    """Distance, time to contact and touch of every taxel at one stamp.
 
     `taxel_ids` (n,) are names "part:id"; `distance_m` D and `ttc_s` TTC (n,) follow R eqs 1
-    and 2, NaN outside a taxel's receptive field; `touched` (n,) is what the skin reports.
+    and 2, NaN outside a taxel's receptive field; `touched` (n,) the skin's report.
     """
 
     stamp_s: float
@@ -195,11 +195,11 @@ class Activation:
 
 
 class ReachStatus(StrEnum):
-    """What the reachable-space map says of the tracked object."""
+    """Answer of the reachable-space map for the tracked object."""
 
     REACHABLE = "reachable"
     UNREACHABLE = "unreachable"
-    NOT_FIXATED = "not fixated"  # no gaze within the map's limits fixates it, so that the map says nothing
+    NOT_FIXATED = "not fixated"  # no gaze within the map's limits fixates it
     UNKNOWN = "unknown"  # nothing is tracked
 
 
@@ -208,8 +208,8 @@ class Reachability:
     """Whether the hand can reach the tracked object, at one stamp.
 
     `gaze_rad` (3,) is the gaze posture (neck yaw, neck pitch, vergence) that fixates it; `probability` that it is
-    reachable; `degree` R in [0, 1] how well, above 0.5 where reachable (J IV.6–IV.7).  All three are NaN where the
-    status is not fixated or unknown.
+    reachable; `degree` R in [0, 1], above 0.5 where reachable (J IV.6–IV.7).  All three are NaN where the status is
+    not fixated or unknown.
     """
 
     stamp_s: float
@@ -228,7 +228,7 @@ class Reachability:
 
     @classmethod
     def without_answer(cls, stamp_s: float, status: ReachStatus) -> "Reachability":
-        """Of an object that is not fixated or unknown."""
+        """The message for an object that is not fixated or unknown."""
         return cls(stamp_s, np.full(3, np.nan), np.nan, np.nan, status)
 
 

@@ -1,4 +1,4 @@
-"""The demo: learn in simulation which approaches touch, then avoid an object that was never seen."""
+"""The demo: learn in simulation which approaches touch, then avoid a new object."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -75,13 +75,13 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         stopwatch = Stopwatch()
         logs = _run_episodes(scene, memory, reachable_map, folder, stopwatch, seed)
         numbers = {log.title: _numbers(log) for log in logs}
-        given = {"versions": versions.versions(), "seed": seed, "trials": trials, "noise_grey_levels": noise}
-        write_json(folder / SUMMARY, {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
+        settings = {"versions": versions.versions(), "seed": seed, "trials": trials, "noise_grey_levels": noise}
+        write_json(folder / SUMMARY, {**settings, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
         text = _page(scene, trials, noise, seed, folder, memory, logs, numbers, stopwatch)
         (folder / REPORT).write_text(text, encoding="utf-8")
     for log in logs:
-        touched, moved = "touched" if log.was_touched else "not touched", "moved" if log.was_commanded else "still"
-        print(f"{log.title:42s} {touched:12s} arm {moved}")
+        touched = "touched" if log.was_touched else "not touched"
+        print(f"{log.title:42s} {touched:12s} arm {'moved' if log.was_commanded else 'still'}")
     print(f"→ {out / REPORT}")
 
 
@@ -93,9 +93,9 @@ def _run_episodes(
     stopwatch: Stopwatch,
     seed: int,
 ) -> list[EpisodeLog]:
-    """The logs of the four episodes, filmed two by two; demo.png is the frame of the approach in which the skin is
-    touched without avoidance."""
-    logs, images = [], []
+    """Run and film the four episodes; demo.png shows the first touch without avoidance. Returns their logs."""
+    logs: list[EpisodeLog] = []
+    images: list[list[Image]] = []
     for kind, avoid, title in progress(_EPISODES, desc="episodes", unit="episode", after_s=0.0):
         # the same seed for both approaches: the same path with and without avoidance
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
@@ -111,27 +111,28 @@ def _run_episodes(
 
 
 def write_side_by_side(file: Path, *pairs: tuple[Sequence[Image], Sequence[Image]]) -> None:
-    """A film of pairs of episodes, each beside the other; the shorter one stands still at its end."""
+    """Write a film of pairs of episodes side by side; the shorter episode's last frame is repeated."""
     with VideoFile(file, 1 / PERIOD_S) as film:
         for left, right in pairs:
             for k in range(max(len(left), len(right))):
-                film.add(np.hstack([of[min(k, len(of) - 1)] for of in (left, right)]))
+                film.add(np.hstack([images[min(k, len(images) - 1)] for images in (left, right)]))
 
 
 def drawn(scene: SimulationScene, row: SimulationStep, title: str) -> Image:
     """One frame of the video (480, 640, 3): the left eye, and the right one in the corner."""
-    activation, reach = row.step.activation, row.step.reachability
+    activation = row.step.activation
     most = int(np.argmax(activation.probability))
     captions = [title, f"activation {activation.probability[most]:.2f} at {activation.taxel_ids[most]}"]
-    if reach is not None:
+    if (reach := row.step.reachability) is not None:
         degree = f" (R {reach.degree:.2f})" if np.isfinite(reach.degree) else ""
         captions.append(f"left hand: {reach.status.value}{degree}")
-    tracking, view = row.step.tracking, scene.rig.view_of(row.frame)
+    tracking = row.step.tracking
+    view = scene.rig.view_of(row.frame)
     pair = draw_pair(row.frame, view, tracking.track, tracking.detections, row.taxels, activation.probability, captions)
-    width = pair.shape[1] // 2
-    image = pair[:, :width].copy()
-    other = cv2.resize(pair[:, width:], None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)
-    image[-other.shape[0] - 8 : -8, -other.shape[1] - 8 : -8] = other
+    left, right = np.split(pair, 2, axis=1)
+    image = left.copy()
+    inset = cv2.resize(right, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)
+    image[-inset.shape[0] - 8 : -8, -inset.shape[1] - 8 : -8] = inset
     if row.touched.any():
         flash(image)
     draw_legend(image)
@@ -141,7 +142,7 @@ def drawn(scene: SimulationScene, row: SimulationStep, title: str) -> Image:
 def _numbers(log: EpisodeLog) -> dict[str, object]:
     """The row of an episode in the report's table."""
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
-    known = np.isfinite(error)
+    error = error[np.isfinite(error)]
     predicted = np.flatnonzero(log.activations.max(axis=1) > THRESHOLD)
     tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
     degrees = [reach.degree for reach in tracked if reach.status != ReachStatus.NOT_FIXATED]
@@ -152,7 +153,7 @@ def _numbers(log: EpisodeLog) -> dict[str, object]:
         "highest_activation": float(log.activations.max()),
         "predicted_after_s": float(log.stamps_s[predicted[0]] - log.stamps_s[0]) if len(predicted) else None,
         "tracked_share": sum(status == Status.TRACKING for status in log.status) / len(log.status),
-        "track_rms_mm": 1000 * float(np.sqrt(np.mean(error[known] ** 2))) if known.any() else None,
+        "track_rms_mm": 1000 * float(np.sqrt(np.mean(error**2))) if len(error) else None,
         "reachable_share": float(np.mean([reach.is_reachable for reach in tracked])) if tracked else None,
         "degree_of_reach": float(np.mean(degrees)) if degrees else None,
     }
@@ -178,10 +179,11 @@ def _page(
     stopwatch: Stopwatch,
 ) -> str:
     """The report as HTML."""
+    command = f"pps-vision demo --trials {trials} --noise {noise:g} --seed {seed}"
     rows = [[title, *(_cell(row[key]) for key in _COLUMNS)] for title, row in numbers.items()]
     timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
-    known, made_with = np.isfinite(logs[1].track_m).all(axis=1), versions.machine(versions.commit())
-    stds = logs[1].track_std_m[known]
+    is_tracked = np.isfinite(logs[1].track_m).all(axis=1)
+    cov = logs[1].track_std_m[is_tracked, None] ** 2 * np.eye(3)
     touched = np.flatnonzero(memory.counts[..., 0].sum(axis=(1, 2)) >= _FEWEST_SAMPLES).tolist()
     sections = (
         page.Section(
@@ -204,7 +206,7 @@ def _page(
             "What the skin learned",
             f"Probability of touch over distance D and time to contact TTC, after {trials} rendered approaches of a "
             f"ball and a cube: one in {_TOUCH_EVERY} touches, the others stop 4–16 cm before the skin. A touch begins "
-            "at D = 2 cm; what was never met counts as 0. Taxels with fewer than "
+            "at D = 2 cm; cells without samples count as 0. Taxels with fewer than "
             f"{_FEWEST_SAMPLES} samples before touches are left out.",
             page.image(figures.landscapes(memory, touched)),
         ),
@@ -213,7 +215,7 @@ def _page(
             "Turn it with the mouse. Blue: tracked position of the octopus with its own 95 % ellipsoids; black: the "
             "truth. Grey: the robot's bodies, the line between its eyes and its taxels (a short line along each "
             "normal) at the start; orange and red: the same where the arm has moved farthest, avoidance on.",
-            path3d(_scene(scene, logs[1]), logs[1].track_m[known], stds[:, None] ** 2 * np.eye(3)),
+            path3d(_scene(scene, logs[1]), logs[1].track_m[is_tracked], cov),
         ),
         page.Section(
             "Coordinates",
@@ -224,7 +226,7 @@ def _page(
         page.Section(
             "Made with",
             "The same command with the same versions gives the same numbers, but for times.",
-            page.table(["", ""], [["command", _command(trials, noise, seed)], *map(list, made_with.items())]),
+            page.table(["", ""], [["command", command], *map(list, versions.machine(versions.commit()).items())]),
         ),
     )
     return page.page(
@@ -251,7 +253,3 @@ def _scene(scene: SimulationScene, log: EpisodeLog) -> list[tuple[str, Array]]:
         lines += [(color, body_lines(posture)), (color, np.array([view.left.center, view.right.center]))]
         lines.append((skin_color, np.stack([points, points + _NORMAL_M * normals, gap], axis=1).reshape(-1, 3)))
     return lines
-
-
-def _command(trials: int, noise: float, seed: int) -> str:
-    return f"pps-vision demo --trials {trials} --noise {noise:g} --seed {seed}"

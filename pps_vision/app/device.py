@@ -13,9 +13,8 @@ def torch_device(name: str) -> "torch.device":
     import torch  # takes seconds to load, and most commands do without
 
     n = torch.cuda.device_count()
-    there = {"cpu", *(["cuda"] if n else []), *(f"cuda:{index}" for index in range(n))}
-    if name not in there:
-        raise InputError(
-            f"--device {name}", f"torch finds {n} CUDA devices on this machine; expected {' or '.join(sorted(there))}"
-        )
+    devices = {"cpu", *(["cuda"] if n else []), *(f"cuda:{index}" for index in range(n))}
+    if name not in devices:
+        expected = " or ".join(sorted(devices))
+        raise InputError(f"--device {name}", f"torch finds {n} CUDA devices on this machine; expected {expected}")
     return torch.device(name)

@@ -207,16 +207,15 @@ def _covered(path: Path3D, stamps_s: Array) -> Mask:
         return np.zeros(len(stamps_s), dtype=bool)
     longest_s = _BRIDGED * float(np.median(np.diff(own))) if len(own) > 1 else 0.0
     tolerance_s = 1e-3 * longest_s + 1e-6  # of stamps in doubles that count seconds since 1970
-    after = np.clip(np.searchsorted(own, stamps_s, "left"), 0, len(own) - 1)
-    before = np.clip(np.searchsorted(own, stamps_s, "right") - 1, 0, len(own) - 1)
-    nearest_s = np.minimum(np.abs(own[after] - stamps_s), np.abs(stamps_s - own[before]))
-    between = (own[before] <= stamps_s) & (stamps_s <= own[after]) & (own[after] - own[before] <= longest_s)
+    next_s = own[np.clip(np.searchsorted(own, stamps_s, "left"), 0, len(own) - 1)]
+    last_s = own[np.clip(np.searchsorted(own, stamps_s, "right") - 1, 0, len(own) - 1)]
+    nearest_s = np.minimum(np.abs(next_s - stamps_s), np.abs(stamps_s - last_s))
+    between = (last_s <= stamps_s) & (stamps_s <= next_s) & (next_s - last_s <= longest_s)
     return between | (nearest_s <= tolerance_s)
 
 
 def _lag_s(track: Path3D, truth: Path3D, align: bool) -> float:
-    """By how much the track's stamps are late: the lag with the least mean squared error, of those under which most
-    positions have a truth."""
+    """The lag of the track's stamps that minimises the mean squared error and leaves most positions with a truth."""
 
     def cost(lag_s: float) -> float:
         _, error, _ = errors_of(replace(track, stamps_s=track.stamps_s - lag_s), truth, align)
@@ -225,8 +224,8 @@ def _lag_s(track: Path3D, truth: Path3D, align: bool) -> float:
     lags = np.arange(-_LAG_S, _LAG_S + _LAG_STEP_S / 2, _LAG_STEP_S)
     best = float(lags[int(np.argmin([cost(lag_s) for lag_s in lags]))])
     bounds = (best - _LAG_STEP_S, best + _LAG_STEP_S)
-    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6})
-    return float(found.x) if np.isfinite(found.fun) else best
+    optimum = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6})
+    return float(optimum.x) if np.isfinite(optimum.fun) else best
 
 
 def _nees(error: Array, cov: Array) -> Array:

@@ -9,15 +9,14 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Status, StereoFrame, Track3D
 from tracking.tracker import TrackerStep
 
-_JOINTS_STD_M = 1e-3  # of a fingertip located by the joints; of its velocity, m/s, ten times that
+_JOINTS_STD_M = 1e-3  # fingertip position by the joints; ten times that for its velocity, m/s
 
 
 class FingertipTracker:
     """Stands in for `Tracker` in a `Pipeline`: the joints of each frame give position and velocity of the right index
     finger's tip.
 
-    The images are not looked at.  The skin so learns from the robot's touches of itself, and the arm avoids its own
-    finger, by joints and skin alone.
+    The images are not used: from joints and skin alone, the robot learns from self-touch and avoids its own finger.
     """
 
     def __init__(self, robot: Robot) -> None:

@@ -11,7 +11,7 @@ _LINE = "{desc}: {n_fmt} of {total_fmt} after {elapsed}"
 
 
 class _Log:
-    """Standard error as tqdm's file: what would redraw a bar becomes a line of its own."""
+    """Standard error as tqdm's file: every update becomes a new line."""
 
     def write(self, text: str) -> None:
         """Write the text as a line, unless it only erases one."""
@@ -19,7 +19,7 @@ class _Log:
             print(line, file=sys.stderr)
 
     def flush(self) -> None:
-        """Write what waits."""
+        """Flush standard error."""
         sys.stderr.flush()
 
 

@@ -52,14 +52,16 @@ def record(options: RenderParams) -> tuple[int, int]:
         raise InputError("render", f"--center {options.center}; expected three numbers in metres")
     rng = np.random.default_rng(options.seed)
     setup = robot_setup(options.robot)
-    robot, skin, rig = setup.robot, setup.skin, setup.rig
+    robot = setup.robot
+    skin = setup.skin
     fidelity = Fidelity(scale=options.scale)
     stimulus = stimulus_of(options, fidelity.fineness)
     sensor = Sensor(options.noise, options.shot, options.exposure, options.blur_s)
-    states, touches = list(scene(options, setup, rng)), 0
+    states = list(scene(options, setup, rng))
+    touches = 0
     with (
         YarpWriter(options.out, setup) as writer,
-        Eyes(robot, rig, stimulus, options.carrier, sensor, fidelity=fidelity) as eyes,
+        Eyes(robot, setup.rig, stimulus, options.carrier, sensor, fidelity=fidelity) as eyes,
     ):
         for t, state in progress(states, desc="render", unit="pair"):
             truth = eyes.truth(state, t)
@@ -74,7 +76,7 @@ def record(options: RenderParams) -> tuple[int, int]:
 
 
 def stimulus_of(options: RenderParams, fineness: int) -> Stimulus:
-    """What is shown; InputError and OSError name a mesh file that cannot be shown."""
+    """The object to render; InputError and OSError name a mesh file that cannot be used."""
     if isinstance(options.stimulus, Path):
         if options.stimulus.suffix.lower() not in MESH_SUFFIXES:
             names = ", ".join((*get_args(StimulusName), *(f"FILE{suffix}" for suffix in MESH_SUFFIXES)))
@@ -85,7 +87,8 @@ def stimulus_of(options: RenderParams, fineness: int) -> Stimulus:
 
 def scene(options: RenderParams, setup: RobotSetup, rng: np.random.Generator) -> Iterator[tuple[float, SceneState]]:
     """Stamp and state of each frame."""
-    robot, (q, motion) = setup.robot, _begin(options, setup, rng, stimulus_of(options, 0).radius_m)
+    robot = setup.robot
+    q, motion = _begin(options, setup, rng, stimulus_of(options, 0).radius_m)
     dt = 1 / options.fps
     for k in range(max(1, round(options.seconds * options.fps))):
         t = k * dt
@@ -97,10 +100,13 @@ def scene(options: RenderParams, setup: RobotSetup, rng: np.random.Generator) ->
 
 def _begin(options: RenderParams, setup: RobotSetup, rng: np.random.Generator, radius_m: float) -> tuple[Array, Motion]:
     """The robot at home fixating the start of a random motion that both eyes can follow."""
-    robot, rig, q_home, skin = setup.robot, setup.rig, setup.home_rad, setup.skin
+    robot = setup.robot
+    q_home = setup.home_rad
+    skin = setup.skin
     if options.robot and options.center is None and options.motion not in REACH_M:
         raise InputError("render", f"--motion {options.motion} without --center; expected one, before the cameras")
-    at_home, aim = robot.at(q_home), None
+    at_home = robot.at(q_home)
+    aim = None
     taxels, _ = skin.at(at_home)
     if options.motion in REACH_M or options.target != RenderParams.target:
         aim = at_taxel(skin, at_home, skin.index(options.target), radius_m + REACH_M.get(options.motion, 0.0))
@@ -110,11 +116,11 @@ def _begin(options: RenderParams, setup: RobotSetup, rng: np.random.Generator, r
         motion = make_motion(options.motion, rng, center, speed, aim)
         begin = motion(0.0)[0]
         begins_touching = touched_taxels(taxels, begin, radius_m).any()
-        if not begins_touching and can_follow(robot, rig, q_home, motion, options.seconds):
+        if not begins_touching and can_follow(robot, setup.rig, q_home, motion, options.seconds):
             return fixation.gaze_at(robot, q_home, begin), motion
     place = options.target if options.center is None else options.center
-    found = f"no {options.motion} about {place} stays in view of both eyes"
-    raise InputError("render", f"{found}; expected another target or center")
+    problem = f"no {options.motion} about {place} stays in view of both eyes"
+    raise InputError("render", f"{problem}; expected another target or center")
 
 
 def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
@@ -143,7 +149,7 @@ def render(stimulus: StimulusName | Path, motion: MotionName, out: Path | str, *
     """Render a recording of a robot that watches a moving object, and open it.
 
     Args:
-        stimulus: What is shown: a name, or a mesh file (.stl, .obj, .ply).
+        stimulus: The object: a name, or a mesh file (.stl, .obj, .ply).
         motion: How it moves.
         out: Folder to write; must be new or empty.
         options: As in `pps-vision render --help`: seconds, fps, speed, radius, noise, carrier, head, seed, ….
@@ -154,6 +160,6 @@ def render(stimulus: StimulusName | Path, motion: MotionName, out: Path | str, *
     Raises:
         InputError: An option is out of its range, nothing can be seen so, or the folder cannot be written.
     """
-    asked = RenderParams(stimulus, motion, Path(out), **options)
-    record(asked)
-    return open_recording(asked.out, robot=robot_setup(asked.robot))
+    params = RenderParams(stimulus, motion, Path(out), **options)
+    record(params)
+    return open_recording(params.out, robot=robot_setup(params.robot))

@@ -1,4 +1,4 @@
-"""What is rendered: the options of `pps-vision render` and of `pps_vision.render`."""
+"""The options of `pps-vision render` and of `pps_vision.render`."""
 
 from dataclasses import dataclass
 from pathlib import Path

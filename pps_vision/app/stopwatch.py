@@ -17,7 +17,7 @@ class Stopwatch:
 
     @contextmanager
     def __call__(self, stage: str, runs: int = 1) -> Iterator[None]:
-        """Time the enclosed block as one run of `stage`, or as so many equal ones."""
+        """Time the enclosed block as `runs` equal runs of `stage`."""
         start = time.perf_counter()
         try:
             yield

@@ -165,7 +165,7 @@ def track(
 ) -> TrackedRecording:
     """Track the moving object of a recording in 3D.
 
-    `for step in track(recording)` gives one `TrackerStep` for each stereo pair as it is tracked;
+    `for step in track(recording)` gives one `TrackerStep` for each stereo pair during tracking;
     `track(recording).arrays()` gives the whole path as arrays.
 
     Args:

@@ -65,9 +65,9 @@ class PathStatistics:
         self.status = Counter[Status]()
         self._truth = sorted(truth, key=lambda row: row.stamp_s)
         self._truth_stamps_s = np.array([row.stamp_s for row in self._truth])
-        self._tracking_errors = array("d")  # position and velocity errors in turn
+        self._tracking_errors = array("d")  # alternately position and velocity errors
         self._coasting_errors = array("d")
-        self._radii = array("d")  # radius and its standard deviation in turn, where tracked
+        self._radii = array("d")  # alternately radius and its standard deviation, where tracked
         self._residuals_px = array("d")
 
     @property

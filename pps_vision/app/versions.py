@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
-"""What tracking computes with."""
+"""Dependencies of tracking."""
 
 
 def versions() -> dict[str, str]:
@@ -16,7 +16,7 @@ def versions() -> dict[str, str]:
 
 
 def machine(commit_name: str) -> dict[str, str]:
-    """What the numbers were measured with and on."""
+    """Machine, package versions and commit of a measurement."""
     packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
     return {
         "processor": f"{_processor()}, {os.cpu_count()} cores",
@@ -38,7 +38,8 @@ def commit() -> str:
     """The last commit that changed code (not tests), "-dirty" where it differs from it; unknown without a checkout."""
     root = Path(__file__).parents[2]
     try:
-        git, code = ["git", "-C", str(root)], ["--", "*.py", ":!tests"]
+        git = ["git", "-C", str(root)]
+        code = ["--", "*.py", ":!tests"]
         log = [*git, "log", "-1", "--format=%h", *code]
         last = subprocess.check_output(log, text=True, stderr=subprocess.DEVNULL)
         changed = subprocess.check_output([*git, "status", "--porcelain", *code], text=True)

@@ -21,7 +21,7 @@ class Learn(RobotOptions, RecordingOptions):
     """Offsets to add to the encoders, as `pps-vision joints` writes them."""
 
     def run(self) -> None:
-        """Learn from the recordings in turn."""
+        """Learn from one recording after another."""
         from learning.pps.memory import PPSMemory, load_memory, save_memory
         from pps_vision.app.learn import learn_from
         from pps_vision.app.pipeline import check_memory

@@ -54,7 +54,7 @@ class SourceOptions:
 
 
 def command_line(name: str, options: object, chosen: "Sequence[Field[Any]] | None" = None) -> str:
-    """Return the command line with these options, without defaults; of the `chosen` fields, or of all."""
+    """Return the command line with these options, without defaults; only the `chosen` fields if given."""
     words = ["pps-vision", name]
     for field in chosen or fields(options):  # type: ignore[arg-type]
         value = getattr(options, field.name)

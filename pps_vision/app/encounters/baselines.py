@@ -112,7 +112,7 @@ def depth_space(scene: ArmScene, numbers: ControllerParams) -> Controller:
 def taxel_constraints(scene: ArmScene, numbers: ControllerParams) -> Controller:
     """Return a quadratic programme after HARMONIOUS (Rozlivek et al. 2023): every taxel is a constraint.
 
-    The joint rates nearest to those of the way home such that no taxel moves outwards faster than V·(θ − a)/θ along its
+    The joint rates nearest to the return home such that no taxel moves outwards faster than V·(θ − a)/θ along its
     normal; above the threshold θ it has to withdraw. `numbers`: threshold, gain (of the withdrawal), home_per_s.
     """
     threshold = numbers["threshold"]

@@ -59,12 +59,12 @@ _CLEARANCE_M = 0.03  # self-collision distance of a start posture; the controlle
 _MARGIN_RAD = np.deg2rad(3.0)  # from a start posture's arm joints to their limits
 _DRAWS = 6  # paths tried for a posture
 _MIN_CONTACT_S = 0.3  # earliest would-be contact
-_MAX_HIDDEN_SHARE = 0.25  # of an object, by the robot's bodies, for one eye
+_MAX_HIDDEN_SHARE = 0.25  # share of the object that the robot's bodies may hide from an eye
 _INSTANTS = 4  # at which a path is tested
 _RIM = 8  # points about an object's middle, at 0.8 of its radius
 _DWELL_S = 0.3  # at the end of an approach
 _AFTER_S = 1.2  # from there to the end of the encounter
-_WAIT_S = 2.0  # of an object to reach for
+_WAIT_S = 2.0  # for which an object to reach for stays
 _REST_S = 4.0  # length of encounters with an object at rest
 _REST_M = (0.10, 0.15)  # from the surface of an object at rest to the nearest taxel's centre
 _CLEAR_M = (0.20, 0.25)  # the same while the arm swings, which takes it up to 10 cm nearer
@@ -171,7 +171,8 @@ class EncounterScene:
         for t in np.linspace(0.0, until_s, _INSTANTS)[::-1]:  # near the arm most is hidden
             center = motion(float(t))[0]
             q = gaze_at(self.robot, q_rad, center)
-            view, posture = self.rig.view(q), self.robot.at(q)
+            view = self.rig.view(q)
+            posture = self.robot.at(q)
             for eye in (view.left, view.right):
                 if self.hidden_share(posture, eye.center, center, radius_m) > _MAX_HIDDEN_SHARE:
                     return False
@@ -185,7 +186,7 @@ DrawPath = Callable[[EncounterScene, Skin, Array, int, float, float, np.random.G
 
 
 def draw(scene: EncounterScene, condition: Condition, number: int, seed: int) -> Encounter:
-    """Return encounter `number` of a condition: parts, sides and objects in turn, everything else at random."""
+    """Return encounter `number` of a condition: parts, sides and objects by rotation, everything else at random."""
     rng = np.random.default_rng((seed, get_args(Condition).index(condition), number))
     part: Part = get_args(Part)[number % 3]
     side: Side = get_args(Side)[number // 3 % 2]

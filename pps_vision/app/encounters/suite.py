@@ -28,7 +28,7 @@ from pps_vision.robot.gaze import GazeLimits
 from pps_vision.worker_pool import worker_pool
 
 Rows = list[dict[str, Any]]
-_PART = 6  # encounters that are folder when a run is interrupted
+_PART = 6  # encounters per file of an interrupted run
 _LABELS = 6000  # labels of a reachable-space map, times the share of the training
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
 
@@ -58,9 +58,9 @@ def run_suite(
     """Return a row for each encounter and controller; they do not depend on the number of `workers`.
 
     Args:
-        folder: Where finished parts are folder until all are; an interrupted run with the same arguments goes on there.
-        counts: How many encounters of each condition.
-        seed: Of encounters and of the memories' training.
+        folder: Finished parts are kept there until all are; an interrupted run with the same arguments goes on there.
+        counts: Number of encounters of each condition.
+        seed: Seed of the encounters and of the memories' training.
         controllers: Names in the registry, "MODULE:FUNCTION", or names of `numbers`.
         workers: Processes; with 1 everything runs in this one.
         share: Share of the training approaches and of the maps' labels.
@@ -96,8 +96,9 @@ def _train(folder: Path, seed: int, share: float, needs_map: bool) -> None:
                 save_memory(file, memory)
         if needs_map and not _map_file(folder, side).exists():
             n = max(round(share * _LABELS), 100)
-            params, rng = MapParams(_GAZE, n_labels=n, round_labels=min(1500, n // 2)), np.random.default_rng(seed)
-            train_reachable_map(_scene().robot, side, rng, params).save(_map_file(folder, side))
+            params = MapParams(_GAZE, n_labels=n, round_labels=min(1500, n // 2))
+            reachable_map = train_reachable_map(_scene().robot, side, np.random.default_rng(seed), params)
+            reachable_map.save(_map_file(folder, side))
 
 
 def _run(task: Task, file: Path) -> Rows:

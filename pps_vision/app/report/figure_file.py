@@ -9,14 +9,14 @@ from pps_vision.errors import InputError
 
 
 def save(figure: Figure, file: Path, colors: int | None = None) -> None:
-    """Write a figure in the format of the file's suffix; with `colors` as a .png with a palette of so many.
+    """Write a figure in the format of the file's suffix; with `colors` as a .png with a palette of this size.
 
     Raises:
-        InputError: The suffix is that of no known format.
+        InputError: The format is unknown.
     """
-    known = figure.canvas.get_supported_filetypes()
-    if file.suffix[1:].lower() not in known:
-        expected = ", ".join(f".{name}" for name in known)
+    formats = figure.canvas.get_supported_filetypes()
+    if file.suffix[1:].lower() not in formats:
+        expected = ", ".join(f".{name}" for name in formats)
         raise InputError(file.name, f"has the suffix {file.suffix!r}; expected one of {expected}")
     figure.savefig(file, dpi=130)
     if colors is not None:

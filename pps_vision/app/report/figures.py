@@ -30,11 +30,9 @@ def landscape(memory: PPSMemory, taxel: int = 0) -> Array:
     (d0, d1), (t0, t1) = _ranges(memory)
     cell = (np.arange(30) + 0.5) / 30
     D, TTC = np.meshgrid(d0 + (d1 - d0) * cell, t0 + (t1 - t0) * cell, indexing="ij")
-    of = [taxel]
-    alone = replace(
-        memory, taxel_ids=(memory.taxel_ids[taxel],), part_index=memory.part_index[of], counts=memory.counts[of]
-    )
-    return activation(alone, D[..., None], TTC[..., None])[..., 0]
+    ids = (memory.taxel_ids[taxel],)
+    single = replace(memory, taxel_ids=ids, part_index=memory.part_index[[taxel]], counts=memory.counts[[taxel]])
+    return activation(single, D[..., None], TTC[..., None])[..., 0]
 
 
 def draw_landscape(
@@ -109,7 +107,8 @@ def path(log: EpisodeLog) -> Figure:
     axes = figure.subplots(4, 1, sharex=True)
     t = log.stamps_s - log.stamps_s[0]
     for k, name in enumerate("xyz"):
-        track, band = 100 * log.track_m[:, k], 200 * log.track_std_m[:, k]
+        track = 100 * log.track_m[:, k]
+        band = 200 * log.track_std_m[:, k]
         axes[k].fill_between(t, track - band, track + band, color="tab:blue", alpha=0.25, lw=0, label="tracked ± 2σ")
         axes[k].plot(t, track, color="tab:blue", lw=1.2)
         axes[k].plot(t, 100 * log.truth_m[:, k], color="k", lw=1, ls=":", label="truth")
@@ -133,11 +132,11 @@ def reachable_space(reachable_map: ReachableMap, robot: Robot) -> Figure:
     extent = np.rad2deg([*limits.yaw_rad, *limits.pitch_rad]).tolist()
     left, right = robot.eye_poses(np.zeros(robot.n_joints))
     for axis, vergence in zip(axes, shown, strict=True):
-        found = reachable_map.query(np.stack([Y.ravel(), P.ravel(), np.full(Y.size, np.deg2rad(vergence))], axis=1))
+        answers = reachable_map.query(np.stack([Y.ravel(), P.ravel(), np.full(Y.size, np.deg2rad(vergence))], axis=1))
         image = axis.imshow(
-            found.degree.reshape(Y.shape), origin="lower", extent=extent, vmin=0, vmax=1, cmap="RdYlGn", aspect="auto"
+            answers.degree.reshape(Y.shape), origin="lower", extent=extent, vmin=0, vmax=1, cmap="RdYlGn", aspect="auto"
         )
-        probability = found.probability.reshape(Y.shape)
+        probability = answers.probability.reshape(Y.shape)
         if probability.min() < 0.5 < probability.max():
             axis.contour(np.rad2deg(yaw), np.rad2deg(pitch), probability, levels=[0.5], colors="0.2", linewidths=1)
         ahead = fixation_points(robot, np.deg2rad([[0.0, 0.0, vergence]]))[0]
@@ -156,7 +155,7 @@ def reachable_space(reachable_map: ReachableMap, robot: Robot) -> Figure:
 
 
 def _panels(n: int, columns: int, size_in: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure with n panels of a size, in rows of so many columns."""
+    """A figure with n panels of a size in at most `columns` columns."""
     columns = min(columns, max(1, n))
     rows = max(1, -(-n // columns))
     figure = Figure(figsize=(size_in[0] * columns + 0.8, size_in[1] * rows + 0.5), layout="constrained")

@@ -1,4 +1,4 @@
-"""What the tracker believes, drawn over what the eyes see, and the video of it."""
+"""Overlay of the track on the eyes' images, and video files."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -27,7 +27,8 @@ class VideoFile:
     """An .mp4 (H.264, which every browser plays), written as images come; no image, no file."""
 
     def __init__(self, path: Path, fps: float) -> None:
-        self._path, self._rate = path, Fraction(fps).limit_denominator(1000)
+        self._path = path
+        self._rate = Fraction(fps).limit_denominator(1000)
         self._file: av.container.OutputContainer | None = None
         self._stream: av.VideoStream | None = None
 
@@ -130,8 +131,9 @@ def _taxel_rgb(activation: float) -> tuple[int, int, int]:
 
 
 def draw_legend(canvas: Image) -> None:
-    """Draw the colours of taxels, and what they mean, at the lower edge of an image."""
-    height, left = canvas.shape[0] - 8, 160
+    """Draw the colour scale of taxels at the lower edge of an image."""
+    height = canvas.shape[0] - 8
+    left = 160
     for k in range(100):
         at = (left + 2 * k, height - 24), (left + 2 * k + 1, height - 12)
         cv2.rectangle(canvas, *at, _taxel_rgb(k / 99), -1)

@@ -55,10 +55,11 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
         cov: (m, 3, 3) m².
     """
     shown = [(color, points[:: -(-len(points) // _MOST_POINTS)]) for color, points in lines]
-    known = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown])
-    if not len(known):
+    finite = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown])
+    if not len(finite):
         return "<p>No position is known.</p>"
-    low, high = known.min(axis=0), known.max(axis=0)
+    low = finite.min(axis=0)
+    high = finite.max(axis=0)
     size = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
     chosen = np.unique(np.linspace(0, len(at) - 1, _MOST_ELLIPSOIDS).astype(int)) if len(at) else np.empty(0, int)
     step = 10.0 ** np.floor(np.log10(size))

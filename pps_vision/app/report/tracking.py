@@ -39,7 +39,7 @@ _LARGEST_VIDEO = 20 * 2**20
 
 @dataclass(frozen=True)
 class Tracked:
-    """What a folder of results holds.
+    """Contents of a folder of results.
 
     Attributes:
         folder: The folder.
@@ -66,10 +66,14 @@ class Tracked:
     truth: Array
 
 
+def _write_page(folder: Path, text: str) -> None:
+    with whole_file(folder / REPORT) as partial:
+        partial.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
 def write_report(folder: Path) -> None:
     """Write report.html into the folder of a tracked recording; InputError if it is none."""
-    with whole_file(folder / REPORT) as partial:
-        partial.write_text(report(read_tracked(folder)), encoding="utf-8", errors="backslashreplace")
+    _write_page(folder, report(read_tracked(folder)))
 
 
 def report_folder(folder: Path) -> str:
@@ -79,23 +83,22 @@ def report_folder(folder: Path) -> str:
         InputError: The folder is of neither, or one of its files cannot be read.
     """
     if not any((folder / name).is_file() for name in (SUMMARY, BATCH)):
-        found = "holds neither summary.json nor batch.csv"
-        raise InputError(folder, f"{found}; expected a folder that track or batch has written")
+        expected = "a folder that track or batch has written"
+        raise InputError(folder, f"holds neither summary.json nor batch.csv; expected {expected}")
     if not (folder / BATCH).is_file():
         write_report(folder)
         return _measured(read_summary(folder))
     rows = [row for _, row in read_table(folder / BATCH, ["name", "status"])]
-    done = [name for name, status in rows if status == "done"]
-    for name in done:
+    tracked = [name for name, status in rows if status == "done"]
+    for name in tracked:
         write_report(folder / name)
     write_batch_report(folder)
-    return f"{len(done)} of {len(rows)} recordings tracked"
+    return f"{len(tracked)} of {len(rows)} recordings tracked"
 
 
 def write_batch_report(folder: Path) -> None:
     """Write report.html into the folder of a batch."""
-    with whole_file(folder / REPORT) as partial:
-        partial.write_text(batch_report(folder), encoding="utf-8", errors="backslashreplace")
+    _write_page(folder, batch_report(folder))
 
 
 def read_tracked(folder: Path) -> Tracked:
@@ -145,20 +148,25 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def warnings_of(summary: Mapping[str, Any]) -> list[str]:
-    """What whoever uses the results has to know first."""
-    found = list(summary.get("warnings", ()))
+    """Warnings, few measurements, remedies and skipped data."""
+    warnings = list(summary.get("warnings", ()))
     frames = max(1, int(summary["frames"]))
     share = summary["status"].get("tracking", 0) / frames
     if share < _FEW_TRACKED:
-        found.append(f"measured in {100 * share:.0f} % of {frames} pairs only")
+        warnings.append(f"measured in {100 * share:.0f} % of {frames} pairs only")
     if lost := summary["status"].get("lost", 0):
-        found.append(f"lost {lost} times")
-    found += [f"try {advice}" for advice in summary.get("diagnosis", {}).get("advice", ())]
-    found += [f"skipped: {n} {kind}" for kind, n in summary.get("skipped", {}).items() if n]
+        warnings.append(f"lost {lost} times")
+    warnings += [f"try {advice}" for advice in summary.get("diagnosis", {}).get("advice", ())]
+    warnings += [f"skipped: {n} {kind}" for kind, n in summary.get("skipped", {}).items() if n]
     turned = summary.get("cameras", {}).get("rotation_deg") or 0
     if turned > 1:
-        found.append(f"cameras that are said to be fixed turned by {turned:.1f}°")
-    return found
+        warnings.append(f"cameras that are said to be fixed turned by {turned:.1f}°")
+    return warnings
+
+
+def _opening(warnings: Sequence[str]) -> str:
+    items = "".join(f"<li>{html.escape(text)}</li>" for text in warnings)
+    return f'<ul class="warnings">{items}</ul>' if items else "<p>No warnings.</p>"
 
 
 def report(tracked: Tracked) -> str:
@@ -196,13 +204,11 @@ def report(tracked: Tracked) -> str:
         page.Section("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
         page.Section("To repeat it", "", _repeat(summary)),
     ]
-    warned = "".join(f"<li>{html.escape(text)}</li>" for text in warnings_of(summary))
-    opening = f'<ul class="warnings">{warned}</ul>' if warned else "<p>No warnings.</p>"
     lead = f"{_measured(summary)}, {len(tracked.stamps_s)} rows"
     if size := summary.get("object"):
         interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
         lead += f", object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})"
-    return page.page(str(summary.get("source", tracked.folder)), lead, opening, sections)
+    return page.page(str(summary.get("source", tracked.folder)), lead, _opening(warnings_of(summary)), sections)
 
 
 def _measured(summary: Mapping[str, Any]) -> str:
@@ -230,8 +236,8 @@ def _image_tracks(folder: Path) -> str:
     camera = np.array([row[3] for _, row in rows])
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     for axis, side in zip(figure.subplots(1, 2), ("left", "right"), strict=True):
-        seen = values[camera == side]
-        points = axis.scatter(seen[:, 1], seen[:, 2], c=seen[:, 0] - values[0, 0], s=6, cmap="viridis")
+        stamps_s, u, v = values[camera == side].T
+        points = axis.scatter(u, v, c=stamps_s - values[0, 0], s=6, cmap="viridis")
         axis.set(title=side, xlabel="u (px)", ylabel="v (px)", aspect="equal")
         axis.invert_yaxis()
         figure.colorbar(points, ax=axis, label="time (s)")
@@ -239,8 +245,8 @@ def _image_tracks(folder: Path) -> str:
 
 
 def _with_covariance(tracked: Tracked) -> tuple[Array, Array]:
-    known = np.isfinite(tracked.cov).all(axis=(1, 2)) & np.isfinite(tracked.position).all(axis=1)
-    return tracked.position[known], tracked.cov[known]
+    is_finite = np.isfinite(tracked.cov).all(axis=(1, 2)) & np.isfinite(tracked.position).all(axis=1)
+    return tracked.position[is_finite], tracked.cov[is_finite]
 
 
 def _over_time(tracked: Tracked) -> Figure:
@@ -268,9 +274,9 @@ def _over_time(tracked: Tracked) -> Figure:
     for axis in axes:
         axis.grid(alpha=0.25)
         for status, color in _COLORS.items():
-            is_so = np.array([one == status for one in tracked.status])
-            if status != Status.TRACKING and is_so.any():
-                shade(axis, t, is_so, color, 0.15)
+            has_status = np.array(tracked.status) == status
+            if status != Status.TRACKING and has_status.any():
+                shade(axis, t, has_status, color, 0.15)
     axes[-1].set_xlabel("time (s); shaded: searching (grey), predicted (yellow), lost (red)")
     return figure
 
@@ -309,10 +315,13 @@ def _times(summary: Mapping[str, Any]) -> str:
 
 
 def _repeat(summary: Mapping[str, Any]) -> str:
-    command = html.escape(str(summary.get("command", "")))
-    known = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "memory") if key in summary}
-    rows = [[key, _text(value)] for key, value in (*known.items(), *summary.get("versions", {}).items())]
-    return f"<pre>{command}</pre>" + page.table(["setting or package", "value"], rows)
+    settings = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "memory") if key in summary}
+    return _command_and_settings(str(summary.get("command", "")), settings | summary.get("versions", {}))
+
+
+def _command_and_settings(command: str, settings: Mapping[str, Any]) -> str:
+    rows = [[key, _text(value)] for key, value in settings.items()]
+    return f"<pre>{html.escape(command)}</pre>" + page.table(["setting or package", "value"], rows)
 
 
 def batch_report(folder: Path) -> str:
@@ -328,8 +337,6 @@ def batch_report(folder: Path) -> str:
     for row in rows:
         if row["status"] != "failed":
             warned += [f"{row['name']}: {text}" for text in warnings_of(read_summary(folder / row["name"]))]
-    items = "".join(f"<li>{html.escape(text)}</li>" for text in warned)
-    opening = f'<ul class="warnings">{items}</ul>' if items else "<p>No warnings.</p>"
     sections = [
         page.Section("Recordings", "", _batch_table(folder, rows, columns)),
         page.Section(
@@ -340,7 +347,8 @@ def batch_report(folder: Path) -> str:
     ]
     if (folder / SUMMARY).is_file():
         sections.append(page.Section("To repeat it", "", _repeat_batch(folder / SUMMARY)))
-    return page.page(f"Batch {folder.name}", f"{len(rows) - len(failed)} of {len(rows)} tracked", opening, sections)
+    lead = f"{len(rows) - len(failed)} of {len(rows)} tracked"
+    return page.page(f"Batch {folder.name}", lead, _opening(warned), sections)
 
 
 def _repeat_batch(file: Path) -> str:
@@ -348,12 +356,11 @@ def _repeat_batch(file: Path) -> str:
     expected = "the summary of a batch"
     try:
         summary = json.loads(read_bytes(file, expected))
-        known = [*summary["settings"].items(), *((key, summary[key]) for key in ("started", "seconds"))]
-        rows = [[key, _text(value)] for key, value in (*known, *summary["versions"].items()) if value not in (None, [])]
-        command = html.escape(summary["command"])
+        settings = {key: value for key, value in summary["settings"].items() if value not in (None, [])}
+        settings |= {key: summary[key] for key in ("started", "seconds")} | summary["versions"]
+        return _command_and_settings(summary["command"], settings)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(file, f"{first_line(error)}; expected {expected}") from error
-    return f"<pre>{command}</pre>" + page.table(["setting or package", "value"], rows)
 
 
 def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:
@@ -361,8 +368,8 @@ def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:
     figure = Figure(figsize=(9, 1.2 + 0.22 * min(len(rows), _MOST_NAMES)), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     for axis, column, scale in zip(axes, ("tracked_share", "ms_per_pair"), (100, 1), strict=True):
-        known = [(scale * float(row[column]), k) for k, row in enumerate(rows) if row[column]]
-        axis.plot(*np.reshape(known, (-1, 2)).T, "o", ms=4, color="tab:blue")
+        points = [(scale * float(row[column]), k) for k, row in enumerate(rows) if row[column]]
+        axis.plot(*np.reshape(points, (-1, 2)).T, "o", ms=4, color="tab:blue")
         if failed := [k for k, row in enumerate(rows) if row["status"] == "failed"]:
             axis.plot(np.zeros(len(failed)), failed, "x", ms=5, color=_COLORS[Status.LOST], clip_on=False)
         axis.grid(alpha=0.25)
@@ -376,8 +383,8 @@ def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:
 def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
     def cells(row: Mapping[str, str]) -> Iterator[str]:
         name = html.escape(row["name"])
-        there = (folder / row["name"] / REPORT).is_file()
-        yield f'<a href="{html.escape(row["name"], quote=True)}/{REPORT}">{name}</a>' if there else name
+        has_report = (folder / row["name"] / REPORT).is_file()
+        yield f'<a href="{name}/{REPORT}">{name}</a>' if has_report else name
         for column in columns[1:]:
             is_number = TRACK_TABLE[column] is not str and row[column]
             yield f"{float(row[column]):.4g}" if is_number else html.escape(row[column])

@@ -43,13 +43,15 @@ class ViewFile:
         return self
 
     def add(self, frame: StereoFrame, step: TrackerStep) -> None:
-        """Append a stereo pair and what tracking it gave."""
-        rr, log, track = self._rr, self._recording.log, step.track
+        """Append a stereo pair and its tracking result."""
+        rr = self._rr
+        log = self._recording.log
+        track = step.track
         self._recording.set_time("stamp", duration=frame.stamp_s)
         for camera, image in (("left", frame.left), ("right", frame.right)):
             log(camera, rr.Image(image).compress(_JPEG_QUALITY))
-            at = [seen.center_px for seen in step.detections if seen.camera == camera]
-            log(f"{camera}/detection", rr.Points2D(at, colors=_GREEN, radii=3))
+            centers_px = [detection.center_px for detection in step.detections if detection.camera == camera]
+            log(f"{camera}/detection", rr.Points2D(centers_px, colors=_GREEN, radii=3))
         if not track.is_known:
             log("track", rr.Clear(recursive=False))
             self._path.append([])
