@@ -7,7 +7,7 @@ from pps_vision.errors import InputError, first_line
 
 
 def check_regular(file: Path, expected: str) -> None:
-    """Raise InputError unless there is a regular file; the message ends in what was `expected`."""
+    """Raise InputError unless there is a regular file; the message ends in `expected`."""
     try:
         mode = file.stat().st_mode
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte

@@ -1,4 +1,4 @@
-"""What CONTRIBUTING says of every file, read from the sources."""
+"""Rules of CONTRIBUTING for every file, read from the sources."""
 
 import ast
 from collections.abc import Iterator
@@ -14,26 +14,26 @@ MUTABLE = {
 
 
 def decorated(name: str) -> Iterator[tuple[Path, str, dict[str, object]]]:
-    """File, name and decorator's options of whatever is decorated so, but for studies."""
+    """File, name and options of every class and function with a decorator, except in studies."""
     for file in sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py")):
         text = file.read_text() if "experiments" not in file.parts else ""
         for node in ast.walk(ast.parse(text)) if f"@{name}" in text else ():
-            for one in getattr(node, "decorator_list", ()):
-                call, options = (one.func, one.keywords) if isinstance(one, ast.Call) else (one, [])
-                if ast.unparse(call) == name:
-                    known = {str(option.arg): ast.literal_eval(option.value) for option in options}
-                    yield file, node.name, known  # type: ignore[attr-defined]
+            for decorator in getattr(node, "decorator_list", ()):
+                if ast.unparse(getattr(decorator, "func", decorator)) == name:
+                    keywords = getattr(decorator, "keywords", ())
+                    options = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in keywords}
+                    yield file, node.name, options  # type: ignore[attr-defined]
 
 
 def test_messages_params_and_states_cannot_be_changed() -> None:
-    found = list(decorated("dataclass"))
-    assert len(found) > 100
-    changeable = {(file.name, name) for file, name, options in found if not options.get("frozen")}
+    dataclasses = list(decorated("dataclass"))
+    assert len(dataclasses) > 100
+    changeable = {(file.name, name) for file, name, options in dataclasses if not options.get("frozen")}
     assert changeable == {(file, name) for file, names in MUTABLE.items() for name in names}
 
 
 def test_what_is_compiled_is_kept_on_disk() -> None:
     """Else every start of a command takes a minute."""
-    found = list(decorated("njit"))
-    assert len(found) > 20
-    assert [(file.name, name) for file, name, options in found if options.get("cache") is not True] == []
+    functions = list(decorated("njit"))
+    assert len(functions) > 20
+    assert [(file.name, name) for file, name, options in functions if options.get("cache") is not True] == []

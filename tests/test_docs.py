@@ -1,7 +1,7 @@
-"""The documentation: its site builds without a broken link, and what its pages say to type works as it is.
+"""The documentation: its site builds without a broken link, and the commands and code of its pages work.
 
 Blocks marked `console` and `python` run in the folder of a made-up laboratory, a page after the other; a block with a
-title is a file.  Those marked `long` run in `make test-all`.
+title is a file.  Tests marked `long` run in `make test-all`.
 """
 
 import ast
@@ -31,7 +31,7 @@ NOT_RUN_HERE = {
 
 
 def run(page: str) -> None:
-    """Do in the working folder what a page says."""
+    """Run the blocks of a page in the working folder."""
     for language, title, text in blocks(ROOT / page):
         if title:
             Path(title).write_text(text)
@@ -52,7 +52,7 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def here(laboratory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def workdir(laboratory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the laboratory, where commands are typed."""
     folder = tmp_path / "laboratory"
     shutil.copytree(laboratory, folder)
@@ -61,77 +61,73 @@ def here(laboratory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     return folder
 
 
-def tracked(file: Path) -> np.ndarray:
-    return np.genfromtxt(file, delimiter=",", names=True, dtype=None, encoding="utf-8")
-
-
 def errors_mm(file: Path) -> np.ndarray:
     """Distances of a table's known positions from the ball's."""
-    path = tracked(file)
-    found = np.stack([path["x_m"], path["y_m"], path["z_m"]], axis=1)
-    return 1000 * np.linalg.norm(found - PATH, axis=1)[path["status"] == "tracking"]
+    path = np.genfromtxt(file, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    position = np.stack([path["x_m"], path["y_m"], path["z_m"]], axis=1)
+    return 1000 * np.linalg.norm(position - PATH, axis=1)[path["status"] == "tracking"]
 
 
-def test_the_quick_start(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_quick_start(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("docs/quickstart.md")
     assert "pairs, z from 0.6" in capsys.readouterr().out
-    errors = errors_mm(here / "path" / "trajectory.csv")
+    errors = errors_mm(workdir / "path" / "trajectory.csv")
     assert len(errors) > 0.7 * N
     assert np.median(errors) < 10  # with the calibration that was found
-    assert (here / "path" / "report.html").is_file()
+    assert (workdir / "path" / "report.html").is_file()
 
 
 @pytest.mark.long
-def test_own_camera(here: Path) -> None:
+def test_own_camera(workdir: Path) -> None:
     run("docs/howto/camera.md")
     for name in ("from_images", "from_one_video", "within_10_mm"):
-        assert np.median(errors_mm(here / name / "trajectory.csv")) < 10
+        assert np.median(errors_mm(workdir / name / "trajectory.csv")) < 10
 
 
-def test_own_tracker_and_its_evaluation(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_tracker_and_its_evaluation(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("docs/howto/tracker.md")
     said = capsys.readouterr().out
     assert re.findall(r"order (\d): (?:0|1)\.\d+ mm", said) == ["2", "3", "4"]
     rows = {row.split()[0]: float(row.split()[2]) for row in said.splitlines() if row.startswith(("ours/", "mine"))}
     assert rows["ours/trajectory.csv"] < rows["mine.tum"] < 10
     run("docs/howto/evaluate.md")
-    truth = np.loadtxt(here / "truth.tum")
+    truth = np.loadtxt(workdir / "truth.tum")
     assert len(truth) == 7
     overlap = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("boxes.csv")]
     assert float(overlap[0][2]) > 0.7
-    assert (here / "errors.png").is_file()
-    assert (here / "curves.png").is_file()
+    assert (workdir / "errors.png").is_file()
+    assert (workdir / "curves.png").is_file()
 
 
 @pytest.mark.long
-def test_many_recordings(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_many_recordings(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("docs/howto/cluster.md")
     said = capsys.readouterr().out
     assert said.count("2 of 2 recordings tracked") == 3  # two batches and a report
-    assert (here / "batch" / "a.mp4" / "report.html").is_file()
+    assert (workdir / "batch" / "a.mp4" / "report.html").is_file()
 
 
 @pytest.mark.long
-def test_own_robot(here: Path) -> None:
+def test_own_robot(workdir: Path) -> None:
     run("docs/robots.md")
     for name in ("landscapes7.png", "map7.png"):
-        assert cv2.imread(str(here / name)).std() > 5
+        assert cv2.imread(str(workdir / name)).std() > 5
 
 
 @pytest.mark.long
-def test_own_controller(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_controller(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("docs/howto/controller.md")
-    assert "my_controller:new" in (here / "measured" / "results" / "encounters.json").read_text()
+    assert "my_controller:new" in (workdir / "measured" / "results" / "encounters.json").read_text()
 
 
 @pytest.mark.long
-def test_the_readmes_example(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_readmes_example(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("README.md")
     assert float(re.findall(r"median error (\d+\.\d+) mm", capsys.readouterr().out)[0]) < 2
 
 
 def test_every_page_with_something_to_run_is_run() -> None:
-    """But for what a test of its own runs: the scripts of docs/examples, the commands of the README."""
+    """Except for scripts of docs/examples and commands of the README, which have their own tests."""
     runs = {str(page.relative_to(ROOT)) for page in PAGES if {b[0] for b in blocks(page)} & {"console", "python"}}
     called = {
         node.args[0].value  # type: ignore[attr-defined]
@@ -144,8 +140,10 @@ def test_every_page_with_something_to_run_is_run() -> None:
 def test_whatever_is_typed_is_run() -> None:
     """By these tests, unless it installs or is run by another test."""
     for page in PAGES:
-        run_here = {line for language, _, text in blocks(page) if language == "console" for line in text.splitlines()}
-        for line in set(typed(page)) - run_here:
+        typed_lines = {
+            line for language, _, text in blocks(page) if language == "console" for line in text.splitlines()
+        }
+        for line in set(typed(page)) - typed_lines:
             assert line.startswith(tuple(NOT_RUN_HERE)), f"{page.name}: {line}"
             assert page.name == "README.md" or not line.startswith("pps-vision "), f"{page.name}: {line}"
 

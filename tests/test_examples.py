@@ -1,4 +1,4 @@
-"""The examples run as they are, and what they print is true."""
+"""The examples run, and the numbers that they print are right."""
 
 import re
 import runpy
@@ -11,7 +11,7 @@ EXAMPLES = sorted((Path(__file__).parents[1] / "docs" / "examples").glob("*.py")
 
 @pytest.fixture
 def numbers(capsys: pytest.CaptureFixture[str]):
-    """Runs an example; returns what it printed and the numbers in it, line by line."""
+    """Runs an example; returns its output and the numbers in it, line by line."""
 
     def run(name: str) -> tuple[list[str], list[list[float]]]:
         runpy.run_path(str(next(file for file in EXAMPLES if file.name.startswith(name))), run_name="__main__")
@@ -66,10 +66,10 @@ def test_the_arm_avoids_what_touches_it_otherwise(numbers) -> None:
 
 
 def test_a_touch_is_learned_and_reach_is_told(numbers) -> None:
-    lines, (_, activations, near, far, error) = numbers("06")
+    lines, (_, activations, reachable, unreachable, error) = numbers("06")
     assert int(re.findall(r"learned (\d+) samples of touch", lines[0])[0]) >= 5
     assert activations[-3] > activations[-1] + 0.05 or activations[2] > activations[-1] + 0.05
     assert "degrees: reachable" in lines[2]
     assert "out of reach" in lines[3]
-    assert near[-1] > 0.5 > far[-1]
+    assert reachable[-1] > 0.5 > unreachable[-1]
     assert error[0] < 5

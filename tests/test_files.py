@@ -13,7 +13,7 @@ def test_only_a_regular_file_is_read(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"content")
     assert read_bytes(tmp_path / "file", "a table") == b"content"
     os.mkfifo(tmp_path / "pipe")
-    for name, found in (
+    for name, problem in (
         ("gone", "cannot be read: No such file or directory"),
         (".", "is a folder"),
         ("pipe", "is a device, pipe or socket"),
@@ -22,7 +22,7 @@ def test_only_a_regular_file_is_read(tmp_path: Path) -> None:
         for read in (check_regular, read_bytes):
             with pytest.raises(InputError) as refused:
                 read(tmp_path / name, "a table")
-            assert str(refused.value) == f"{tmp_path / name}: {found}; expected a table"
+            assert str(refused.value) == f"{tmp_path / name}: {problem}; expected a table"
 
 
 def test_a_file_that_fails_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,23 +34,23 @@ def is_within(module: str, packages: tuple[str, ...]) -> bool:
 
 def forbidden(file: Path) -> set[str]:
     """Imports of a file that the design does not allow."""
-    package, *rest = file.relative_to(ROOT).with_suffix("").parts
+    package, *path = file.relative_to(ROOT).with_suffix("").parts
     ours = {m for m in imported_modules(file) if is_within(m, ("pps_vision", *LEAVES))}
     if package in LEAVES:
         return {m for m in ours if not is_within(m, (package, *FOR_LEAVES))}
-    if rest == ["app", "cli", "bench"]:
+    if path == ["app", "cli", "bench"]:
         return set()
-    if rest[0] == "app":
+    if path[0] == "app":
         return {m for m in ours if is_within(m, ("pps_vision.experiments",))}
-    if rest[0] in ("experiments", "testing", "__init__"):
+    if path[0] in ("experiments", "testing", "__init__"):
         return set()
-    if rest[0] == "types":
+    if path[0] == "types":
         return ours | {
             m for m in imported_modules(file) if not is_within(m, ("dataclasses", "enum", "typing", "numpy"))
         }
-    if rest[0] == "__main__":
+    if path[0] == "__main__":
         return {m for m in ours if not is_within(m, ("pps_vision.app.cli",))}
-    return {m for m in ours if not is_within(m, (*FOR_LEAVES, f"pps_vision.{rest[0]}"))}
+    return {m for m in ours if not is_within(m, (*FOR_LEAVES, f"pps_vision.{path[0]}"))}
 
 
 FILES = [file for package in ("pps_vision", *LEAVES) for file in sorted((ROOT / package).rglob("*.py"))]
@@ -62,14 +62,14 @@ def module_name(file: Path) -> str:
 
 
 def circles(imports: dict[str, set[str]]) -> set[str]:
-    """Modules that import themselves over others: what is left once modules that import none of the rest are removed,
-    again and again, and then those that none of the rest imports."""
-    rest = dict(imports)
-    while leaves := {m for m in rest if not imports[m] & rest.keys()}:
-        rest = {m: names for m, names in rest.items() if m not in leaves}
-    while tops := {m for m in rest if not any(m in rest[other] for other in rest)}:
-        rest = {m: names for m, names in rest.items() if m not in tops}
-    return set(rest)
+    """Modules on or between import cycles, found by repeatedly removing modules without imports, or without importers,
+    among the remaining ones."""
+    remaining = set(imports)
+    while leaves := {m for m in remaining if not imports[m] & remaining}:
+        remaining -= leaves
+    while tops := remaining - {name for m in remaining for name in imports[m]}:
+        remaining -= tops
+    return remaining
 
 
 def test_modules_import_each_other_in_no_circle() -> None:

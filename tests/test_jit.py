@@ -34,6 +34,6 @@ def test_without_a_writable_cache_it_compiles_in_memory_and_says_so_once(tmp_pat
     home = {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home"), "PYTHONPATH": str(tmp_path)}
     env = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"} | home
     code = "import pps_vision\n" + CODE
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, cwd=tmp_path)
-    assert done.stdout.split() == [str(tmp_path / "pps_vision" / "__init__.py"), "True"], done.stderr
-    assert done.stderr.count("functions are compiled anew at every start") == 1
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, cwd=tmp_path)
+    assert process.stdout.split() == [str(tmp_path / "pps_vision" / "__init__.py"), "True"], process.stderr
+    assert process.stderr.count("functions are compiled anew at every start") == 1

@@ -1,4 +1,4 @@
-"""The round of mutants: what tests notice is killed, what they do not notice survives, and the tree stays as it is."""
+"""The round of mutants: mutants that fail a test are killed, others survive, and the tree is restored."""
 
 import json
 import os
@@ -19,13 +19,13 @@ def test_what_no_test_notices_survives(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).write_text(text)
     mutants = mutate(tmp_path, "found.json", "--n", "4", "--seed", "1", "--only", "pps_vision")
-    assert {one["mutation"]: one["outcome"] for one in mutants} == {
+    assert {mutant["mutation"]: mutant["outcome"] for mutant in mutants} == {
         "x > 3 -> (x >= 3)": "survived",
         "x > 3 -> (x < 3)": "killed",
         "3 -> (4)": "survived",
         "return x > 3 -> return None": "killed",
     }
-    assert {(one["file"], one["line"]) for one in mutants} == {("pps_vision/gate.py", 6)}
+    assert {(mutant["file"], mutant["line"]) for mutant in mutants} == {("pps_vision/gate.py", 6)}
     assert (tmp_path / "pps_vision/gate.py").read_text() == source
 
     # a round is replayed where its line still stands, also if it has moved to another file
@@ -34,14 +34,14 @@ def test_what_no_test_notices_survives(tmp_path: Path) -> None:
     (tmp_path / "pps_vision/gate.py").unlink()
     (tmp_path / "tests/test_gate.py").unlink()
     replayed = mutate(tmp_path, "again.json", "--from", str(tmp_path / "found.json"))
-    assert [(one["file"], one["mutation"]) for one in replayed] == [
-        ("pps_vision/moved.py", one["mutation"]) for one in mutants
+    assert [(mutant["file"], mutant["mutation"]) for mutant in replayed] == [
+        ("pps_vision/moved.py", mutant["mutation"]) for mutant in mutants
     ]
-    assert {one["outcome"] for one in replayed} == {"survived"}
+    assert {mutant["outcome"] for mutant in replayed} == {"survived"}
 
 
 def mutate(tree: Path, out: str, *words: str) -> list[dict[str, Any]]:
-    """Run a round of mutants on a tree and return what it wrote."""
+    """Run a round of mutants on a tree and return its results."""
     env = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     command = [sys.executable, "-m", "tests.mutants", "--root", str(tree), "--out", str(tree / out), *words]
     subprocess.run(command, cwd=ROOT, env=env, check=True)

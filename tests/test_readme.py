@@ -1,6 +1,6 @@
-"""Every command of the README runs as it is, in a folder that holds what it names.
+"""Every command of the README runs in a folder that holds its input files.
 
-Those that take longer run in `make test-all`.
+The longer commands run in `make test-all`.
 """
 
 import os
@@ -29,7 +29,7 @@ from pps_vision.robot.skin import icub_skin
 RENDERED = (
     "render --stimulus ball --motion approach --target left_forearm:3 --speed 0.15 --seconds 3 --noise 2 --seed 1"
 )
-INSTEAD = {  # of what is not here, or takes an hour
+REPLACEMENTS = {  # for hardware and packages that may be missing, and for long runs
     "--device cuda": "--device cpu",
     "--viewer": "--viewer" if find_spec("rerun") else "",
     "bench loop --n 20": "bench loop --short --out measured --n 1",
@@ -50,7 +50,7 @@ def is_long(line: str) -> bool:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the commands read, under the names of the README."""
+    """The input files of the commands, under the names of the README."""
     folder = tmp_path_factory.mktemp("files")
     write_laboratory(folder)
     prepare(folder, [])
@@ -102,12 +102,12 @@ def cluster() -> Iterator[str]:
     """The address of a Dask cluster of one worker."""
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as here:
-        yield here.scheduler_address
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local:
+        yield local.scheduler_address
 
 
 def words_of(command: str) -> list[str]:
-    """The words of a command as a shell gives them: patterns without quotes are replaced by what they match."""
+    """The words of a command after the shell's expansion of unquoted patterns."""
     words = shlex.split(command, posix=False)
     return [
         name
@@ -127,8 +127,8 @@ def test_a_command_of_the_readme(line: str, files: Path, tmp_path: Path, monkeyp
     folder = tmp_path / "here"
     shutil.copytree(files, folder, copy_function=os.link)
     monkeypatch.chdir(folder)
-    for there, here in INSTEAD.items():
-        line = line.replace(there, here)
+    for original, replacement in REPLACEMENTS.items():
+        line = line.replace(original, replacement)
     with cluster() if "--scheduler" in line else nullcontext("") as address:
         for command in line.replace("tcp://host:8786", address).split("&&"):
             program, *words = words_of(command)

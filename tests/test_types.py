@@ -44,16 +44,16 @@ def test_arrays_of_a_message_are_read_only_and_the_senders_stays_writeable() -> 
 
 
 def test_every_message_stays_as_it_is_and_takes_no_other_names() -> None:
-    assert {type(message) for message in MESSAGES} == {one for one in vars(types).values() if is_dataclass(one)}
+    assert {type(message) for message in MESSAGES} == {
+        member for member in vars(types).values() if is_dataclass(member)
+    }
     for message in MESSAGES:
         with pytest.raises(FrozenInstanceError):
             setattr(message, fields(message)[0].name, 2.0)
         assert not hasattr(message, "__dict__"), "a message comes with every frame: slots keep it small"
-        arrays = {
-            one.name: value for one in fields(message) if isinstance(value := getattr(message, one.name), np.ndarray)
-        }
+        arrays = [value for f in fields(message) if isinstance(value := getattr(message, f.name), np.ndarray)]
         assert arrays
-        assert [name for name, array in arrays.items() if array.flags.writeable] == []
+        assert not any(array.flags.writeable for array in arrays)
 
 
 def test_a_camera_without_joints_has_none() -> None:
@@ -64,18 +64,20 @@ def test_a_camera_without_joints_has_none() -> None:
 
 
 def test_what_is_not_known_is_no_number() -> None:
-    nothing, lost = Track3D.unknown(1.0), Track3D.unknown(1.0, Status.LOST)
-    assert (nothing.stamp_s, nothing.status, lost.status) == (1.0, Status.SEARCHING, Status.LOST)
-    assert (nothing.mean.shape, nothing.cov.shape) == ((4, 3), (12, 12))
-    assert np.isnan([*nothing.mean.ravel(), *nothing.cov.ravel(), nothing.radius_m, nothing.radius_var_m2]).all()
-    known = Track3D(0.0, np.arange(12.0).reshape(4, 3), np.eye(12), 0.03, 1e-6, Status.COASTING)
-    assert known.position.tolist() == [0, 1, 2]
-    assert known.velocity.tolist() == [3, 4, 5]
-    assert [one.is_known for one in (nothing, lost, known)] == [False, False, True]
-    unsaid = Reachability.without_answer(2.0, ReachStatus.NOT_FIXATED)
-    assert (unsaid.stamp_s, unsaid.status, unsaid.is_reachable) == (2.0, ReachStatus.NOT_FIXATED, False)
-    assert np.isnan([*unsaid.gaze_rad, unsaid.probability, unsaid.degree]).all()
-    assert len(unsaid.gaze_rad) == 3
+    searching = Track3D.unknown(1.0)
+    lost = Track3D.unknown(1.0, Status.LOST)
+    assert (searching.stamp_s, searching.status, lost.status) == (1.0, Status.SEARCHING, Status.LOST)
+    assert (searching.mean.shape, searching.cov.shape) == ((4, 3), (12, 12))
+    for values in (searching.mean, searching.cov, searching.radius_m, searching.radius_var_m2):
+        assert np.isnan(values).all()
+    coasting = Track3D(0.0, np.arange(12.0).reshape(4, 3), np.eye(12), 0.03, 1e-6, Status.COASTING)
+    assert coasting.position.tolist() == [0, 1, 2]
+    assert coasting.velocity.tolist() == [3, 4, 5]
+    assert [track.is_known for track in (searching, lost, coasting)] == [False, False, True]
+    answer = Reachability.without_answer(2.0, ReachStatus.NOT_FIXATED)
+    assert (answer.stamp_s, answer.status, answer.is_reachable) == (2.0, ReachStatus.NOT_FIXATED, False)
+    assert np.isnan([*answer.gaze_rad, answer.probability, answer.degree]).all()
+    assert len(answer.gaze_rad) == 3
     assert Reachability(2.0, ZERO, 0.9, 0.8, ReachStatus.REACHABLE).is_reachable
-    seen = Observation3D(0.0, ZERO, np.eye(3), 0.03, 1e-6, 0.1)
-    np.testing.assert_array_equal(seen.correlated_cov_root, np.zeros((3, 3)))
+    observation = Observation3D(0.0, ZERO, np.eye(3), 0.03, 1e-6, 0.1)
+    np.testing.assert_array_equal(observation.correlated_cov_root, np.zeros((3, 3)))

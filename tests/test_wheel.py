@@ -60,8 +60,8 @@ def test_installs_and_runs_in_a_clean_environment(wheel: Path, tmp_path: Path) -
 def test_the_declared_pythons_are_the_classified_ones(wheel: Path) -> None:
     archive = zipfile.ZipFile(wheel)
     (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
-    told = archive.read(name).decode()
-    first, after = map(int, re.findall(r"Requires-Python: <3\.(\d+),>=3\.(\d+)", told)[0][::-1])
-    minors = [int(minor) for minor in re.findall(r"Python :: 3\.(\d+)", told)]
+    metadata = archive.read(name).decode()
+    after, first = map(int, re.findall(r"Requires-Python: <3\.(\d+),>=3\.(\d+)", metadata)[0])
+    minors = [int(minor) for minor in re.findall(r"Python :: 3\.(\d+)", metadata)]
     assert minors == list(range(first, after))
     assert sys.version_info[:2] in [(3, minor) for minor in minors]

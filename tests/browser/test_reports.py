@@ -1,5 +1,5 @@
-"""Pages in a headless Chromium (`make test-browser`): reports with nothing in the console and nothing fetched, pictures
-there, the path drawn and the video playing; the documentation, opened as a file and searched."""
+"""Pages in headless Chromium (`make test-browser`): reports without console messages or network access, with pictures,
+the path and a playing video; the documentation, opened as a file and searched."""
 
 import os
 import re
@@ -44,11 +44,11 @@ def test_the_page_of_a_recording(tmp_path: Path) -> None:
         "document.title=`green ${n} broken ${bad} of ${document.images.length}`;});</script>"
     )
     page.write_text(page.read_text().replace("</html>", check + "</html>"))
-    seen = browse(page, "--dump-dom")
-    green, broken, images = map(int, re.findall(r"green (\d+) broken (\d+) of (\d+)", seen.stdout)[0])
+    page_load = browse(page, "--dump-dom")
+    green, broken, images = map(int, re.findall(r"green (\d+) broken (\d+) of (\d+)", page_load.stdout)[0])
     assert green > 300  # pixels of the path
     assert (broken, images) == (0, 5)
-    assert "CONSOLE" not in seen.stderr
+    assert "CONSOLE" not in page_load.stderr
     browse(page, f"--screenshot={tmp_path / 'page.png'}", "--window-size=1100,4200")
     assert cv2.imread(str(tmp_path / "page.png")).std() > 10
 
@@ -84,15 +84,15 @@ def test_the_page_of_the_demo(tmp_path: Path, keeps_loading: str) -> None:
         " of ${document.images.length} fetched ${fetched} end`;});</script>"
     )
     page.write_text(page.read_text().replace("</html>", check + "</html>"))
-    seen = browse(page, "--dump-dom")
-    found = re.findall(r"at (\S+) of (\S+) width (\d+) null broken (\d+) of (\d+) fetched (.*?) end", seen.stdout)
-    at_s, length_s, width, broken, images, fetched = found[0]
+    page_load = browse(page, "--dump-dom")
+    pattern = r"at (\S+) of (\S+) width (\d+) null broken (\d+) of (\d+) fetched (.*?) end"
+    at_s, length_s, width, broken, images, fetched = re.findall(pattern, page_load.stdout)[0]
     assert 0.5 < float(at_s) <= float(length_s)
     assert float(length_s) > 5
     assert (int(width), int(broken)) == (1280, 0)
     assert int(images) == 1 + 3  # episodes, landscapes, coordinates
     assert fetched == keeps_loading
-    assert "CONSOLE" not in seen.stderr
+    assert "CONSOLE" not in page_load.stderr
 
 
 def test_the_page_of_a_batch(tmp_path: Path) -> None:
@@ -109,17 +109,16 @@ def test_the_page_of_a_batch(tmp_path: Path) -> None:
         "document.title=`${of} broken ${bad} of ${document.images.length} fetched ${fetched}`;});</script>"
     )
     page.write_text(page.read_text().replace("</html>", check + "</html>"))
-    seen = browse(page, "--dump-dom")
-    assert "<title>a/report.html,b/report.html broken 0 of 1 fetched 0</title>" in seen.stdout
-    assert "CONSOLE" not in seen.stderr
+    page_load = browse(page, "--dump-dom")
+    assert "<title>a/report.html,b/report.html broken 0 of 1 fetched 0</title>" in page_load.stdout
+    assert "CONSOLE" not in page_load.stderr
 
 
 def test_the_documentation_is_searched_from_a_file(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
     subprocess.run(build, cwd=Path(__file__).parents[2], check=True)
-    seen = browse(
+    page_load = browse(
         tmp_path / "site" / "howto" / "camera.html", "--virtual-time-budget=5000", "--dump-dom", query="?q=chessboard"
     )
-    found = re.findall(r'<article><h3><a href="([^"#]+)', seen.stdout)
-    assert "../quickstart.html" in found
-    assert "CONSOLE" not in seen.stderr
+    assert "../quickstart.html" in re.findall(r'<article><h3><a href="([^"#]+)', page_load.stdout)
+    assert "CONSOLE" not in page_load.stderr

@@ -60,14 +60,16 @@ def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generat
             continue
         position, moving = encounter.motion(t)
         turn = rotation_to(position - head)
-        observed, seen_cov = position + turn @ (constant + random_m * rng.standard_normal(3)), turn @ cov @ turn.T
-        measured = observed, seen_cov, _CORRELATED_SHARE * seen_cov
+        observed = position + turn @ (constant + random_m * rng.standard_normal(3))
+        observed_cov = turn @ cov @ turn.T
+        correlated = _CORRELATED_SHARE * observed_cov
         if belief is None:
             flow_m_s = turn @ (np.sqrt(2) * random_m / PERIOD_S * rng.standard_normal(3))
             flow_cov = turn @ np.diag(2 * (random_m / PERIOD_S) ** 2) @ turn.T
-            belief = kalman.start(kalman_params, t, observed, seen_cov, moving + flow_m_s, flow_cov, measured[2])
+            belief = kalman.start(kalman_params, t, observed, observed_cov, moving + flow_m_s, flow_cov, correlated)
         else:
-            belief = kalman.update(kalman_params, kalman.predict(kalman_params, belief, t), *measured)
+            predicted = kalman.predict(kalman_params, belief, t)
+            belief = kalman.update(kalman_params, predicted, observed, observed_cov, correlated)
         if k < params.confirm_frames:
             tracks.append(Track3D.unknown(t))
         else:
@@ -105,7 +107,7 @@ def frames(encounter: Encounter) -> int:
 
 
 def _track(stamp_s: float, mean: Array, cov: Array, correlated_cov: Array, radius_m: float) -> Track3D:
-    full_mean, full_cov, n = np.zeros((4, 3)), np.zeros((12, 12)), len(cov)
-    full_mean[: len(mean)], full_cov[:n, :n] = mean, cov
+    full_mean = np.pad(mean, ((0, 4 - len(mean)), (0, 0)))
+    full_cov = np.pad(cov, (0, 12 - len(cov)))
     full_cov[:3, :3] += correlated_cov
     return Track3D(stamp_s, full_mean, full_cov, radius_m, 0.0, Status.TRACKING)
