@@ -7,12 +7,15 @@ from control.arm import ArmParams
 from pps_vision.experiments.baselines.damped_least_squares import damped_least_squares
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 
-ROBOT, POINT, REST = load_icub(), np.array([-0.02, -0.05, 0.01]), np.array(HOME_ARM_RAD)
+ROBOT = load_icub()
+POINT = np.array([-0.02, -0.05, 0.01])
+REST = np.array(HOME_ARM_RAD)
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
 
 
 def test_with_little_damping_the_point_moves_as_asked_and_the_rest_goes_home():
-    q, velocity = home(ROBOT), 0.01 * np.random.default_rng(SEED).normal(size=3)
+    q = home(ROBOT)
+    velocity = 0.01 * np.random.default_rng(SEED).normal(size=3)
     q[ARM[5:]] += 0.1  # the wrist, which the forearm's point leaves free
     task = ArmParams(), ROBOT.at(q), "left", "left_forearm", POINT, velocity, REST
     dq = damped_least_squares(*task, damping_m=1e-4)

@@ -1,5 +1,7 @@
 """General regressors as forward models of the arm, in one batch and in many."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from learning.reach.babbling import babble
 from pps_vision.experiments.baselines.jamone import learn_hand
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.regressors import ArmToGaze, gaussian_process, quintic_spline
-from pps_vision.experiments.reach_truth import first, gaze_rmse_deg
+from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import load_icub
 
@@ -24,9 +26,9 @@ N_TRAIN = 1200
     ],
 )
 def test_the_forward_model_is_learned_whatever_the_batches(make, max_deg):
-    test = first(BABBLED, len(BABBLED.arm_rad))
-    test = type(test)(test.arm_rad[N_TRAIN:], test.gaze_rad[N_TRAIN:], 0)
-    whole, batches = ArmToGaze(make()), ArmToGaze(make())
+    test = replace(BABBLED, arm_rad=BABBLED.arm_rad[N_TRAIN:], gaze_rad=BABBLED.gaze_rad[N_TRAIN:])
+    whole = ArmToGaze(make())
+    batches = ArmToGaze(make())
     whole.learn(BABBLED.arm_rad[:N_TRAIN], BABBLED.gaze_rad[:N_TRAIN])
     for k in range(0, N_TRAIN, N_TRAIN // 3):
         batches.learn(BABBLED.arm_rad[k : k + N_TRAIN // 3], BABBLED.gaze_rad[k : k + N_TRAIN // 3])

@@ -53,7 +53,8 @@ def test_the_maps_frequencies_agree_with_quadrature():
     r, speed, tau = (
         (np.arange(n) + 0.5) / n * (high - low) + low for n, low, high in ((400, 0, 0.3), (60, 0.05, 0.15), (300, 0, 3))
     )
-    r, speed, tau = r[:, None, None], speed[:, None], tau
+    r = r[:, None, None]
+    speed = speed[:, None]
     length = np.hypot(s, r)
     to_go = tau * speed / length
     aside = r * (1 - to_go)

@@ -10,7 +10,7 @@ from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import solve_ik
 
 ROBOT = load_icub()
-LOWER, UPPER = np.deg2rad([-95, 0, -20, 15]), np.deg2rad([10, 160, 80, 105])  # J's
+LOWER, UPPER = np.deg2rad([[-95, 0, -20, 15], [10, 160, 80, 105]])  # J's
 CHAINS = {side: ROBOT.chain(ROBOT.names.arm(side)[:4], f"{side}_palm") for side in ("left", "right")}
 
 
