@@ -25,7 +25,7 @@ from pps_vision.experiments.films.rendered import RenderedFilm, can_render
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.films.score import BASELINES, OURS, Scores, measure_film, summary
 from pps_vision.experiments.study import DATA, SceneSource, TrackingStudy, median
-from pps_vision.experiments.tables import Table, estimate, judged
+from pps_vision.experiments.tables import Table, estimate
 
 CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]
 """Scores of each film by case and tracker."""
@@ -41,8 +41,6 @@ COLUMNS = {
     "most_covered_percent": "95 % ellipsoid, most of a film (%)",
     "ms_per_pair": "ms per pair",
 }
-_HARDEST = 12
-_HARDEST_COLUMNS = ("right_percent", "least_right_percent", "false_percent", "median_mm", "covered_percent")
 _COMPARED_COLUMNS = ("right_percent", "false_percent", "median_mm", "ms_per_pair")
 _COLORS = dict(zip((OURS, *BASELINES), ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"), strict=True))
 _RIGHT_PERCENT = 90.0
@@ -123,10 +121,9 @@ class Independent(TrackingStudy):
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the hardest ray-cast cases, the number of cases that meet each goal, and ours beside the baselines."""
+        """Return the number of cases that meet each goal, and ours beside the baselines."""
         cells = _by_source(numbers)
         return {
-            "": _hardest_table(cells["independent"]),
             "goals": _goals_table(cells),
             "baselines": _baselines_table(cells),
         }
@@ -160,18 +157,6 @@ def judged_goals(cells: CaseScores) -> Iterator[JudgedGoal]:
         scores = summary(by_tracker[OURS])
         for key in COLUMNS:
             yield from (JudgedGoal(name, key, goal, scores[key]) for goal in _CASES[name].goals.get(key, ()))
-
-
-def _hardest_table(cells: CaseScores) -> Table:
-    """The cases with the fewest right frames, then the largest errors; bold where a goal is missed."""
-    missed = {(goal.case, goal.key) for goal in judged_goals(cells) if goal.goal.missed(goal.score)}
-    scores = {name: summary(by_tracker[OURS]) for name, by_tracker in cells.items()}
-    names = sorted(scores, key=lambda name: (scores[name]["right_percent"], -scores[name]["median_mm"]))[:_HARDEST]
-    rows = [
-        [name, *(judged(estimate([scores[name][key]]), (name, key) in missed) for key in _HARDEST_COLUMNS)]
-        for name in names
-    ]
-    return Table(["case", *(COLUMNS[key] for key in _HARDEST_COLUMNS)], rows)
 
 
 def _goals_table(by_source: Mapping[str, CaseScores]) -> Table:

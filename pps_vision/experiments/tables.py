@@ -25,16 +25,6 @@ def markdown(table: Table) -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def break_points(studies: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return where each method breaks, one row a disturbance (results of `compare_severities` by name)."""
-    rows = []
-    for name, study in studies.items():
-        breaks = (method["breaks_at"] for method in study["methods"].values())
-        tried = ", ".join(f"{value:g}" for value in study["severities"])
-        rows.append([f"{name}: {study['axis']}", tried, *("–" if value is None else f"{value:g}" for value in breaks)])
-    return Table(["disturbance", "tried", *next(iter(studies.values()))["methods"]], rows)
-
-
 def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
     """Return [value, low, high] as "value (low–high)"; a dash where there is no value."""
     texts = ["–" if number is None or number != number else f"{number:.{digits}g}" for number in numbers]

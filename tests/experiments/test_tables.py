@@ -8,7 +8,6 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import (
     Table,
-    break_points,
     estimate,
     filled,
     markdown,
@@ -41,13 +40,6 @@ def test_an_estimate_shows_its_interval() -> None:
     assert estimate([None, None, None]) == "–"
     assert estimate([2.0, float("nan"), 3.0]) == "2 (––3)"
     assert estimate([3.0]) == "3"
-
-
-def test_break_points_have_a_row_for_each_disturbance() -> None:
-    methods = {"ours": {"breaks_at": None}, "theirs": {"breaks_at": 1500}}
-    table = break_points({"noise": {"axis": "σ (px)", "severities": [0, 0.25, 1500], "methods": methods}})
-    assert table.header == ["disturbance", "tried", "ours", "theirs"]
-    assert table.rows == [["noise: σ (px)", "0, 0.25, 1500", "–", "1500"]]
 
 
 @pytest.mark.parametrize("study", KNOWN)

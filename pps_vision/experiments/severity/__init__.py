@@ -21,7 +21,7 @@ class Severity(PartsStudy, TrackingStudy):
         "tracking": Part(
             lambda study: tracking.run(study.seeds, study.sources, study.tracking_disturbances), tracking.chart
         ),
-        "pps": Part(lambda study: pps.run(study.seeds), pps.chart, pps.table),
+        "pps": Part(lambda study: pps.run(study.seeds), pps.chart),
         "reach": Part(
             lambda study: reach.run(study.seeds, study.n_labels, study.n_test, study.reach_disturbances),
             reach.chart,

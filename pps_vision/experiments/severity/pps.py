@@ -21,7 +21,6 @@ from pps_vision.experiments.baselines.single_taxel import (
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.pps.scores import auroc
 from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_severities, mean
-from pps_vision.experiments.tables import Table, break_points
 from pps_vision.types import Array, Mask
 
 HORIZON_S = 0.5
@@ -130,8 +129,3 @@ def _last_known(D: Array, TTC: Array, steps: int) -> tuple[Array, Array]:
 def chart(numbers: dict[str, Any]) -> Figure:
     """Draw AUROC over severity, one panel a disturbance."""
     return severities(numbers["disturbances"], "auroc", f"AUROC {HORIZON_S} s ahead", BREAKS.bound, 4)
-
-
-def table(numbers: dict[str, Any]) -> Table:
-    """Return where each map breaks."""
-    return break_points(numbers["disturbances"])

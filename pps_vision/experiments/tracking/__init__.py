@@ -53,8 +53,8 @@ class Tracking(PartsStudy, TrackingStudy):
 
     PARTS: ClassVar[Mapping[str, Part]] = {
         "accuracy": Part(_accuracy, table=_accuracy_table),
-        "consistency": Part(_consistency, consistency.chart, consistency.table),
-        "pipeline": Part(_pipeline, pipeline.chart, pipeline.tables),
+        "consistency": Part(_consistency, table=consistency.table),
+        "pipeline": Part(_pipeline, pipeline.chart),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_consistency": 1, "n_approaches": 1}
 

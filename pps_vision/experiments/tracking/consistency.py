@@ -5,11 +5,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance
-from pps_vision.experiments.charts import PAGE_IN, calibration, panels
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import Metric, SceneSource, Values, mean, measure, median, percent, summarize
@@ -44,21 +42,6 @@ def measure_coverage(sources: Sequence[SceneSource], seeds: Sequence[int], secon
         recordings = [values for methods in measured.values() for values in methods["tracker"]]
         cells[source] = summarize({"all": recordings}, _METRICS)
     return {"cells": cells}
-
-
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Draw measured against stated coverage, one panel a source; the goals are shaded."""
-    cells = numbers["cells"]
-    figure, axes = panels(len(cells), width=PAGE_IN / len(cells), height=3.4)
-    for axis, (source, groups) in zip(axes, cells.items(), strict=True):
-        coverage = {q: [groups["all"][f"{q} {s}"] for s in _SIGMAS] for q in QUANTITIES}
-        for share, allowed in GOALS.items():
-            axis.fill_between([share - 2, share + 2], share - allowed, share + allowed, color="0.85", lw=0)
-        calibration(axis, list(_SIGMAS), coverage, "truth inside the interval (%)")
-        axis.set(xlim=(60, 100), ylim=(60, 100))
-        axis.set_title(f"{source} scenes", fontsize=10)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
-    return figure
 
 
 def table(numbers: dict[str, Any]) -> Table:

@@ -12,7 +12,6 @@ from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.experiments.films.score import METRICS, baseline_tracks, judge, steps_of
 from pps_vision.experiments.study import TURNS, Metric, SceneSource, Values, compare, median
-from pps_vision.experiments.tables import Table, estimate, judged, median_first
 from pps_vision.types import Array, Track3D
 
 OURS = {"ours, generic": "generic", "ours, marker": "marker"}
@@ -59,20 +58,6 @@ def compare_pipelines(
 def chart(numbers: dict[str, Any]) -> Figure:
     """Draw time against 3D error, one panel for each kind of scene."""
     return speed_errors(numbers["cells"], "rms_mm", "3D RMS error (mm)", BASELINES, "ours, generic")
-
-
-def tables(numbers: dict[str, Any]) -> dict[str, Table]:
-    """Return one table for each kind of scene, one row a pipeline; a time above its goal is bold."""
-    header = ["pipeline", "3D RMS (mm)", "tracked (%)", "time to contact (%)", "ms, quartiles", "ratio to two CSRT"]
-    by_scenes = {}
-    for name, methods in numbers["cells"].items():
-        meant = MEANT_FOR[name.rsplit(", ", 1)[1]]
-        rows = []
-        for method, cell in methods.items():
-            ms = judged(median_first(cell["ms"]), method == meant and cell["ms"][1] > GOAL_MS[method])
-            rows.append([method, *(estimate(cell[key]) for key in _METRICS), ms, estimate(cell["ratio"])])
-        by_scenes[name.replace(", ", "_")] = Table(header, rows)
-    return by_scenes
 
 
 def _ours(mode: str, recording: Footage, seed: int) -> Values:
