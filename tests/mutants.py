@@ -10,7 +10,6 @@ import argparse
 import json
 import os
 import re
-import resource
 import subprocess
 import sys
 import time
@@ -19,6 +18,7 @@ from shutil import copytree, ignore_patterns
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from pps_vision.experiments.timing import processor_s
 from tests.helpers.mutations import PACKAGES, SHARE_OF_EXPERIMENTS, draw, replay
 
 
@@ -50,12 +50,6 @@ def outcome(copy: Path, tests: list[str], limit_s: float, **more: str) -> str:
     return {0: "survived", 5: "survived", 124: "out of time", 137: "out of time"}.get(done.returncode, "killed")
 
 
-def _children_s() -> float:
-    """Processor time of all processes that have been waited for, which other work on the machine does not change."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
-
-
 def tried(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[str, float], most_s: float) -> str:
     """Outcome of a mutant in a copy; `seconds`: processor time of each test file unmutated, 0 for one that fails."""
     place = copy / mutant["file"]
@@ -63,9 +57,9 @@ def tried(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[st
     for batch in tests[:2], tests[2:]:
         used = list[str]()
         while batch and sum(seconds[test] for test in used) < most_s:
-            start, (test, *batch) = _children_s(), batch
+            start, (test, *batch) = processor_s(), batch
             if test not in seconds:
-                seconds[test] = (outcome(copy, [test], 600) == "survived") * round(_children_s() - start, 1)
+                seconds[test] = (outcome(copy, [test], 600) == "survived") * round(processor_s() - start, 1)
             used += [test] if seconds[test] else []
         kept = place.rename(copy / "kept")  # with its time, by which numba knows what it has compiled
         place.write_text(mutant["source"])

@@ -83,12 +83,18 @@ class RevoluteArm:
         half = _N_JOINTS // 2
         W = (_EYES_APART_M * fitted.W).reshape(3**half, -1)
 
-        def place(bases: list[Array]) -> Array:
-            points = (_products(bases[:half]) @ W).reshape(len(arm_rad), -1, 3)
-            return np.asarray((_products(bases[half:])[:, None] @ points)[:, 0])
+        def place(first: Array, second: Array) -> Array:
+            return np.asarray((second[:, None] @ (first @ W).reshape(len(first), -1, 3))[:, 0])
 
-        position = place(bases)
-        J = np.stack([place([*bases[:k], slopes[k], *bases[k + 1 :]]) for k in range(_N_JOINTS)], axis=2)
+        first = _products(bases[:half])
+        second = _products(bases[half:])
+        columns = []
+        for k in range(_N_JOINTS):
+            turned = [*bases[:k], slopes[k], *bases[k + 1 :]]
+            halves = (_products(turned[:half]), second) if k < half else (first, _products(turned[half:]))
+            columns.append(place(*halves))
+        position = place(first, second)
+        J = np.stack(columns, axis=2)
         if fitted.residual is None:
             return position, J
         value, slope = fitted.residual(arm_rad)

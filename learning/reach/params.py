@@ -23,6 +23,9 @@ class ArmLimits:
     upper_rad: tuple[float, ...] = (10 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG)
 
 
+_MAP = "reachable-space map"
+
+
 @dataclass(frozen=True)
 class MapParams:
     """Extent and cost of the training."""
@@ -59,18 +62,16 @@ class MapParams:
     """Step of the map's lattice in isotropic coordinates."""
 
     def __post_init__(self) -> None:
-        rounds = f"{self.n_labels} labels in rounds of {self.round_labels}: expected at least two rounds"
-        test = f"{self.n_test} test postures, confidence {self.confidence}: expected 0 or more, and 0 to 1"
-        babble = f"{self.n_babble} random arm postures: expected at least {N_NEAR}"
-        error = f"a share of {self.max_error} misjudged: expected at least 0 and below 1"
-        for is_valid, message in (
-            (2 <= 2 * self.round_labels <= self.n_labels, f"{rounds}, the later ones to test the earlier ones"),
-            (self.n_babble >= N_NEAR, babble),
-            (self.n_test >= 0 and 0 < self.confidence < 1, test),
-            (0 <= self.max_error < 1, error),
-        ):
-            if not is_valid:
-                raise InputError("reachable-space map", message)
+        if not 2 <= 2 * self.round_labels <= self.n_labels:
+            rounds = f"{self.n_labels} labels in rounds of {self.round_labels}"
+            raise InputError(_MAP, f"{rounds}: expected at least two rounds, the later ones to test the earlier ones")
+        if self.n_babble < N_NEAR:
+            raise InputError(_MAP, f"{self.n_babble} random arm postures: expected at least {N_NEAR}")
+        if not (self.n_test >= 0 and 0 < self.confidence < 1):
+            test = f"{self.n_test} test postures, confidence {self.confidence}"
+            raise InputError(_MAP, f"{test}: expected 0 or more, and 0 to 1")
+        if not 0 <= self.max_error < 1:
+            raise InputError(_MAP, f"a share of {self.max_error} misjudged: expected at least 0 and below 1")
 
     @property
     def test_postures(self) -> int:

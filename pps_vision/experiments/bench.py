@@ -2,7 +2,6 @@
 
 import json
 import math
-import resource
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +16,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.claims import claims_table
 from pps_vision.experiments.study import PartsStudy, Study, catalogue
 from pps_vision.experiments.tables import Table, filled, markdown, names, read_numbers
+from pps_vision.experiments.timing import processor_s
 from pps_vision.recordings.atomic_write import plain, whole_file
 from pps_vision.worker_pool import worker_pool
 
@@ -132,9 +132,9 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
             print(f"= {label} (already measured by this commit with these parameters)")
             continue
         start = perf_counter()
-        processor_start = _processor_s()
+        processor_start = processor_s()
         numbers = _rounded(plain(task()))
-        numbers = {**setting, _MINUTES: _rounded((_processor_s() - processor_start) / 60), **numbers}
+        numbers = {**setting, _MINUTES: _rounded((processor_s() - processor_start) / 60), **numbers}
         if isinstance(study, PartsStudy):
             results[part] = numbers
             numbers = {key: results[key] for key in study.PARTS if key in results}
@@ -142,15 +142,10 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
             partial.write_text(_json({"study": name, **numbers}, levels=2 if part else 1) + "\n")
             written = read_numbers(partial)
             _draw(study, name, {part: written[part]} if part else written, out)
-            skipped = (written[part] if part else written).get("skipped")
+            run = written[part] if part else written
+            skipped = run.get("skipped") or run.get("not_measured")
         missing = f"; skipped: {skipped}" if skipped else ""
         print(f"→ {label} ({perf_counter() - start:.0f} s{missing})", flush=True)
-
-
-def _processor_s() -> float:
-    """Processor time (s) of this process and its finished children."""
-    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:

@@ -16,7 +16,7 @@ from pps_vision.app.track import chunks
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.films.recordings import Footage, moving, tracker_params
 from pps_vision.experiments.stages.parameters import StageParameters
-from pps_vision.experiments.study import TURNS, Method, Metric, Values, compare, rms
+from pps_vision.experiments.study import TURNS, Method, Metric, Values, compare, mean, rms
 from pps_vision.types import Array
 from tracking.batch import BatchTracker
 from tracking.tracker import Tracker, TrackerStep
@@ -26,6 +26,7 @@ ALONE = "frame by frame"
 _METRICS = {
     "error_px": Metric("error_px", rms),
     "apart_px": Metric("apart_px", lambda values: float(np.max(values)) if len(values) else np.nan),
+    "only_in_one": Metric("only_in_one", mean),
 }
 
 
@@ -72,7 +73,12 @@ def _run(device: str, size: int, pairs: Pairs, seed: int) -> Values:
     centers = _centers(steps)
     error = np.linalg.norm(centers - pairs.truth, axis=-1)
     apart = np.linalg.norm(centers - pairs.alone, axis=-1)
-    return {"ms": [ms], "error_px": error[np.isfinite(error)], "apart_px": apart[np.isfinite(apart)]}
+    return {
+        "ms": [ms],
+        "error_px": error[np.isfinite(error)],
+        "apart_px": apart[np.isfinite(apart)],
+        "only_in_one": (np.isnan(centers[..., 0]) != np.isnan(pairs.alone[..., 0])).ravel(),
+    }
 
 
 def _steps(device: str, size: int, recording: Footage, seed: int) -> list[TrackerStep]:

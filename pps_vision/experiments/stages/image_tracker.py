@@ -117,7 +117,7 @@ class ParticleTracker:
     def __init__(self, count: int, seed: int) -> None:
         self._params = ImageTrackerParams(particles=count)
         self._rng = np.random.default_rng(seed)
-        self._tracker: ColorTracker
+        self._tracker: ColorTracker | None = None
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn the colours in the box."""
@@ -125,6 +125,8 @@ class ParticleTracker:
 
     def step(self, image: Image) -> BoxPx | None:
         """Return the box; None where the object is not detected."""
+        if self._tracker is None:
+            raise ValueError("step before start; the tracker needs a first image and box")
         detection = self._tracker.step(image)
         return detection.box_px if detection.score > 0 else None
 
@@ -144,7 +146,8 @@ class HueBlob:
 
     def step(self, image: Image) -> BoxPx | None:
         """Return the box of the disc with the blob's area."""
-        assert self.optics is not None
+        if self.optics is None:
+            raise ValueError("step before start; the tracker needs a first image and box")
         near = None
         if self.last is not None:
             x, y = middle(self.last)
@@ -170,7 +173,8 @@ def methods() -> dict[str, Method]:
 def _run(make: Any, film: BoxedFilm, seed: int) -> Values:
     """Return overlap (0 where lost), whether there is any, and the centre error where there is, of every frame."""
     tracker: _OneEye = make(film, seed)
-    assert film.boxes[0] is not None
+    if film.boxes[0] is None:
+        raise ValueError("the object is not in view of the first frame; expected a box to start with")
     tracker.start(film.images[0], film.boxes[0])
     boxes, ms = timed_steps(tracker.step, film.images[1:])
     iou: list[float] = []

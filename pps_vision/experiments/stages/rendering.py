@@ -105,7 +105,8 @@ def _drawing(stimulus: StimulusName, seconds: float, seed: int) -> Drawing:
 
 
 def _position(state: SceneState) -> Array:
-    assert state.position is not None
+    if state.position is None:
+        raise ValueError("a scene without an object; expected one to compare")
     return state.position
 
 

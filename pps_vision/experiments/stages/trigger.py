@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.films.recordings import FPS, Footage, from_film
@@ -59,9 +60,13 @@ Watcher = Callable[[Image, View, float, Array | None], list[BoxPx]]
 def run(study: StageParameters) -> dict[str, Any]:
     """Return by object and method: false alarms a minute, share detected within 3 images, delay, time."""
 
+    calm_s = min(_CALM_S, 4 * study.seconds)
+    if calm_s * FPS <= STARTS:
+        raise InputError("bench stages", f"--seconds {study.seconds}; expected more than {STARTS / FPS / 4:g}")
+
     def recording(name: str, seed: int) -> Footage:
         radius_m, px = OBJECTS[name]
-        seconds = min(_CALM_S, 4 * study.seconds) if px == 0 else (STARTS + AFTER) / FPS
+        seconds = calm_s if px == 0 else (STARTS + AFTER) / FPS
         rng = np.random.default_rng((seed, *map(ord, f"independent{name}")))
         scene = film_scene(rng, seconds, radius_m, px, HEAD_DEG_S)
         return from_film(Film(scene, int(rng.integers(2**31)), study.data))
@@ -172,10 +177,15 @@ def best_level(name: str, calm: Footage) -> float:
     """Return the lowest level without a false alarm where nothing moves; the highest if there is none."""
     levels = TRIGGERS[name].levels
     short = replace(calm, frames=calm.frames[: STARTS + 40])
-    for level in levels[:-1]:
-        if not np.any(watch(partial(_baseline, name, level), short, 0)["alarm"]):
-            return level
-    return levels[-1]
+    low = 0
+    high = len(levels) - 1
+    while low < high:  # fewer alarms at higher levels
+        middle = (low + high) // 2
+        if np.any(watch(partial(_baseline, name, levels[middle]), short, 0)["alarm"]):
+            low = middle + 1
+        else:
+            high = middle
+    return levels[low]
 
 
 def delay(boxes: list[list[BoxPx]], recording: Footage, eye: str) -> float:
