@@ -23,7 +23,7 @@ from pps_vision.app.render import record
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.track import track
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.films.scenes import Film, FilmScene
+from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, SampledStudy
 from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
 from pps_vision.experiments.whole_skin import activations, buffer_at_touch, make_body
@@ -98,7 +98,7 @@ class Growth(SampledStudy):
         }
 
     def _object(self, across_px: int) -> dict[str, Call]:
-        radius_m = 0.5 * across_px / (FilmScene().focal * 1280) * _DISTANCE_M
+        radius_m = 0.5 * across_px / (FOCAL * 1280) * _DISTANCE_M
         film = self._film(1280, 720, radius_m=radius_m, distance_m=_DISTANCE_M)
         return {"all pixels": partial(film, TrackerParams()), "pixels 2 × 2": partial(film, _REDUCED)}
 

@@ -19,7 +19,6 @@ from pps_vision.experiments.films.caster import (
     Paint,
     Panel,
     RayCaster,
-    Room,
     Solids,
     photograph,
     visible_share,
@@ -46,7 +45,7 @@ HERE = np.eye(4)
 
 def coverage(lens: FilmLens, solids: Solids) -> np.ndarray:
     """(h, w) share of each pixel that lies on black solids before a lit room."""
-    room = RayCaster(lens, Room(), NOWHERE)
+    room = RayCaster(lens, 0, NOWHERE)
     room._walls = np.full_like(room._walls, 255.0)
     return 1 - room.light([HERE], [solids])[..., 0] / 255
 
@@ -66,7 +65,7 @@ def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
     Q = inverse.T @ (np.outer(c, c) - (c @ c - r * r) * np.eye(3)) @ inverse
     middle = -np.linalg.solve(Q[:2, :2], Q[:2, 2])
     area = np.pi * (Q[2, 2] + Q[:2, 2] @ middle) / np.sqrt(np.linalg.det(Q[:2, :2])) * -np.sign(np.trace(Q[:2, :2]))
-    share = coverage(lens, Solids((Ball(c, r, BLACK),)))
+    share = coverage(lens, (Ball(c, r, BLACK),))
     assert share.sum() == pytest.approx(area, rel=2e-3)
     np.testing.assert_allclose(centroid(share), middle, atol=0.02)
     assert np.linalg.norm(middle - (lens.K @ c / c[2])[:2]) > 0.1, "not where the centre projects"
@@ -79,7 +78,7 @@ def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
     edges = [(s, -1 + 0 * s), (1 + 0 * s, s), (-s, 1 + 0 * s), (-1 + 0 * s, -s)]
     rim = np.concatenate([panel.center + a * panel.right + b * panel.down for a, b in edges])
     pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), LENS.K, BENT)[0].astype(np.float32)
-    share = coverage(LENS, Solids((), (panel,)))
+    share = coverage(LENS, (panel,))
     assert share.sum() == pytest.approx(cv2.contourArea(pixels), rel=2e-3)
     moments = cv2.moments(pixels)
     middle = [moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]]
@@ -93,7 +92,7 @@ def test_a_cylinder_is_as_wide_as_its_tangents_and_hides_what_is_behind() -> Non
     d = 0.5
     r = 0.04
     half = np.array([0.0, 0.1, 0.0])
-    share = coverage(lens, Solids(cylinders=(Cylinder(np.array([0, 0, d]), half, r, BLACK),)))
+    share = coverage(lens, (Cylinder(np.array([0, 0, d]), half, r, BLACK),))
     middle = slice(lens.height // 2 - 10, lens.height // 2 + 10)
     np.testing.assert_allclose(share[middle].sum(axis=1), 2 * lens.K[0, 0] * r / np.sqrt(d * d - r * r), rtol=5e-3)
     column = round(float(lens.K[0, 2]))
@@ -101,7 +100,7 @@ def test_a_cylinder_is_as_wide_as_its_tangents_and_hides_what_is_behind() -> Non
     assert share[:, column].sum() == pytest.approx(min(high, lens.height - 0.5) - max(low, -0.5), abs=0.1)
     ball = Ball(np.array([0, 0, 0.8]), 0.08, WHITE)
     beside = Cylinder(np.array([-r, 0, d]), half * 5, r, WHITE)  # x = 0 is a tangent plane through the eye
-    assert visible_share(lens, HERE, Solids((ball,), cylinders=(beside,)), ball, ()) == pytest.approx(0.5, abs=0.02)
+    assert visible_share(lens, HERE, (ball, beside), ball) == pytest.approx(0.5, abs=0.02)
 
 
 def test_truth_is_what_opencv_projects() -> None:
@@ -121,25 +120,25 @@ def test_truth_is_what_opencv_projects() -> None:
 def test_nearer_solids_occlude() -> None:
     far = Ball(np.array([0, 0, 0.8]), 0.08, WHITE)
     near = Ball(np.array([0.05, 0, 0.4]), 0.05, Paint((200.0, 0, 0)))
-    image = RayCaster(LENS, Room(), NOWHERE).light([HERE], [Solids((near, far))])
-    swapped = RayCaster(LENS, Room(), NOWHERE).light([HERE], [Solids((far, near))])
+    image = RayCaster(LENS, 0, NOWHERE).light([HERE], [(near, far)])
+    swapped = RayCaster(LENS, 0, NOWHERE).light([HERE], [(far, near)])
     np.testing.assert_array_equal(image, swapped)
     u, v = np.rint(LENS.project(HERE, near.center)[0]).astype(int)
     lambert = AMBIENT + (1 - AMBIENT) * (LIGHT @ (-near.center / np.linalg.norm(near.center)))
     np.testing.assert_allclose(image[v, u], [200 * lambert, 0, 0], rtol=0.02)
     board = Panel(np.array([-0.5, 0, 0.5]), np.array([0.5, 0, 0]), np.array([0, 1.0, 0]), WHITE)  # up to x = 0
-    assert visible_share(LENS, HERE, Solids((far,)), far, (board,)) == pytest.approx(0.5, abs=0.02)
-    assert visible_share(LENS, HERE, Solids((far,)), far, ()) == 1.0
+    assert visible_share(LENS, HERE, (far, board), far) == pytest.approx(0.5, abs=0.02)
+    assert visible_share(LENS, HERE, (far,), far) == 1.0
 
 
 def test_motion_blur_is_as_long_as_the_path_in_the_exposure() -> None:
     """A disc's variance along its motion grows by length²/12; its centre and its variance across stay."""
     lens = replace(LENS, distortion=np.zeros(5))
-    scenes = [Solids((Ball(np.array([x, 0, 0.5]), 0.04, WHITE),)) for x in np.linspace(-0.5, 0.5, 16) * 0.1 * 15 / 16]
-    caster = RayCaster(lens, Room(), NOWHERE)
+    scenes = [(Ball(np.array([x, 0, 0.5]), 0.04, WHITE),) for x in np.linspace(-0.5, 0.5, 16) * 0.1 * 15 / 16]
+    caster = RayCaster(lens, 0, NOWHERE)
     caster._walls = np.zeros_like(caster._walls)
     blurred = caster.light([HERE] * 16, scenes)[..., 0]
-    sharp = caster.light([HERE], [Solids((Ball(np.array([0, 0, 0.5]), 0.04, WHITE),))])[..., 0]
+    sharp = caster.light([HERE], [(Ball(np.array([0, 0, 0.5]), 0.04, WHITE),)])[..., 0]
     v, u = np.mgrid[: lens.height, : lens.width]
     x, x0 = (centroid(image)[0] for image in (blurred, sharp))
     assert x == pytest.approx(x0, abs=0.06)
@@ -307,7 +306,7 @@ def test_a_finger_moves_with_the_ball_from_beyond_the_edge() -> None:
     film = Film(FilmScene(start="moving", finger=True, seconds=4.0, fps=5.0), 2, NOWHERE)
     assert film.share.min() > 0.9
     for t in film.stamps_s.tolist():
-        (ball,), (finger,) = film.solids(t).balls, film.solids(t).cylinders
+        ball, finger = film.solids(t)
         assert np.linalg.norm(finger.center - finger.half - ball.center) < ball.radius_m
         for lens, pose in zip(lenses(film.scene), film.eye_poses(t), strict=True):
             assert lens.project(pose, finger.center + finger.half)[0, 1] > lens.height

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from pps_vision.experiments.films.raycast import ball_row, cylinder_normals, cylinder_row, first_hits, panel_row
+from pps_vision.experiments.films.raycast import ball_row, cylinder_row, first_hits, panel_row
 from pps_vision.types import Array
 
 EYE = np.array([0.1, -0.2, 0.3])
-NO_BALLS = np.empty((0, 4))
 
 
 def turned(rng: np.random.Generator) -> Array:
@@ -30,22 +29,22 @@ def test_a_ray_through_a_point_of_a_cylinders_surface_hits_there_or_before(stret
     on_end = 0.9 * radius * side * rng.random((200, 1)) + length / 2 * end
     points, normals = center + np.vstack([on_side, on_end]) @ R.T, np.vstack([side, end]) @ R.T
     row = cylinder_row(center, R[:, 2], radius, length)
-    distance, which = first_hits(EYE, stretch * (points - EYE), NO_BALLS, cylinders=row[None])
+    distance, which, met = first_hits(EYE, stretch * (points - EYE), row[None])
     assert np.all(which == 0)
     faces = np.einsum("ij,ij->i", normals, EYE - points) > 1e-6
     assert 50 < faces.sum() < 350
     np.testing.assert_allclose(distance[faces], 1 / stretch, atol=1e-9)
     assert np.all(distance[~faces] < 1 / stretch - 1e-9)
-    np.testing.assert_allclose(cylinder_normals(row, points), normals, atol=1e-9)
+    np.testing.assert_allclose(met[faces], normals[faces], atol=1e-9)
 
 
 def test_rays_beside_behind_and_from_within_a_cylinder_miss_it() -> None:
     row = cylinder_row([0, 0, 1.0], [0, 0, 1.0], 0.1, 0.4)[None]
     rays = np.array([[0, 0, 1.0], [0, 0, -1], [0.099, 0, 0.8], [0.13, 0, 0.8], [1.0, 0, 0]])
-    distance, which = first_hits(np.zeros(3), rays, NO_BALLS, cylinders=row)
+    distance, which, _ = first_hits(np.zeros(3), rays, row)
     np.testing.assert_array_equal(which, [0, -1, 0, -1, -1])
     assert distance[0] == pytest.approx(0.8)
-    assert first_hits(np.array([0.05, 0, 1.0]), rays, NO_BALLS, cylinders=row)[1].max() == -1
+    assert first_hits(np.array([0.05, 0, 1.0]), rays, row)[1].max() == -1
 
 
 def test_the_nearest_of_all_kinds_is_met_and_counted_in_their_order() -> None:
@@ -53,10 +52,13 @@ def test_the_nearest_of_all_kinds_is_met_and_counted_in_their_order() -> None:
     ahead = np.array([0, 0, 1.0])
     for first in range(3):
         at = [3.0 if k != first else 1.0 for k in range(3)]
-        balls = ball_row(at[0] * ahead, 0.1)[None]
-        panels = panel_row(at[1] * ahead, np.array([0.2, 0, 0]), np.array([0, 0.3, 0]))[None]
-        cylinders = cylinder_row(at[2] * ahead, [1.0, 0, 0], 0.1, 0.5)[None]
-        distance, which = first_hits(np.zeros(3), ahead[None], balls, panels, cylinders)
+        solids = [
+            ball_row(at[0] * ahead, 0.1),
+            panel_row(at[1] * ahead, np.array([0.2, 0, 0]), np.array([0, 0.3, 0])),
+            cylinder_row(at[2] * ahead, [1.0, 0, 0], 0.1, 0.5),
+        ]
+        distance, which, normals = first_hits(np.zeros(3), ahead[None], np.array(solids))
+        np.testing.assert_allclose(np.abs(normals), ahead[None], atol=1e-12)
         assert (which[0], distance[0]) == (first, pytest.approx([0.9, 1.0, 0.9][first]))
 
 
@@ -65,4 +67,4 @@ def test_a_panel_ends_where_its_edges_are() -> None:
     panel = panel_row([0, 0, 1.0], right, down)[None]
     places = np.array([[0, 0], [0.99, 0.99], [-0.99, 0.99], [1.01, 0], [0, -1.01]])
     rays = np.array([0, 0, 1.0]) + places @ np.stack([right, down])
-    np.testing.assert_array_equal(first_hits(np.zeros(3), rays, NO_BALLS, panel)[1], [0, 0, 0, -1, -1])
+    np.testing.assert_array_equal(first_hits(np.zeros(3), rays, panel)[1], [0, 0, 0, -1, -1])

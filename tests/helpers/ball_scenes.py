@@ -66,13 +66,13 @@ def _bearings(camera: Camera, per_pixel: int) -> Array:
 
 def _light(eye: Array, rays: Array, spheres: list[Sphere]) -> Array:
     """Grey levels (n, 3) along rays (n, 3)."""
-    balls = np.array([ball_row(s.center, s.radius_m) for s in spheres]).reshape(-1, 4)
-    distance, which = first_hits(eye, rays, balls, _WALLS)
+    solids = np.array([*(ball_row(s.center, s.radius_m) for s in spheres), *_WALLS])
+    distance, which, surface_normals = first_hits(eye, rays, solids)
     points = eye + distance[:, None] * rays
     light = _wall(points)
     for k, sphere in enumerate(spheres):
         hit = which == k
-        normals = (points[hit] - sphere.center) / sphere.radius_m
+        normals = surface_normals[hit]
         shade = 0.4 + 0.6 * np.clip(normals @ _LAMP, 0, 1)
         if sphere.stripes:
             shade *= 0.75 + 0.25 * np.sign(np.sin(sphere.stripes * np.pi * normals[:, 0]))

@@ -4,24 +4,29 @@ Shares no code with `rendering`. The lens is OpenCV's. Coordinates are those of 
 y down, z ahead, origin midway between the eyes at rest. Levels are grey levels of 255, proportional to light.
 """
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pps_vision.experiments.films.raycast import (
+    BALL,
+    COLUMNS,
     FAST,
+    PANEL,
     ball_row,
     cylinder_row,
-    difference,
+    dot,
     first_hit,
     first_hits,
     panel_coordinates,
     panel_row,
+    unit_normal,
 )
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image
@@ -67,6 +72,35 @@ class Ball:
     paint: Paint
     R_stage_body: Array = field(default_factory=lambda: np.eye(3))
 
+    @property
+    def row(self) -> Array:
+        """The row of `raycast`."""
+        return ball_row(self.center, self.radius_m)
+
+    def outline(self, eye: Array) -> Array:
+        """Return points (48, 3) of the rim that `eye` sees; NaN from within."""
+        sight = self.center - eye
+        distance = float(np.linalg.norm(sight))
+        if distance <= self.radius_m:
+            return np.full((1, 3), np.nan)
+        sine = self.radius_m / distance
+        first = np.cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
+        first /= np.linalg.norm(first)
+        second = np.cross(sight / distance, first)
+        angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)[:, None]
+        rim_radius = self.radius_m * np.sqrt(1 - sine**2)
+        return self.center - sight * sine**2 + rim_radius * (np.cos(angle) * first + np.sin(angle) * second)
+
+    def sample(self, eye: Array) -> Array:
+        """Return points (256, 3) spread evenly over the disc that `eye` sees; none from within."""
+        rim = self.outline(eye)
+        middle = rim.mean(axis=0)
+        if np.isnan(middle).any():
+            return np.empty((0, 3))
+        angle = 2.399963 * np.arange(256)[:, None]  # golden angle
+        radius = np.sqrt((np.arange(256)[:, None] + 0.5) / 256)
+        return middle + radius * (np.cos(angle) * (rim[0] - middle) + np.sin(angle) * (rim[12] - middle))
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -76,6 +110,23 @@ class Panel:
     right: Array
     down: Array
     paint: Paint
+
+    @property
+    def row(self) -> Array:
+        """The row of `raycast`."""
+        return panel_row(self.center, self.right, self.down)
+
+    def outline(self, _: Array) -> Array:
+        """Return the corners (4, 3)."""
+        return self._points([-1, 1])
+
+    def sample(self, _: Array) -> Array:
+        """Return points (256, 3) spread evenly over the rectangle."""
+        return self._points(np.linspace(-0.97, 0.97, 16))
+
+    def _points(self, sides: ArrayLike) -> Array:
+        s, t = np.meshgrid(sides, sides)
+        return np.asarray(self.center + s.reshape(-1, 1) * self.right + t.reshape(-1, 1) * self.down)
 
 
 @dataclass(frozen=True)
@@ -87,30 +138,23 @@ class Cylinder:
     radius_m: float
     paint: Paint
 
+    @property
+    def row(self) -> Array:
+        """The row of `raycast`."""
+        half_m = float(np.linalg.norm(self.half))
+        return cylinder_row(self.center, self.half / half_m, self.radius_m, 2 * half_m)
+
+    def outline(self, _: Array) -> Array:
+        """Return the corners (8, 3) of a box around it."""
+        across = self.radius_m * np.linalg.svd(self.half[None])[2][1:]
+        signs = (-1, 1)
+        corners = [self.half * c + a * across[0] + b * across[1] for a in signs for b in signs for c in signs]
+        return np.asarray(self.center + corners)
+
 
 Solid = Ball | Panel | Cylinder
-
-
-@dataclass(frozen=True)
-class Solids:
-    """The solids of a scene at one instant."""
-
-    balls: tuple[Ball, ...] = ()
-    panels: tuple[Panel, ...] = ()
-    cylinders: tuple[Cylinder, ...] = ()
-
-    @property
-    def all(self) -> tuple[Solid, ...]:
-        """Balls, panels, cylinders."""
-        return (*self.balls, *self.panels, *self.cylinders)
-
-
-@dataclass(frozen=True)
-class Room:
-    """A box whose walls show a photograph; the front wall is `ahead_m` away."""
-
-    photo: int = 0
-    ahead_m: float = 1.6
+Solids = tuple[Solid, ...]
+"""The solids of a scene at one instant."""
 
 
 @lru_cache(maxsize=32)
@@ -165,88 +209,80 @@ class FilmLens:
 
 
 class RayCaster:
-    """Casts rays through one lens into a room. A static background is cast once for each pose."""
+    """Casts rays through one lens into a room, a box with a photograph on its walls whose front is `ahead_m` away.
 
-    def __init__(self, lens: FilmLens, room: Room, data: Path) -> None:
+    A static background is cast once for each pose.
+    """
+
+    def __init__(self, lens: FilmLens, photo: int, data: Path, ahead_m: float = 1.6) -> None:
         self.lens = lens
         self._data = data
         self._focal = float(lens.K[0, 0])
         # as sharp as a lens: half a pixel of blur, which also keeps one sample a pixel from aliasing
-        self._walls = cv2.GaussianBlur(photograph(data, room.photo, lens.width), (0, 0), 0.5)
+        self._walls = cv2.GaussianBlur(photograph(data, photo, lens.width), (0, 0), 0.5)
         self._texture_px: dict[int, int] = {}
-        half = np.array([1.25 * room.ahead_m, 1.0 * room.ahead_m, room.ahead_m])
-        self._room = np.array([*-half, *half, room.ahead_m / self._focal])  # the last: size of a texel
-        self._background: tuple[Array, tuple[Panel, ...], NDArray[np.float32]] | None = None
+        half = np.array([1.25 * ahead_m, 1.0 * ahead_m, ahead_m])
+        self._room = np.array([*-half, *half, ahead_m / self._focal])  # the last: size of a texel
+        self._background: tuple[Array, Solids, NDArray[np.float32]] | None = None
 
-    def light(
-        self, poses: list[Array], solids: list[Solids], static_panels: tuple[Panel, ...] = ()
-    ) -> NDArray[np.float32]:
+    def light(self, poses: list[Array], moving: Sequence[Solids], static: Solids = ()) -> NDArray[np.float32]:
         """Return the mean light (h, w, 3) over the instants of an exposure: 1, or 16 in the order of time.
 
         Args:
             poses: T_stage_camera (4, 4) at each instant.
-            solids: Moving solids at each instant.
-            static_panels: Panels that never move.
+            moving: Moving solids at each instant.
+            static: Solids that never move.
         """
-        if len(poses) not in (1, INSTANTS) or len(solids) != len(poses):
-            raise ValueError(f"{len(poses)} poses, {len(solids)} sets of solids; expected 1 or {INSTANTS} of both")
-        image = self._static(poses, static_panels)
-        scenes = [replace(moving, panels=(*moving.panels, *static_panels)) for moving in solids]
+        image = self._static(poses, static)
+        scenes = [(*solids, *static) for solids in moving]
         instants = _INSTANT_OF_SAMPLE if len(poses) > 1 else np.zeros_like(_INSTANT_OF_SAMPLE)
-        for region in self._regions(poses, solids):
-            self._cast(poses, scenes, instants, region, image)
+        for first, last in zip(moving[0], moving[-1], strict=True):
+            x0, y0, x1, y1 = region = self._region(((poses[0], first), (poses[-1], last)))
+            if x0 < x1 and y0 < y1:
+                self._cast(poses, scenes, instants, region, image)
         return image
 
-    def _static(self, poses: list[Array], panels: tuple[Panel, ...]) -> NDArray[np.float32]:
+    def _static(self, poses: list[Array], static: Solids) -> NDArray[np.float32]:
         whole = (0, 0, self.lens.width, self.lens.height)
         image = np.empty((self.lens.height, self.lens.width, 3), np.float32)
-        scene = Solids((), panels)
         if any(not np.array_equal(pose, poses[0]) for pose in poses):
             coarse = [poses[k] for k in _COARSE_INSTANTS]
-            self._cast(coarse, [scene] * len(coarse), _COARSE_INSTANT_OF_SAMPLE, whole, image)
+            self._cast(coarse, [static] * len(coarse), _COARSE_INSTANT_OF_SAMPLE, whole, image)
             return image
         samples = 3
-        if self._background is not None and self._background[1] is panels:
+        if self._background is not None and self._background[1] is static:
             if np.array_equal(self._background[0], poses[0]):
                 return self._background[2].copy()
             samples = 1  # the eye moves from frame to frame
-        self._cast(poses[:1], [scene], np.zeros((samples, samples), np.int64), whole, image)
-        self._background = (poses[0], panels, image.copy())
+        self._cast(poses[:1], [static], np.zeros((samples, samples), np.int64), whole, image)
+        self._background = (poses[0], static, image.copy())
         return image
 
-    def _regions(self, poses: list[Array], solids: list[Solids]) -> list[tuple[int, int, int, int]]:
-        """x0, y0, x1, y1 of the pixels that each moving solid may cover."""
+    def _region(self, ends: Sequence[tuple[Array, Solid]]) -> tuple[int, int, int, int]:
+        """x0, y0, x1, y1 of the pixels that a solid may cover between two poses and places."""
         size = (self.lens.width, self.lens.height)
-        regions = []
-        for first, last in zip(solids[0].all, solids[-1].all, strict=True):
-            ends = ((poses[0], first), (poses[-1], last))
-            pixels = np.concatenate([self.lens.project(pose, outline(solid, pose[:3, 3])) for pose, solid in ends])
-            if np.isnan(pixels).all():
-                continue
-            if np.isnan(pixels).any():  # extends beyond the lens's range
-                regions.append((0, 0, *size))
-                continue
-            x0, y0 = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
-            x1, y1 = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 3, size)
-            if x0 < x1 and y0 < y1:
-                regions.append((int(x0), int(y0), int(x1), int(y1)))
-        return regions
+        pixels = np.concatenate([self.lens.project(pose, solid.outline(pose[:3, 3])) for pose, solid in ends])
+        if np.isnan(pixels).any():  # extends beyond the lens's range, wholly or in part
+            return (0, 0, 0, 0) if np.isnan(pixels).all() else (0, 0, *size)
+        x0, y0 = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
+        x1, y1 = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 3, size)
+        return int(x0), int(y0), int(x1), int(y1)
 
     def _cast(
         self,
         poses: list[Array],
-        scenes: list[Solids],
+        scenes: Sequence[Solids],
         instants: NDArray[np.int64],
         region: tuple[int, int, int, int],
         image: NDArray[np.float32],
     ) -> None:
-        textured = [solid for solid in scenes[0].all if solid.paint.pattern == "textured"]
+        textured = [solid for solid in scenes[0] if solid.paint.pattern == "textured"]
         textures = [self._walls, *(self._texture(solid, poses[0][:3, 3]) for solid in textured)]
         texels = np.concatenate([texture.reshape(-1, 3) for texture in textures])
         sizes = np.array([texture.shape[:2] for texture in textures])
         rows = np.array([np.concatenate([pose[:3, :3].ravel(), pose[:3, 3]]) for pose in poses])
-        solids = _packed(scenes)
-        _cast(self.lens.rays, rows, *solids, self._room, texels, sizes, np.array(region), instants, LIGHT, image)
+        solids = np.array([_rows(scene) for scene in scenes])
+        _cast(self.lens.rays, rows, solids, self._room, texels, sizes, np.array(region), instants, LIGHT, image)
 
     def _texture(self, solid: Solid, eye: Array) -> NDArray[np.float32]:
         """As wide as the solid's circumference or width is in the first image."""
@@ -257,82 +293,29 @@ class RayCaster:
         return photograph(self._data, solid.paint.photo, self._texture_px[solid.paint.photo])
 
 
-def outline(solid: Solid, eye: Array) -> Array:
-    """Return points (n, 3) whose image encloses that of a solid: a ball's rim seen from `eye`, or corners."""
-    signs = (-1, 1)
-    if isinstance(solid, Panel):
-        return solid.center + np.array([a * solid.right + b * solid.down for a in signs for b in signs])
-    if isinstance(solid, Cylinder):
-        across = solid.radius_m * np.linalg.svd(solid.half[None])[2][1:]
-        corners = [solid.half * c + a * across[0] + b * across[1] for a in signs for b in signs for c in signs]
-        return np.asarray(solid.center + corners)
-    sight = solid.center - eye
-    distance = float(np.linalg.norm(sight))
-    if distance <= solid.radius_m:
-        return np.full((1, 3), np.nan)
-    sine = solid.radius_m / distance
-    first = np.cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
-    first /= np.linalg.norm(first)
-    second = np.cross(sight / distance, first)
-    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)[:, None]
-    rim_radius = solid.radius_m * np.sqrt(1 - sine**2)
-    return solid.center - sight * sine**2 + rim_radius * (np.cos(angle) * first + np.sin(angle) * second)
-
-
-def visible_share(
-    lens: FilmLens, T_stage_camera: Array, solids: Solids, solid: Ball | Panel, static_panels: tuple[Panel, ...]
-) -> float:
+def visible_share(lens: FilmLens, T_stage_camera: Array, solids: Solids, solid: Ball | Panel) -> float:
     """Return the share of the image of one of the solids that is inside the picture and not occluded."""
     eye = T_stage_camera[:3, 3]
-    if isinstance(solid, Ball):
-        rim = outline(solid, eye)
-        if np.isnan(rim).any():
-            return 0.0
-        middle = rim.mean(axis=0)
-        angle = 2.399963 * np.arange(256)[:, None]  # golden angle: points spread evenly over the disc
-        radius = np.sqrt((np.arange(256)[:, None] + 0.5) / 256)
-        points = middle + radius * (np.cos(angle) * (rim[0] - middle) + np.sin(angle) * (rim[12] - middle))
-    else:
-        s, t = np.meshgrid(np.linspace(-0.97, 0.97, 16), np.linspace(-0.97, 0.97, 16))
-        points = solid.center + s.reshape(-1, 1) * solid.right + t.reshape(-1, 1) * solid.down
+    points = solid.sample(eye)
+    if not len(points):
+        return 0.0
     pixels = lens.project(T_stage_camera, points)
     inside = np.all((pixels > -0.5) & (pixels < np.array([lens.width, lens.height]) - 0.5), axis=1)
-    balls = tuple(ball for ball in solids.balls if ball is not solid)
-    panels = (*(panel for panel in solids.panels if panel is not solid), *static_panels)
-    occluders = _packed([Solids(balls, panels, solids.cylinders)])
-    distance, _ = first_hits(eye, points - eye, *(rows[0] for rows in occluders))
-    return float(np.mean(inside & (distance >= 1)))
+    occluders = tuple(occluder for occluder in solids if occluder is not solid)
+    return float(np.mean(inside & (first_hits(eye, points - eye, _rows(occluders))[0] >= 1)))
 
 
-def _packed(scenes: list[Solids]) -> tuple[Array, Array, Array]:
-    """Balls (k, n, 22), panels (k, m, 21) and cylinders (k, l, 17): rows of `raycast`, paint, and a ball's rotation.
-
-    Texture 0 is the walls'; textured solids count from 1 in the order of `Solids.all`.
-    """
-    balls = np.zeros((len(scenes), len(scenes[0].balls), 22))
-    panels = np.zeros((len(scenes), len(scenes[0].panels), 21))
-    cylinders = np.zeros((len(scenes), len(scenes[0].cylinders), 17))
-    for k, scene in enumerate(scenes):
-        texture = 0
-        for row, ball in zip(balls[k], scene.balls, strict=True):
-            texture += ball.paint.pattern == "textured"
-            row[:4] = ball_row(ball.center, ball.radius_m)
-            row[4:13] = _paint_columns(ball.paint, texture)
-            row[13:22] = ball.R_stage_body.T.ravel()
-        for row, panel in zip(panels[k], scene.panels, strict=True):
-            texture += panel.paint.pattern == "textured"
-            row[:12] = panel_row(panel.center, panel.right, panel.down)
-            row[12:21] = _paint_columns(panel.paint, texture)
-        for row, cylinder in zip(cylinders[k], scene.cylinders, strict=True):
-            texture += cylinder.paint.pattern == "textured"
-            half_m = float(np.linalg.norm(cylinder.half))
-            row[:8] = cylinder_row(cylinder.center, cylinder.half / half_m, cylinder.radius_m, 2 * half_m)
-            row[8:17] = _paint_columns(cylinder.paint, texture)
-    return balls, panels, cylinders
-
-
-def _paint_columns(paint: Paint, texture: int) -> list[float]:
-    return [float(PATTERNS.index(paint.pattern)), float(texture), *paint.color, *paint.color2, paint.count]
+def _rows(solids: Solids) -> Array:
+    """(n, 31) rows of `raycast`, paint (9) and rotation (9); texture 0 is the walls', those of solids count from 1."""
+    rows = np.empty((len(solids), COLUMNS + 18))
+    texture = 0
+    for row, solid in zip(rows, solids, strict=True):
+        paint = solid.paint
+        texture += paint.pattern == "textured"
+        rotation = solid.R_stage_body.T if isinstance(solid, Ball) else np.eye(3)
+        pattern = PATTERNS.index(paint.pattern)
+        row[:] = [*solid.row, pattern, texture, *paint.color, *paint.color2, paint.count, *rotation.ravel()]
+    return rows
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", inline="always")
@@ -372,7 +355,7 @@ def _texel(texels, start, h, w, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _cast(rays, poses, balls, panels, cylinders, room, texels, sizes, region, instants, lamp, image):  # type: ignore[no-untyped-def]
+def _cast(rays, poses, solids, room, texels, sizes, region, instants, lamp, image):  # type: ignore[no-untyped-def]
     """Write the mean colour of the samples of each pixel of a region into the image."""
     side = instants.shape[0]
     weight = 1 / (side * side)
@@ -388,30 +371,22 @@ def _cast(rays, poses, balls, panels, cylinders, room, texels, sizes, region, in
             for j in range(side):
                 for i in range(side):
                     k = instants[j, i]
+                    R = poses[k]
                     su = (i + 0.5) / side - 0.5
                     sv = (j + 0.5) / side - 0.5
                     a = rays[y + 1, x + 1, 0] + su * ax + sv * bx
                     b = rays[y + 1, x + 1, 1] + su * ay + sv * by
-                    ox = poses[k, 9]
-                    oy = poses[k, 10]
-                    oz = poses[k, 11]
-                    dx = poses[k, 0] * a + poses[k, 1] * b + poses[k, 2]
-                    dy = poses[k, 3] * a + poses[k, 4] * b + poses[k, 5]
-                    dz = poses[k, 6] * a + poses[k, 7] * b + poses[k, 8]
-                    t, index = first_hit(ox, oy, oz, dx, dy, dz, balls[k], panels[k], cylinders[k])
-                    px = ox + t * dx
-                    py = oy + t * dy
-                    pz = oz + t * dz
-                    panel = index - balls.shape[1]
-                    cylinder = panel - panels.shape[1]
-                    if index < 0:
-                        color = _wall(ox, oy, oz, dx, dy, dz, room, texels, sizes[0, 0], sizes[0, 1])
-                    elif panel < 0:
-                        color = _ball_color(balls, k, index, px, py, pz, texels, sizes, lamp)
-                    elif cylinder < 0:
-                        color = _panel_color(panels, k, panel, px, py, pz, texels, sizes, lamp)
+                    dx = R[0] * a + R[1] * b + R[2]
+                    dy = R[3] * a + R[4] * b + R[5]
+                    dz = R[6] * a + R[7] * b + R[8]
+                    t, n = first_hit(R[9], R[10], R[11], dx, dy, dz, solids[k])
+                    if n < 0:
+                        color = _wall(R[9], R[10], R[11], dx, dy, dz, room, texels, sizes[0, 0], sizes[0, 1])
                     else:
-                        color = _cylinder_color(cylinders, k, cylinder, px, py, pz, texels, sizes, lamp)
+                        px = R[9] + t * dx - solids[k, n, 1]
+                        py = R[10] + t * dy - solids[k, n, 2]
+                        pz = R[11] + t * dz - solids[k, n, 3]
+                        color = _color(solids[k, n], px, py, pz, texels, sizes, lamp)
                     red += color[0]
                     green += color[1]
                     blue += color[2]
@@ -438,60 +413,30 @@ def _wall(ox, oy, oz, dx, dy, dz, room, texels, h, w):  # type: ignore[no-untype
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _ball_color(balls, k, n, x, y, z, texels, sizes, lamp):  # type: ignore[no-untyped-def]
-    """Lambert's shading of a ball's paint, which turns with it, at a point of its surface."""
-    r = balls[k, n, 3]
-    nx = (x - balls[k, n, 0]) / r
-    ny = (y - balls[k, n, 1]) / r
-    nz = (z - balls[k, n, 2]) / r
-    shade = AMBIENT + (1 - AMBIENT) * max(nx * lamp[0] + ny * lamp[1] + nz * lamp[2], 0.0)
-    px = balls[k, n, 13] * nx + balls[k, n, 14] * ny + balls[k, n, 15] * nz
-    py = balls[k, n, 16] * nx + balls[k, n, 17] * ny + balls[k, n, 18] * nz
-    pz = balls[k, n, 19] * nx + balls[k, n, 20] * ny + balls[k, n, 21] * nz
-    u = 0.5 * (np.arctan2(py, px) / np.pi + 1)
-    v = np.arcsin(min(max(pz, -1.0), 1.0)) / np.pi + 0.5
-    if balls[k, n, 4] == 1:
-        u = 0.5 * (px + 1)
-    return _painted(balls, k, n, 4, u, v, 2.0, shade, texels, sizes)
-
-
-@njit(cache=True, fastmath=FAST, error_model="numpy")
-def _panel_color(panels, k, n, x, y, z, texels, sizes, lamp):  # type: ignore[no-untyped-def]
-    """The same of a panel, either side."""
-    nx = panels[k, n, 9]
-    ny = panels[k, n, 10]
-    nz = panels[k, n, 11]
-    cosine = abs(nx * lamp[0] + ny * lamp[1] + nz * lamp[2]) / np.sqrt(nx * nx + ny * ny + nz * nz)
-    u, v = panel_coordinates(panels[k], n, x, y, z)
-    shade = AMBIENT + (1 - AMBIENT) * cosine
-    return _painted(panels, k, n, 12, 0.5 * (u + 1), 0.5 * (v + 1), 1.0, shade, texels, sizes)
-
-
-@njit(cache=True, fastmath=FAST, error_model="numpy")
-def _cylinder_color(cylinders, k, n, x, y, z, texels, sizes, lamp):  # type: ignore[no-untyped-def]
-    """The same of a cylinder; u runs along its axis, v around it."""
-    ax = cylinders[k, n, 3]
-    ay = cylinders[k, n, 4]
-    az = cylinders[k, n, 5]
-    half = cylinders[k, n, 7]
-    x, y, z = difference(x, y, z, cylinders[k, n, 0], cylinders[k, n, 1], cylinders[k, n, 2])
-    along = x * ax + y * ay + z * az
-    nx, ny, nz = difference(x, y, z, along * ax, along * ay, along * az)
-    if abs(along) > half * (1 - 1e-9):
-        nx = along * ax
-        ny = along * ay
-        nz = along * az
-    cosine = (nx * lamp[0] + ny * lamp[1] + nz * lamp[2]) / np.sqrt(nx * nx + ny * ny + nz * nz)
+def _color(solid, x, y, z, texels, sizes, lamp):  # type: ignore[no-untyped-def]
+    """Colour of a solid's paint, with Lambert's shading, at a point of its surface given from its centre."""
+    kind = solid[0]
+    nx, ny, nz = unit_normal(solid, x, y, z)
+    cosine = dot(nx, ny, nz, lamp[0], lamp[1], lamp[2])
+    aspect = 1.0  # squares along u for each along v
+    if kind == BALL:
+        px = dot(solid[22], solid[23], solid[24], nx, ny, nz)
+        py = dot(solid[25], solid[26], solid[27], nx, ny, nz)
+        pz = dot(solid[28], solid[29], solid[30], nx, ny, nz)
+        u = 0.5 * (px + 1) if solid[13] == 1 else 0.5 * (np.arctan2(py, px) / np.pi + 1)
+        v = np.arcsin(min(max(pz, -1.0), 1.0)) / np.pi + 0.5
+        aspect = 2.0
+    elif kind == PANEL:  # alike on both sides
+        cosine = abs(cosine)
+        right, down = panel_coordinates(solid, x, y, z)
+        u = 0.5 * (right + 1)
+        v = 0.5 * (down + 1)
+    else:  # u along the axis, v around it
+        u = 0.5 * (dot(x, y, z, solid[4], solid[5], solid[6]) / solid[8] + 1)
+        v = 0.5 * (np.arctan2(nx, nz) / np.pi + 1)
     shade = AMBIENT + (1 - AMBIENT) * max(cosine, 0.0)
-    v = 0.5 * (np.arctan2(nx, nz) / np.pi + 1)
-    return _painted(cylinders, k, n, 8, 0.5 * (along / half + 1), v, 1.0, shade, texels, sizes)
-
-
-@njit(cache=True, fastmath=FAST, error_model="numpy")
-def _painted(solids, k, n, start, u, v, aspect, shade, texels, sizes):  # type: ignore[no-untyped-def]
-    """Colour of a surface at u, v (0 … 1): pattern, texture, two colours; `aspect` times as many squares along u."""
-    if solids[k, n, start] == 3:
-        texture = int(solids[k, n, start + 1])
+    if solid[13] == 3:
+        texture = int(solid[14])
         begin = 0
         for m in range(texture):
             begin += sizes[m, 0] * sizes[m, 1]
@@ -499,11 +444,10 @@ def _painted(solids, k, n, start, u, v, aspect, shade, texels, sizes):  # type: 
         w = sizes[texture, 1]
         color = _texel(texels, begin, h, w, u * w - 0.5, v * h - 0.5)
         return shade * color[0], shade * color[1], shade * color[2]
-    is_second = False
-    count = solids[k, n, start + 8]
-    if solids[k, n, start] == 1:
-        is_second = int(np.floor(u * 2 * count)) % 2 == 1
-    elif solids[k, n, start] == 2:
-        is_second = (int(np.floor(u * aspect * count)) + int(np.floor(v * count))) % 2 == 1
-    first = start + (5 if is_second else 2)
-    return shade * solids[k, n, first], shade * solids[k, n, first + 1], shade * solids[k, n, first + 2]
+    first = 15
+    count = solid[21]
+    if solid[13] == 1:
+        first += 3 * (int(np.floor(u * 2 * count)) % 2)
+    elif solid[13] == 2:
+        first += 3 * ((int(np.floor(u * aspect * count)) + int(np.floor(v * count))) % 2)
+    return shade * solid[first], shade * solid[first + 1], shade * solid[first + 2]

@@ -18,7 +18,6 @@ from pps_vision.experiments.films.caster import (
     Paint,
     Panel,
     RayCaster,
-    Room,
     Solid,
     Solids,
     visible_share,
@@ -50,7 +49,7 @@ _FINENESS = {"plain": 4, "striped": 5, "chequered": 5}  # of balls; a pattern's 
 _NECK_AT_REST = {"neck_pitch": 0.0, "neck_yaw": 0.0, "neck_roll": 0.0}
 _INSTANT_S = 1e-4  # over which velocities are differences
 _T_STAGE_ROOT = np.linalg.inv(T_ROOT_STAGE_HEAD)
-_EYES_ROOM = Room(0, 1.3)
+_FRONT_WALL_M = 1.3
 _ROUND = 1.05  # largest ratio of the extents of a prop that is a ball
 _POINT_M = 1e-4
 
@@ -101,8 +100,8 @@ class RenderedFilm(Film):
             empty = eyes.render(SceneState(configuration(self.head_joints(0.0))), 0.0)
         return np.asarray(empty.left.mean(axis=(0, 1)))
 
-    def _all_solids(self, t_s: float) -> tuple[Solid, ...]:
-        return (*self.solids(t_s).all, *self.static_panels)
+    def _all_solids(self, t_s: float) -> Solids:
+        return (*self.solids(t_s), *self.static)
 
     def _state(self, t_s: float) -> SceneState:
         """The scene for the renderer, with the velocities that blur it."""
@@ -184,7 +183,7 @@ def _rotation_of(solid: Solid) -> Array:
 
 def eyes_of(source: SceneSource, photo: int) -> Callable[..., Any]:
     """Return the class that draws the eyes' views, called like `Eyes`; `photo` is the background of the ray caster."""
-    return Eyes if source == "rendered" else partial(RayCastEyes, room=replace(_EYES_ROOM, photo=photo))
+    return Eyes if source == "rendered" else partial(RayCastEyes, photo=photo)
 
 
 def own_body_of(source: SceneSource, robot: Robot) -> Silhouette:
@@ -215,7 +214,7 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
         carrier: str = "none",
         sensor: Sensor | None = None,
         props: tuple[tuple[Part, ...], ...] = (),
-        room: Room = _EYES_ROOM,
+        photo: int = 0,
         data: Path = DATA,
     ) -> None:
         if carrier != "none":
@@ -225,7 +224,7 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
         self._joint_names = robot.joint_names
         self._sensor = sensor or Sensor()
         self._lenses = (_film_lens(rig.left), _film_lens(rig.right))
-        self._casters = [RayCaster(lens, room, data) for lens in self._lenses]
+        self._casters = [RayCaster(lens, photo, data, _FRONT_WALL_M) for lens in self._lenses]
         self._props = [_prop(parts) for parts in props]
         self._tape: Array | None = None
         self._radius_m = stimulus.radius_m
@@ -260,12 +259,10 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
             nowhere = np.full(2, np.nan)
             return Truth(stamp_s, np.full(3, np.nan), state.velocity, self._radius_m, nowhere, nowhere, False, False)
         solids = self._solids(state)
-        ball, *others = solids.balls
-        middle = Ball(ball.center, _POINT_M, ball.paint)
-        scene = Solids((middle, *others), solids.panels)
+        middle = Ball(solids[0].center, _POINT_M, self._paint)
         views = list(zip(self._lenses, self._poses(state), strict=True))
-        left_px, right_px = (lens.project(pose, ball.center)[0] for lens, pose in views)
-        visible = [visible_share(lens, pose, scene, middle, ()) > 0.5 for lens, pose in views]
+        left_px, right_px = (lens.project(pose, middle.center)[0] for lens, pose in views)
+        visible = [visible_share(lens, pose, solids[1:], middle) > 0.5 for lens, pose in views]
         return Truth(stamp_s, state.position, state.velocity, self._radius_m, left_px, right_px, *visible)
 
     def _poses(self, state: SceneState) -> tuple[Array, Array]:
@@ -276,15 +273,13 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
         """The stimulus first, then the placed props."""
         if len(state.props) > len(self._props):
             raise ValueError(f"the scene's state places {len(state.props)} props; there are {len(self._props)}")
-        solids: list[Ball | Panel] = []
+        solids: list[Solid] = []
         if state.position is not None:
             rotation = np.eye(3) if state.rotation is None else state.rotation
             R_stage_body = _T_STAGE_ROOT[:3, :3] @ rotation
             solids.append(Ball(_to_stage(state.position), self._radius_m, self._paint, R_stage_body))
         placed = zip(state.props, self._props, strict=False)
-        solids += [prop(place) for place, prop in placed if place is not None]
-        balls = tuple(solid for solid in solids if isinstance(solid, Ball))
-        return Solids(balls, tuple(solid for solid in solids if isinstance(solid, Panel)))
+        return (*solids, *(prop(place) for place, prop in placed if place is not None))
 
 
 def _to_stage(p_root: Array) -> Array:

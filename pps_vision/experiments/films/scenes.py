@@ -24,9 +24,7 @@ from pps_vision.experiments.films.caster import (
     Panel,
     Pattern,
     RayCaster,
-    Room,
     Solids,
-    outline,
     photograph,
     visible_share,
 )
@@ -39,6 +37,11 @@ from pps_vision.types import Array, Image, StereoFrame, Truth
 TimedPath = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
 VISIBLE_SHARE = 0.5  # an eye sees the object if this share of its image is visible
 HALF_BASELINE_M = 0.034  # of the iCub's eyes
+FOCAL = 0.86  # focal length as a share of the width
+_BASELINE_M = 0.12  # between the eyes of a rig without a head
+_DISTORTION = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])  # of the left eye
+_ROTATION_RAD = np.deg2rad(1.0)  # amplitude of a rotating rig about the vertical axis
+_ROTATION_HZ = 0.5
 CARDBOARD: Levels = (140.0, 107.0, 71.0)
 FINGER: Levels = (150.0, 150.0, 150.0)
 FINGER_RADIUS_M = 0.008
@@ -72,16 +75,11 @@ class FilmScene:
 
     width: int = 640  # of the images, px
     height: int = 480  # px
-    focal: float = 0.86  # focal length as a share of the width
-    distortion: tuple[float, float, float, float, float] = (-0.12, 0.05, 0.0006, -0.0004, 0.0)  # of the left eye
-    baseline_m: float = 0.12  # distance between the eyes; the head's is 68 mm
     fps: float = 30.0  # pairs a second
     seconds: float = 4.0  # length of the film
 
     rig: Literal["fixed", "rotating", "shaking", "head"] = "fixed"  # head: an iCub's neck and eyes
     rig_known: bool = False  # whether the tracker gets the pose of a rotating or shaking rig; else it is declared fixed
-    rotation_deg: float = 1.0  # amplitude of the rotating rig about the vertical axis
-    rotation_hz: float = 0.5  # its frequency
     shake_deg: float = 0.1  # standard deviation of the shaking rig about each axis
     head_deg: float = 8.0  # amplitude of the neck's yaw; the other joints of neck and eyes move less
     stale_s: float = 0.0  # age of the joints that come with an image
@@ -89,7 +87,6 @@ class FilmScene:
     shape: Literal["ball", "square"] = "ball"  # the square faces the eyes, slightly turned
     radius_m: float = 0.03  # of the ball; half the side of the square
     color: Levels | Literal["background"] = (205.0, 30.0, 25.0)  # background: the mean of the photograph
-    color2: Levels = (235.0, 235.0, 235.0)  # second colour of a pattern
     pattern: Pattern = "plain"  # of the object
     texture: int = 1  # photograph (index) of a textured object
     spin_rad_s: float = 0.0  # rotation about an oblique axis (ball) or in its plane (square)
@@ -105,7 +102,6 @@ class FilmScene:
     distance_m: float = 0.6  # from the eyes to the middle of the motion
 
     background: int = 0  # photograph (index) on the walls
-    ahead_m: float = 1.6  # distance of the front wall
     shutter_s: float = 0.0  # exposure centred on the stamp: motion blur
     gain_drift: float = 0.0  # amplitude of a 0.2 Hz change of the gain, a quarter period later in the right eye
     flicker: float = 0.0  # amplitude of the light's 100 Hz flicker
@@ -147,13 +143,12 @@ def lenses(scene: FilmScene) -> tuple[FilmLens, FilmLens]:
     """Return left and right lens; slightly different, as real lenses are."""
     w = scene.width
     h = scene.height
-    f = scene.focal * w
+    f = FOCAL * w
     left, right = (
         np.array([[f * scale, 0, (w - 1) / 2 + du], [0, f * scale, (h - 1) / 2 + dv], [0, 0, 1.0]])
         for scale, du, dv in _LENSES
     )
-    distortion = np.array(scene.distortion)
-    return FilmLens(w, h, left, distortion), FilmLens(w, h, right, 0.9 * distortion)
+    return FilmLens(w, h, left, _DISTORTION), FilmLens(w, h, right, 0.9 * _DISTORTION)
 
 
 class Film:
@@ -182,7 +177,7 @@ class Film:
         if self.scene.rig == "head":
             return icub_rig(load_icub(), left, right)
         T_left_right = np.eye(4)
-        T_left_right[0, 3] = self.scene.baseline_m
+        T_left_right[0, 3] = _BASELINE_M
         if not self.scene.rig_known:
             return StereoRig.fixed(left, right, T_left_right)
         return StereoRig(left, right, lambda pose: _eye_poses_of(pose, T_left_right))
@@ -209,7 +204,7 @@ class Film:
         if self.scene.rig == "head":
             return T_ROOT_STAGE_HEAD
         T = np.eye(4)
-        T[0, 3] = self.scene.baseline_m / 2
+        T[0, 3] = _BASELINE_M / 2
         return T
 
     def head_joints(self, t_s: float) -> dict[str, float]:
@@ -230,15 +225,14 @@ class Film:
         T_left = np.eye(4)
         T_left[:3, :3] = _rotation(self.rig_rotation(self.scene.rig, t_s))
         T_right = T_left.copy()
-        T_left[:3, 3] = T_left[:3, :3] @ np.array([-0.5 * self.scene.baseline_m, 0, 0])
-        T_right[:3, 3] = T_left[:3, :3] @ np.array([0.5 * self.scene.baseline_m, 0, 0])
+        T_left[:3, 3] = -0.5 * _BASELINE_M * T_left[:3, 0]
+        T_right[:3, 3] = 0.5 * _BASELINE_M * T_left[:3, 0]
         return T_left, T_right
 
     def rig_rotation(self, rig: str, t_s: float) -> Array:
         """Return the rotation vector (3,) of a rotating or shaking rig (rad)."""
         if rig == "rotating":
-            phase = 2 * np.pi * self.scene.rotation_hz * t_s
-            return np.array([0, np.deg2rad(self.scene.rotation_deg) * np.sin(phase), 0])
+            return np.array([0, _ROTATION_RAD * np.sin(2 * np.pi * _ROTATION_HZ * t_s), 0])
         return self._shake(t_s) if rig == "shaking" else np.zeros(3)
 
     @cached_property
@@ -251,38 +245,37 @@ class Film:
         if isinstance(color, str):
             r, g, b = self._background_mean.tolist()
             color = (r / 0.75, g / 0.75, b / 0.75)  # shading leaves three quarters of a ball's paint
-        return Paint(color, self.scene.pattern, self.scene.color2, 3, self.scene.texture)
+        return Paint(color, self.scene.pattern, photo=self.scene.texture)
 
     @cached_property
-    def static_panels(self) -> tuple[Panel, ...]:
+    def static(self) -> Solids:
         """The board, at two thirds of the object's distance, as wide as to hide it from both eyes at once."""
         scene = self.scene
         if scene.hidden_s == 0:
             return ()
         nearer = 0.67
         half = 0.5 * nearer * (scene.speed_m_s * scene.hidden_s + 2 * scene.radius_m)
-        half += 0.5 * (1 - nearer) * scene.baseline_m
+        half += 0.5 * (1 - nearer) * _BASELINE_M
         middle = np.array([0.0, 0.0, nearer * scene.distance_m])
         return (Panel(middle, np.array([half, 0, 0]), np.array([0, 0.5, 0]), Paint(CARDBOARD)),)
 
     def solids(self, t_s: float) -> Solids:
-        """Return the moving solids; the object comes first."""
+        """Return the moving solids: the object, a second ball, a finger."""
         scene = self.scene
         p = self._path(t_s)[0]
         if scene.shape == "square":
             axes = _rotation(np.array([*self._tilt, scene.spin_rad_s * t_s])) * scene.radius_m
-            return Solids((), (Panel(p, axes[:, 0], axes[:, 1], self._paint),))
+            return (Panel(p, axes[:, 0], axes[:, 1], self._paint),)
         R = _rotation(self._turn_axis * scene.spin_rad_s * t_s)
-        balls = [Ball(p, scene.radius_m, self._paint, R)]
+        solids: list[Ball | Cylinder] = [Ball(p, scene.radius_m, self._paint, R)]
         if scene.second_ball:
             mirrored = 2 * np.array([0, 0, scene.distance_m]) - p
-            balls.append(Ball(mirrored + np.array([0, 0, 0.15]), scene.radius_m, self._paint, R))
-        return Solids(tuple(balls), cylinders=(self._finger(p),) if scene.finger else ())
-
-    def _finger(self, p: Array) -> Cylinder:
-        """The cylinder that begins within an object at `p` (3,)."""
-        half = 0.5 * FINGER_LENGTH_M * _FINGER_AXIS
-        return Cylinder(p + 0.8 * self.scene.radius_m * _FINGER_AXIS + half, half, FINGER_RADIUS_M, Paint(FINGER))
+            solids.append(Ball(mirrored + np.array([0, 0, 0.15]), scene.radius_m, self._paint, R))
+        if scene.finger:  # begins within the object
+            half = 0.5 * FINGER_LENGTH_M * _FINGER_AXIS
+            middle = p + 0.8 * scene.radius_m * _FINGER_AXIS + half
+            solids.append(Cylinder(middle, half, FINGER_RADIUS_M, Paint(FINGER)))
+        return tuple(solids)
 
     @cached_property
     def _truths_and_shares(self) -> tuple[tuple[tuple[Truth, ...], Array], ...]:
@@ -295,11 +288,11 @@ class Film:
         rows = []
         shares = []
         for t in self.stamps_s.tolist():
-            solids = self.solids(t)
-            objects: tuple[Ball | Panel, ...] = (*solids.balls, *solids.panels)
-            solid = objects[k]
+            solids = (*self.solids(t), *self.static)
+            solid = solids[k]
+            assert not isinstance(solid, Cylinder)
             views = list(zip(self._lenses, self.eye_poses(t), strict=True))
-            share = [visible_share(lens, pose, solids, solid, self.static_panels) for lens, pose in views]
+            share = [visible_share(lens, pose, solids, solid) for lens, pose in views]
             left_px, right_px = (lens.project(pose, solid.center)[0] for lens, pose in views)
             visible = [value >= VISIBLE_SHARE for value in share]
             p_root = R @ solid.center + self.T_root_stage[:3, 3]
@@ -332,10 +325,10 @@ class Film:
         share = self.share.min(axis=1)
         k = int(np.argmax(share >= min(0.99, float(share.max()))))
         t = float(self.stamps_s[k])
-        solid = self.solids(t).all[0]
+        solid = self.solids(t)[0]
         boxes = []
         for lens, pose in zip(self._lenses, self.eye_poses(t), strict=True):
-            rim = lens.project(pose, outline(solid, pose[:3, 3])) + 0.5  # pixel centres are whole numbers
+            rim = lens.project(pose, solid.outline(pose[:3, 3])) + 0.5  # pixel centres are whole numbers
             x0, y0 = rim.min(axis=0).clip(0)
             x1, y1 = rim.max(axis=0).clip(None, (lens.width, lens.height))
             boxes.append((float(x0), float(y0), float(x1 - x0), float(y1 - y0)))
@@ -347,8 +340,7 @@ class Film:
 
     def __iter__(self) -> Iterator[StereoFrame]:
         """Yield the frames in the order of their stamps."""
-        room = Room(self.scene.background, self.scene.ahead_m)
-        casters = [RayCaster(lens, room, self.data) for lens in self._lenses]
+        casters = [RayCaster(lens, self.scene.background, self.data) for lens in self._lenses]
         rng = np.random.default_rng((self.seed, 1))
         tape = noise_tape(rng)
         for t in self.stamps_s.tolist():
@@ -360,7 +352,7 @@ class Film:
         n = INSTANTS if self.scene.shutter_s > 0 else 1
         instants = t + self.scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
         poses = [self.eye_poses(instant)[eye] for instant in instants]
-        light = caster.light(poses, [self.solids(instant) for instant in instants], self.static_panels)
+        light = caster.light(poses, [self.solids(instant) for instant in instants], self.static)
         return self.scene.sensor.expose(light, self.gain(eye, t), rng, tape)
 
     def gain(self, eye: int, t_s: float) -> float:
@@ -460,4 +452,4 @@ def make_path(scene: FilmScene, rng: np.random.Generator) -> TimedPath:
 
 def _out_of_view_m(scene: FilmScene) -> float:
     """Distance to the side at which the object is just out of both eyes' view."""
-    return 0.5 * scene.distance_m / scene.focal + scene.baseline_m / 2 + 1.5 * scene.radius_m
+    return 0.5 * scene.distance_m / FOCAL + _BASELINE_M / 2 + 1.5 * scene.radius_m

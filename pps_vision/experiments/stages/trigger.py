@@ -17,7 +17,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.films.recordings import FPS, Footage, from_film
-from pps_vision.experiments.films.scenes import Film, FilmScene
+from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
 from pps_vision.experiments.films.sensor import SensorChain
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, Values, compare, mean, percent
@@ -47,7 +47,6 @@ _CALM_S = 10.0
 _NEAR_PX = 4.0  # largest distance between a region and the ball's path
 _OWN_SHARE = 0.3  # share of a region on the robot itself above which it is no alarm
 _HEAD_RATE = 3.9  # fastest turn of a film's head per amplitude, 1/s
-_FOCAL = 0.86  # focal length of a film per image width
 _METRICS = {
     "alarms_per_minute": Metric("alarm", lambda values: 60 * FPS * mean(values)),
     "found_in_3_percent": Metric("delay", lambda values: percent(values <= 3)),
@@ -118,7 +117,7 @@ def film_scene(
         motion="straight" if px_per_frame else "still",
         start="rest",
         rest_s=(STARTS - 1) / FPS,
-        speed_m_s=px_per_frame * FPS * distance / (_FOCAL * 320),
+        speed_m_s=px_per_frame * FPS * distance / (FOCAL * 320),
         distance_m=distance,
         background=int(rng.integers(0, 100)),
         gain_drift=0.1,

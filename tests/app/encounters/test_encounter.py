@@ -21,7 +21,7 @@ from pps_vision.app.encounters.encounter import (
 )
 from pps_vision.app.encounters.kinematic import can_touch
 from pps_vision.app.simulation import own_rate
-from pps_vision.experiments.films.raycast import CYLINDER_COLUMNS, PANEL_COLUMNS, ball_row, first_hit
+from pps_vision.experiments.films.raycast import ball_row, first_hits
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array
@@ -110,12 +110,10 @@ def test_what_a_body_hides_is_counted_ray_by_ray(scene: EncounterScene) -> None:
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
     assert scene.hidden_share(posture, eye, middle - 0.1 * ahead, 0.03) == 0, "before it"
     behind = middle + (0.01 + size + 0.03) * ahead
-    balls = ball_row(middle, size)[None]
     angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     turn = rotation_to(behind - eye)
     rim = behind + 0.8 * 0.03 * (np.cos(angles)[:, None] * turn[:, 0] + np.sin(angles)[:, None] * turn[:, 1])
-    none = np.empty((0, PANEL_COLUMNS)), np.empty((0, CYLINDER_COLUMNS))
-    hits = [first_hit(*eye, *(point - eye), balls, *none)[1] >= 0 for point in (behind, *rim)]
+    hits = first_hits(eye, np.array([behind, *rim]) - eye, ball_row(middle, size)[None])[1] >= 0
     assert np.mean(hits) > 0.5
     assert scene.hidden_share(posture, eye, behind, 0.03) >= np.mean(hits)
 
