@@ -64,13 +64,10 @@ class Candidate:
     model: ColorModel
     evidence: float
     flow: Flow2D | None
-    by_color: bool
-    """Whether its colours alone separate it from its surroundings."""
+    by_color: bool  # whether its colours alone separate it from its surroundings
     mask: Mask
-    box: Box
-    """Region of the image of `mask` (h, w)."""
-    is_partly_occluded: bool = False
-    """Whether it appears from behind an occluder, so that a part of it may be hidden."""
+    box: Box  # region of the image of `mask` (h, w)
+    is_partly_occluded: bool = False  # whether it appears from behind an occluder, so that a part of it may be hidden
 
 
 class Acquisition:

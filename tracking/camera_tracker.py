@@ -36,19 +36,14 @@ _MAX_STD_PX = 40.0
 class CameraState(NamedTuple):
     """State of one camera's tracker."""
 
-    target: Target | None = None
-    """State of the image tracker; None before an object is acquired."""
-    offset_px: tuple[float, float] = (0.0, 0.0)
-    """From the projected track to the outline's centre: calibration error."""
-    size_px: float = 0.0
-    """Apparent diameter."""
-    by_background: bool = False
-    """Whether the likelihood is the foreground, since colours do not separate the object."""
+    target: Target | None = None  # state of the image tracker; None before an object is acquired
+    offset_px: tuple[float, float] = (0.0, 0.0)  # from the projected track to the outline's centre: calibration error
+    size_px: float = 0.0  # apparent diameter
+    by_background: bool = False  # whether the likelihood is the foreground, since colours do not separate the object
     ghost_score: float = 0.0
     """Evidence that it is a ghost, the uncovered place of an object that was learned as background: sum over images of
     `learned_edge` − `LEARNED_EDGE`, where it rests."""
-    view: View | None = None
-    """Last pose of the camera."""
+    view: View | None = None  # last pose of the camera
 
     @property
     def is_ghost(self) -> bool:

@@ -95,10 +95,8 @@ class Association:
     params: StereoParams
     gate_var_px2: float
     calibration_var_px2: float
-    outline_var_px2: float = 0.0
-    """Of the last pairs, in excess of the outlines' covariances."""
-    mean_outline_var_px2: float = 0.0
-    """Of all pairs."""
+    outline_var_px2: float = 0.0  # of the last pairs, in excess of the outlines' covariances
+    mean_outline_var_px2: float = 0.0  # of all pairs
     shared_var_px2: float = 0.0
     pairs: int = 0
 

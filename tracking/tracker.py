@@ -99,21 +99,16 @@ class TrackerState(NamedTuple):
     """State of the tracker, without the backgrounds, the cameras' motion and the images of the motion trigger."""
 
     association: Association
-    kalman: KalmanParams
-    """Scaled to the object's distance."""
+    kalman: KalmanParams  # scaled to the object's distance
     appearance: tuple[Appearance, Appearance] | None = None
     cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
     belief: Belief | None = None
-    search_result: tuple[Candidate, Candidate] | None = None
-    """Candidates from which the object was acquired."""
+    search_result: tuple[Candidate, Candidate] | None = None  # candidates from which the object was acquired
     radius_m: float = math.nan
     radius_var_m2: float = math.nan
-    hits: int = 0
-    """Frames in which the object was observed."""
-    observed_s: float = -math.inf
-    """Stamp of the last observation."""
-    stamps_s: Stamps = (-math.inf, -math.inf)
-    """Of the last frame, as are `images` and `view`."""
+    hits: int = 0  # frames in which the object was observed
+    observed_s: float = -math.inf  # stamp of the last observation
+    stamps_s: Stamps = (-math.inf, -math.inf)  # of the last frame, as are `images` and `view`
     images: Fingerprints | None = None
     view: StereoView | None = None
 

@@ -51,12 +51,9 @@ class Job:
 
     name: str
     rec: tuple[str, ...]
-    options: tuple[str, ...]
-    """Options of this recording; they override those of the batch."""
-    folder: Path
-    """Base of relative paths."""
-    row: str = ""
-    """FILE:LINE of a manifest that lists it."""
+    options: tuple[str, ...]  # options of this recording; they override those of the batch
+    folder: Path  # base of relative paths
+    row: str = ""  # FILE:LINE of a manifest that lists it
 
     @property
     def source(self) -> str:

@@ -37,10 +37,8 @@ _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey leve
 class Diagnosis:
     """Counts of the search, likely causes of failure, and remedies."""
 
-    counts: dict[str, int]
-    """`tracking.acquisition.SearchCounts`."""
-    advice: tuple[str, ...]
-    """Likely causes with what to try, the likeliest first."""
+    counts: dict[str, int]  # `tracking.acquisition.SearchCounts`
+    advice: tuple[str, ...]  # likely causes with what to try, the likeliest first
 
     def __str__(self) -> str:
         n = Counter(self.counts)

@@ -46,26 +46,19 @@ class Score:
     """How far a path is from the true one; errors are track minus truth, at the track's stamps."""
 
     name: str
-    compared: int
-    """Positions with a truth at their stamp."""
+    compared: int  # positions with a truth at their stamp
     rmse_mm: float
     median_mm: float
     p95_mm: float
     bias_x_mm: float
     bias_y_mm: float
     bias_z_mm: float
-    lost_share: float
-    """Share of the truth's stamps at which the track has no position."""
-    coverage_95: float
-    """Share of the truth that the stated 95 % ellipsoids hold; NaN without covariances."""
-    nees: float
-    """Mean normalised squared error; 3 for true covariances."""
-    lag_s: float
-    """Seconds by which the track's stamps are late; 0 unless it was estimated."""
-    rows: int
-    """Of the track."""
-    unknown: int
-    """Rows of the track without a position: searching, lost, or empty."""
+    lost_share: float  # share of the truth's stamps at which the track has no position
+    coverage_95: float  # share of the truth that the stated 95 % ellipsoids hold; NaN without covariances
+    nees: float  # mean normalised squared error; 3 for true covariances
+    lag_s: float  # seconds by which the track's stamps are late; 0 unless it was estimated
+    rows: int  # of the track
+    unknown: int  # rows of the track without a position: searching, lost, or empty
 
 
 def read_path(file: Path, fps: float | None = None) -> Path3D:

@@ -40,23 +40,15 @@ class BoxScore:
     """Agreement of boxes with the true ones; measures of a single object are NaN where there are more."""
 
     name: str
-    boxes: int
-    """True boxes."""
-    mean_iou: float
-    """Overlap, 0 where there is no box."""
-    success_auc: float
-    """Area under the success curve."""
-    precision_20px: float
-    """Share of frames whose centre is within 20 px."""
-    center_median_px: float
-    """Of the frames with a box."""
-    missed_share: float
-    """Share of true boxes without a match."""
-    false_share: float
-    """Boxes without a match over true boxes."""
+    boxes: int  # true boxes
+    mean_iou: float  # overlap, 0 where there is no box
+    success_auc: float  # area under the success curve
+    precision_20px: float  # share of frames whose centre is within 20 px
+    center_median_px: float  # of the frames with a box
+    missed_share: float  # share of true boxes without a match
+    false_share: float  # boxes without a match over true boxes
     id_switches: int
-    mota: float
-    """1 − (missed + false + switches) / true boxes."""
+    mota: float  # 1 − (missed + false + switches) / true boxes
 
 
 def read_boxes(file: Path, first_px: int | None = None) -> Boxes:

@@ -20,31 +20,22 @@ class RecordingInfo:
 
     source: str
     pairs: int
-    image_size: tuple[int, int]
-    """Width and height, px."""
+    image_size: tuple[int, int]  # width and height, px
     duration_s: float
-    pairs_per_s: float
-    """By the median interval; NaN for a single pair."""
-    gaps: int
-    """Intervals of more than 1.5 times the median one."""
+    pairs_per_s: float  # by the median interval; NaN for a single pair
+    gaps: int  # intervals of more than 1.5 times the median one
     longest_interval_s: float
-    skew_median_ms: float
-    """Stamp of the right image minus that of the left one."""
+    skew_median_ms: float  # stamp of the right image minus that of the left one
     skew_largest_ms: float
-    robot: bool
-    """Whether it holds the joints of a robot."""
-    cameras_turn_deg: float
-    """Largest turn of the left camera from its first pose by the joints, 0 where there are none."""
-    baseline_m: float
-    """Distance of the cameras; NaN without a calibration."""
+    robot: bool  # whether it holds the joints of a robot
+    cameras_turn_deg: float  # largest turn of the left camera from its first pose by the joints, 0 where there are none
+    baseline_m: float  # distance of the cameras; NaN without a calibration
     focal_px: float
-    field_of_view_deg: float
-    """Horizontal, of the left camera without its distortion."""
+    field_of_view_deg: float  # horizontal, of the left camera without its distortion
     touches: int
     truth_rows: int
     skipped: dict[str, int]
-    calibration_at: str
-    """Where a calibration is expected; empty with one."""
+    calibration_at: str  # where a calibration is expected; empty with one
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:

@@ -81,22 +81,15 @@ class PipelineParams:
 class PipelineState:
     """State carried from frame to frame."""
 
-    learning: LearnerState
-    """The PPS memory and the samples since the last contact."""
-    arms: tuple[ArmState, ...]
-    """State of each arm that responds."""
-    leaning: "_Leaning | None" = None
-    """The lean under way."""
-    searching: SearchState | None = None
-    """Gaze search under way."""
-    last_known_s: float = -np.inf
-    """Stamp of the last frame in which the object was known."""
+    learning: LearnerState  # the PPS memory and the samples since the last contact
+    arms: tuple[ArmState, ...]  # state of each arm that responds
+    leaning: "_Leaning | None" = None  # the lean under way
+    searching: SearchState | None = None  # gaze search under way
+    last_known_s: float = -np.inf  # stamp of the last frame in which the object was known
     last_taxels: tuple[float, Array] | None = None
     """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
-    commands: tuple[JointVelocity, ...] = ()
-    """Commands that may still be obeyed; the last is the last frame's."""
-    last_q_rad: Array | None = None
-    """Predicted joints (n_joints,) when the last command took effect."""
+    commands: tuple[JointVelocity, ...] = ()  # commands that may still be obeyed; the last is the last frame's
+    last_q_rad: Array | None = None  # predicted joints (n_joints,) when the last command took effect
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,21 +113,16 @@ class PipelineStep:
 class Taxels(NamedTuple):
     """The skin's n taxels in the root frame."""
 
-    positions: Array
-    """(n, 3) m."""
-    normals: Array
-    """(n, 3) unit normals."""
-    velocities: Array
-    """(n, 3) m/s."""
+    positions: Array  # (n, 3) m
+    normals: Array  # (n, 3) unit normals
+    velocities: Array  # (n, 3) m/s
 
 
 class _Leaning(NamedTuple):
     """A torso that leans towards an object, or back."""
 
-    home_rad: Array
-    """The torso's joints before the lean."""
-    is_returning: bool = False
-    """Whether the torso turns back to them."""
+    home_rad: Array  # the torso's joints before the lean
+    is_returning: bool = False  # whether the torso turns back to them
 
 
 class _Arm(NamedTuple):
@@ -142,21 +130,18 @@ class _Arm(NamedTuple):
 
     params: AvoidanceParams | ReachingParams
     skin: Skin
-    on_arm: Mask
-    """(n,) which of the robot's taxels it carries."""
+    on_arm: Mask  # (n,) which of the robot's taxels it carries
     bare_links: BareLinks
 
 
 class _ControlInput(NamedTuple):
     """Input of all controllers in one frame."""
 
-    posture: Posture
-    """The robot when the command takes effect."""
+    posture: Posture  # the robot when the command takes effect
     track: Track3D
     activation: Activation
     touched: Mask
-    is_reachable: bool
-    """Whether the reachable-space map calls the object reachable; False without a map."""
+    is_reachable: bool  # whether the reachable-space map calls the object reachable; False without a map
 
 
 class Pipeline:

@@ -78,8 +78,7 @@ class SimulationScene:
     setup: RobotSetup
     eyes: Eyes
     rng: np.random.Generator
-    side: Side
-    """The arm that avoids."""
+    side: Side  # the arm that avoids
 
     @property
     def robot(self) -> Robot:
@@ -132,20 +131,15 @@ class EpisodeLog:
     stamps_s: Array
     status: tuple[Status, ...]
     truth_m: Array
-    track_m: Array
-    """NaN where unknown."""
+    track_m: Array  # NaN where unknown
     track_std_m: Array
-    surface_gap_m: Array
-    """True distance from the object's surface to each taxel's centre."""
+    surface_gap_m: Array  # true distance from the object's surface to each taxel's centre
     activations: Array
-    speed_m_s: Array
-    """Commanded speed of the arm's control point."""
-    arm_commanded: Mask
-    """Whether the arm was commanded to move, the return home included."""
+    speed_m_s: Array  # commanded speed of the arm's control point
+    arm_commanded: Mask  # whether the arm was commanded to move, the return home included
     touched: Mask
     q_rad: Array
-    reachability: tuple[Reachability, ...] = ()
-    """Empty without a reachable-space map."""
+    reachability: tuple[Reachability, ...] = ()  # empty without a reachable-space map
 
     @property
     def was_touched(self) -> bool:

@@ -36,18 +36,12 @@ _KEY_FRAMES = 8  # in a report without a video
 class Extras:
     """Output besides detections.csv and trajectory.csv."""
 
-    also: tuple[Form, ...]
-    """Forms of other tools."""
-    video: bool
-    """overlay.mp4."""
-    viewer: bool
-    """view.rrd."""
-    key_frames: bool
-    """Eight pictures for the report."""
-    reach: "TrackReachability | None"
-    """Columns of reachability in trajectory.csv."""
-    activation: "TrackActivation | None"
-    """activation.csv, and taxels in the pictures."""
+    also: tuple[Form, ...]  # forms of other tools
+    video: bool  # overlay.mp4
+    viewer: bool  # view.rrd
+    key_frames: bool  # eight pictures for the report
+    reach: "TrackReachability | None"  # columns of reachability in trajectory.csv
+    activation: "TrackActivation | None"  # activation.csv, and taxels in the pictures
 
 
 class TrackFiles:

@@ -46,20 +46,13 @@ _AT_HOME_RAD = np.deg2rad(0.2)
 class ArmScene:
     """Robot, arm and memory of an encounter, given to a controller at its start."""
 
-    robot: Robot
-    """Kinematics."""
-    skin: Skin
-    """The arm's n taxels."""
-    side: Side
-    """The arm."""
-    home_rad: Array
-    """(n_joints,) posture at the start."""
-    self_collision: SelfCollision
-    """Distances of the robot's bodies."""
-    of_distance: PPSMemory
-    """Memory of the skin that knows D only."""
-    behaviour: Literal["avoid", "reach"] = "avoid"
-    """Whether the object is to be avoided or to be reached for."""
+    robot: Robot  # kinematics
+    skin: Skin  # the arm's n taxels
+    side: Side  # the arm
+    home_rad: Array  # (n_joints,) posture at the start
+    self_collision: SelfCollision  # distances of the robot's bodies
+    of_distance: PPSMemory  # memory of the skin that knows D only
+    behaviour: Literal["avoid", "reach"] = "avoid"  # whether the object is to be avoided or to be reached for
     reachability: TrackReachability | None = None
     """The arm's reachable-space map; None: everything is taken to be within reach."""
 
@@ -181,12 +174,9 @@ def move_point(scene: ArmScene, posture: Posture, frame: str, point: Array, velo
 class HomeReturn:
     """The way back to the posture at the start, for an arm that has left it by a response."""
 
-    scene: ArmScene
-    """Robot and arm."""
-    per_s: float = _RETURN_PER_S
-    """Rate of the return, of the angles left."""
-    left: bool = False
-    """Whether the arm has responded and is not back."""
+    scene: ArmScene  # robot and arm
+    per_s: float = _RETURN_PER_S  # rate of the return, of the angles left
+    left: bool = False  # whether the arm has responded and is not back
 
     def pull(self, posture: Posture) -> Array:
         """Return joint rates (n_joints,) towards home, the palm at most at the speed of a response."""

@@ -75,30 +75,18 @@ _SHORT_OF_M = 0.05  # from where an object to reach for stops to the would-be co
 class Encounter:
     """One object, one path, one posture."""
 
-    number: int
-    """Of the encounter among those of its seed and condition."""
-    condition: Condition
-    """Motion of the object."""
-    side: Side
-    """The arm it is about."""
-    part: Part
-    """The body part aimed at."""
-    taxel: str
-    """The taxel "part:id" aimed at."""
-    stimulus: StimulusName
-    """The object."""
-    radius_m: float
-    """Its radius."""
-    speed_m_s: float
-    """Its speed."""
-    motion: Motion
-    """Its path."""
-    seconds: float
-    """Length of the encounter."""
-    contact_s: float
-    """When it would touch the arm at rest; inf if it would not."""
-    q_rad: Array
-    """(n_joints,) the robot at the start, its eyes on the object."""
+    number: int  # of the encounter among those of its seed and condition
+    condition: Condition  # motion of the object
+    side: Side  # the arm it is about
+    part: Part  # the body part aimed at
+    taxel: str  # the taxel "part:id" aimed at
+    stimulus: StimulusName  # the object
+    radius_m: float  # its radius
+    speed_m_s: float  # its speed
+    motion: Motion  # its path
+    seconds: float  # length of the encounter
+    contact_s: float  # when it would touch the arm at rest; inf if it would not
+    q_rad: Array  # (n_joints,) the robot at the start, its eyes on the object
 
     @property
     def is_harmless(self) -> bool:

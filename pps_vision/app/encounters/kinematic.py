@@ -31,58 +31,35 @@ _CLEARANCE_M = 0.025  # self-collision distance that our arm keeps
 class EncounterResult:
     """Outcome of an encounter: a row of `--json`."""
 
-    condition: str
-    """What the object did."""
-    number: int
-    """Of the encounter among those of the condition."""
-    controller: str
-    """Name of the controller."""
-    object: str
-    """Name of the object."""
-    speed_m_s: float
-    """Speed of the object."""
-    side: str
-    """The arm."""
-    part: str
-    """The body part aimed at."""
-    taxel: str
-    """The taxel aimed at."""
-    posture_deg: tuple[float, ...]
-    """The arm's joints at the start."""
-    touched: bool
-    """Whether a taxel was touched."""
-    touched_part: str
-    """The body part touched first, or ""."""
-    distance_m: float
-    """Smallest distance left until a touch, over the encounter."""
-    contact_s: float | None
-    """When the object would touch the arm at rest."""
-    first_command_s: float | None
-    """When the arm was first commanded to move."""
-    lead_s: float | None
-    """From the first command to the would-be contact; None without either."""
-    commands: int
-    """Frames in which the arm was commanded to move."""
-    self_distance_m: float
-    """Smallest self-collision distance."""
-    faults: tuple[str, ...]
-    """Limits that were left, rates that are no numbers."""
+    condition: str  # what the object did
+    number: int  # of the encounter among those of the condition
+    controller: str  # name of the controller
+    object: str  # name of the object
+    speed_m_s: float  # speed of the object
+    side: str  # the arm
+    part: str  # the body part aimed at
+    taxel: str  # the taxel aimed at
+    posture_deg: tuple[float, ...]  # the arm's joints at the start
+    touched: bool  # whether a taxel was touched
+    touched_part: str  # the body part touched first, or ""
+    distance_m: float  # smallest distance left until a touch, over the encounter
+    contact_s: float | None  # when the object would touch the arm at rest
+    first_command_s: float | None  # when the arm was first commanded to move
+    lead_s: float | None  # from the first command to the would-be contact; None without either
+    commands: int  # frames in which the arm was commanded to move
+    self_distance_m: float  # smallest self-collision distance
+    faults: tuple[str, ...]  # limits that were left, rates that are no numbers
 
 
 class FrameLog(NamedTuple):
     """One frame of an encounter, for figures."""
 
     t_s: float
-    q_rad: Array
-    """(n_joints,)."""
-    distance_m: Array
-    """(n,) from the object's surface to the taxels' centres."""
-    activations: Array
-    """(n,) of D and TTC, also where a map of D alone moves the arm."""
-    speed_m_s: float
-    """Speed of the taxel with the largest activation, taken as the control point."""
-    touching: bool
-    """Whether a taxel is touched."""
+    q_rad: Array  # (n_joints,)
+    distance_m: Array  # (n,) from the object's surface to the taxels' centres
+    activations: Array  # (n,) of D and TTC, also where a map of D alone moves the arm
+    speed_m_s: float  # speed of the taxel with the largest activation, taken as the control point
+    touching: bool  # whether a taxel is touched
 
 
 class EncounterMonitor:

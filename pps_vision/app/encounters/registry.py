@@ -35,8 +35,7 @@ class Baseline(NamedTuple):
     """A baseline and the ranges that its parameters are drawn from; `TUNED` has their values."""
 
     new: Callable[[ArmScene, ControllerParams], Controller]
-    ranges: Mapping[str, tuple[float, float]]
-    """Uniform, the logarithm of `gain`."""
+    ranges: Mapping[str, tuple[float, float]]  # uniform, the logarithm of `gain`
 
 
 _OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirmation_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}

@@ -27,16 +27,11 @@ _EXPOSURE = (0.5, 1.4)  # gains of the sensor
 class RenderedResult:
     """A rendered encounter, and the quality of the track until the would-be contact or the end."""
 
-    result: EncounterResult
-    """Outcome of the encounter."""
-    tracked_share: float
-    """Share of the frames with a track."""
-    first_s: float
-    """Time of the first track; inf without one."""
-    error_m: float
-    """RMS error of the track; NaN without one."""
-    observed: TrackError
-    """Errors of the triangulated positions; NaN without one."""
+    result: EncounterResult  # outcome of the encounter
+    tracked_share: float  # share of the frames with a track
+    first_s: float  # time of the first track; inf without one
+    error_m: float  # RMS error of the track; NaN without one
+    observed: TrackError  # errors of the triangulated positions; NaN without one
 
 
 def render_encounter(

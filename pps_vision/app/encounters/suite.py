@@ -42,8 +42,7 @@ class Task(NamedTuple):
     seed: int
     controllers: tuple[str, ...]
     """Names, of a baseline perhaps with `#` and the number of its parameters among `numbers`."""
-    numbers: Mapping[str, ControllerParams] = {}
-    """Other parameters than the tuned ones."""
+    numbers: Mapping[str, ControllerParams] = {}  # other parameters than the tuned ones
 
 
 def run_suite(

@@ -21,10 +21,8 @@ from tracking.tracker import TrackerParams
 class TrackError(NamedTuple):
     """RMS errors of the triangulated position of an object, m: along the line of sight, and across it per axis."""
 
-    constant_m: tuple[float, float]
-    """Constant during an encounter."""
-    random_m: tuple[float, float]
-    """Drawn anew in every frame."""
+    constant_m: tuple[float, float]  # constant during an encounter
+    random_m: tuple[float, float]  # drawn anew in every frame
 
 
 ERRORS = {

@@ -34,10 +34,8 @@ _STREAM = 77  # keeps training and encounters of one seed apart
 class Memories(NamedTuple):
     """Memories of one arm's skin."""
 
-    of_both: PPSMemory
-    """From D and TTC."""
-    of_distance: PPSMemory
-    """From D alone."""
+    of_both: PPSMemory  # from D and TTC
+    of_distance: PPSMemory  # from D alone
 
 
 def learn(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> Memories:
