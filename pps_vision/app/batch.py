@@ -235,7 +235,8 @@ def _difference(begun: Sequence[str], requested: Sequence[str]) -> str:
     if begun[:1] != requested[:1]:
         return f"{'with' if begun[:1] == ['learn'] else 'without'} --learn"
     old, new = (
-        re.split(" (?=--)", re.sub(r"(--[\w-]+)=", r"\1 ", shlex.join(words[1:]))) for words in (begun, requested)
+        list(filter(None, re.split(" ?(?=--)", re.sub(r"(--[\w-]+)=", r"\1 ", shlex.join(words[1:])))))
+        for words in (begun, requested)
     )
     if removed := [option for option in old if option not in new]:
         return f"with {' '.join(removed)}"

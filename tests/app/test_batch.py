@@ -70,7 +70,7 @@ def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys) -> None:
 
 @pytest.mark.parametrize(
     ("first", "second", "said"),
-    [("--order=4", "--order=2", "with --order 4"), ("", "--smooth", "without --smooth")],
+    [("--order=3", "--order=2", "with --order 3"), ("", "--smooth", "without --smooth")],
 )
 def test_a_folder_begun_with_other_options(first: str, second: str, said: str, tmp_path: Path, refused_with) -> None:
     (tmp_path / "a.mp4").touch()

@@ -150,7 +150,7 @@ def test_the_report_of_a_batch_says_how_to_repeat_it(tmp_path: Path, calib: Path
     write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
     (tmp_path / "b.mp4").write_bytes(b"no video")
     out = tmp_path / "out"
-    words = (str(tmp_path / "*.mp4"), "--out", str(out), "--calib", str(calib), "--order", "3", "--report")
+    words = (str(tmp_path / "*.mp4"), "--order", "3", "--report", "--out", str(out), "--calib", str(calib))
     fails_in_part(*words)
     page = (out / "report.html").read_text()
     command = re.search("<pre>(.*?)</pre>", page)[1]  # type: ignore[index]

@@ -1,24 +1,23 @@
 """`pps-vision batch`: track many recordings, or learn from them."""
 
-import shlex
 import sys
 import time
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from tyro.conf import Positional
 
-from pps_vision.app.cli.options import SourceOptions, command_line
+from pps_vision.app.cli.options import SourceOptions, TrackOptions, command_line, words_of
 from pps_vision.errors import InputError
-from pps_vision.recordings import Form
-from tracking import DEFAULT_ORDER, Mode
 
 LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urdf", "skin")
+_OF_BATCH = ("recordings", "out", "workers", "scheduler", "learn", "parquet")
+_OF_LEARN = ("calib", "max_skew_s", "mode", "seed")
 
 
 @dataclass(frozen=True)
-class Batch:
+class Batch(TrackOptions):
     """Track many recordings, or learn from them, each in its own process, into OUT/NAME; batch.csv has a row for each.
 
     A second run keeps finished recordings and retries failed ones.  A manifest is a CSV file with a column `name` and
@@ -44,22 +43,10 @@ class Batch:
     """Metres per length unit of the calibration."""
     max_skew_s: float = SourceOptions.max_skew_s
     """Left and right images further apart in time are no pair."""
-    mode: Mode = "generic"
-    """generic: whatever moves; marker: a green marker."""
-    order: int = DEFAULT_ORDER
-    """Order of the Kalman filter, 1–4."""
-    smooth: bool = False
-    """Smooth the paths with later measurements."""
-    also: tuple[Form, ...] = ()
-    """Also write the forms of other tools, as for `track`."""
-    report: bool = False
-    """Also write a report.html for every recording, and one for the batch."""
     learn: bool = False
     """Learn PPS maps instead, as `learn`: OUT/NAME.npz is the memory of one recording, OUT/memory.npz that of all."""
     parquet: bool = False
     """Also write batch.parquet (extra `parquet`)."""
-    seed: int = 0
-    """Seed of the particles."""
 
     def run(self) -> None:
         """Process the unfinished recordings and print the failures; exit code 1 if some failed, 2 if all failed."""
@@ -70,18 +57,17 @@ class Batch:
 
         started = datetime.now(UTC).isoformat(timespec="seconds")
         start_s = time.monotonic()
-        jobs = jobs_of(
-            self.recordings, LEARN_COLUMNS if self.learn else [field.name for field in fields(SourceOptions)]
-        )
+        columns = LEARN_COLUMNS if self.learn else [field.name for field in fields(SourceOptions)]
+        jobs = jobs_of(self.recordings, columns)
         if not jobs:
             raise InputError("batch", "no recording given; expected one or more")
         task = Task("learn" if self.learn else "track", tuple(self._options()), self.out)
         rows = run_batch(jobs, task, self.workers, self.scheduler, self.parquet)
         failed = [row for row in rows if row["status"] == "failed"]
-        options = command_line("batch", self, fields(self)[1:]).removeprefix("pps-vision batch ")
+        options = sorted(fields(self), key=lambda field: field.name != "recordings")
         summary = {
-            "command": f"pps-vision batch {shlex.join(self.recordings)} {options}",
-            "settings": {field.name: getattr(self, field.name) for field in fields(self)[2:]},
+            "command": command_line("batch", self, options),
+            "settings": {f.name: getattr(self, f.name) for f in options if f.name not in ("recordings", "out")},
             "recordings": len(rows),
             "failed": len(failed),
             "started": started,
@@ -104,17 +90,12 @@ class Batch:
             sys.exit(1)
 
     def _options(self) -> list[str]:
-        """Return the options of `track` or `learn` for every recording."""
-        words = [f"--mode={self.mode}", f"--seed={self.seed}"]
-        words += [f"--max-skew-s={self.max_skew_s}"] if self.max_skew_s != SourceOptions.max_skew_s else []
-        calib = ["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else []
-        if self.learn:
-            for field in fields(self):
-                is_of_track = field.name in ("fps", "unit_m", "order", "smooth", "also", "report")
-                if is_of_track and getattr(self, field.name) != field.default:
-                    raise InputError("batch", f"--learn with --{field.name.replace('_', '-')}; expected it without")
-            return words + calib
-        words += [f"--order={self.order}", f"--unit-m={self.unit_m}"]
-        words += [f"--fps={self.fps}"] if self.fps is not None else []
-        words += ["--smooth"] * self.smooth + ["--report"] * self.report + (["--also", *self.also] if self.also else [])
-        return words + calib
+        """Return the options of `track` or `learn` for every recording, whose process has another working folder."""
+        chosen = [field for field in fields(self) if field.name not in _OF_BATCH]
+        if self.learn and (words := words_of(self, [field for field in chosen if field.name not in _OF_LEARN])):
+            raise InputError("batch", f"--learn with {words[0]}; expected it without")
+        calib = tuple(file.resolve() for file in self.calib)
+        files = replace(
+            self, calib=calib, map=self.map and self.map.resolve(), memory=self.memory and self.memory.resolve()
+        )
+        return words_of(files, chosen)

@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import Field, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from tyro.conf import Positional
 
 from pps_vision.errors import InputError
-from pps_vision.recordings import MAX_SKEW_S
-from tracking import Mode
+from pps_vision.recordings import MAX_SKEW_S, Form
+from tracking import DEFAULT_ORDER, Mode
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording
@@ -53,16 +53,63 @@ class SourceOptions:
         )
 
 
-def command_line(name: str, options: object, chosen: "Sequence[Field[Any]] | None" = None) -> str:
-    """Return the command line with these options, without defaults; only the `chosen` fields if given."""
-    words = ["pps-vision", name]
-    for field in chosen or fields(options):  # type: ignore[arg-type]
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions:
+    """How an object is tracked, and what is written."""
+
+    map: Path | None = None
+    """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze
+    that fixates the object (gaze_yaw_deg, gaze_pitch_deg, gaze_vergence_deg) and whether the hand can reach it
+    (reach_probability, reach_degree, reach_status: reachable, unreachable, not fixated by any gaze the map knows, or
+    unknown without a track)."""
+    max_fp: float = 1e-3
+    """Share of unreachable places that --map may call reachable."""
+    memory: Path | None = None
+    """Memory of `pps-vision learn`: activation.csv then holds, for every frame of REC, the probability with which each
+    taxel of the iCub's skin is about to be touched, and the video and the report show it."""
+    mode: Mode = "generic"
+    """generic: any moving object; marker: a green marker (faster)."""
+    order: int = DEFAULT_ORDER
+    """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
+    reduction: int = 1
+    """Average each block of this many pixels a side to one before searching: about half the time in large images at 2,
+    for two to three times the error."""
+    device: str | None = None
+    """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
+    frame, without torch."""
+    smooth: bool = False
+    """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
+    the smoothed path; video, view and activation.csv show the causal track."""
+    also: tuple[Form, ...] = ()
+    """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images), ros2
+    (a bag; extra `ros`)."""
+    video: bool = False
+    """Also write overlay.mp4."""
+    viewer: bool = False
+    """Also write view.rrd for the Rerun viewer (extra `viewer`): images, detections, 3D path with its covariance,
+    distance and time to contact over the stamps; takes 5 MB of memory for 1 000 pairs."""
+    report: bool = False
+    """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames; takes
+    3.5 MB of memory for 1 000 pairs, at the end."""
+    seed: int = 0
+    """Seed of the particles."""
+
+
+def words_of(options: object, chosen: "Iterable[Field[Any]]") -> list[str]:
+    """Return the chosen options as words of a command line, without defaults."""
+    words: list[str] = []
+    for field in chosen:
         value = getattr(options, field.name)
         if value is None or value == field.default:
             continue
-        flag = [] if field.name == "rec" else [f"--{field.name.replace('_', '-')}"]
+        flag = [] if field.name in ("rec", "recordings") else [f"--{field.name.replace('_', '-')}"]
         words += flag if value is True else [*flag, *map(str, value if isinstance(value, tuple) else (value,))]
-    return shlex.join(words)
+    return words
+
+
+def command_line(name: str, options: object, chosen: "Iterable[Field[Any]] | None" = None) -> str:
+    """Return the command line with these options, without defaults; only the `chosen` fields if given."""
+    return shlex.join(["pps-vision", name, *words_of(options, chosen or fields(options))])  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 from tyro import MISSING
 
-from pps_vision.app.cli.options import SourceOptions, command_line, print_skipped
+from pps_vision.app.cli.options import SourceOptions, TrackOptions, command_line, print_skipped
 from pps_vision.errors import InputError
-from pps_vision.recordings import SUMMARY, Form
-from tracking import DEFAULT_ORDER, Mode
+from pps_vision.recordings import SUMMARY
 
 if TYPE_CHECKING:
     from learning.reach.track_reachability import TrackReachability
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Track(SourceOptions):
+class Track(TrackOptions, SourceOptions):
     """Follow a moving object (or a green marker) in both eyes and write its 3D path.
 
     Either a recording REC (of an iCub, EuRoC, KITTI, or a side-by-side video), or --left, --right and --calib for any
@@ -28,42 +27,6 @@ class Track(SourceOptions):
 
     out: Path = MISSING
     """Folder for detections.csv, trajectory.csv, summary.json, and optional files."""
-    map: Path | None = None
-    """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze
-    that fixates the object (gaze_yaw_deg, gaze_pitch_deg, gaze_vergence_deg) and whether the hand can reach it
-    (reach_probability, reach_degree, reach_status: reachable, unreachable, not fixated by any gaze the map knows, or
-    unknown without a track)."""
-    max_fp: float = 1e-3
-    """Share of unreachable places that --map may call reachable."""
-    memory: Path | None = None
-    """Memory of `pps-vision learn`: activation.csv then holds, for every frame of REC, the probability with which each
-    taxel of the iCub's skin is about to be touched, and the video and the report show it."""
-    mode: Mode = "generic"
-    """generic: any moving object; marker: a green marker (faster)."""
-    order: int = DEFAULT_ORDER
-    """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
-    reduction: int = 1
-    """Average each block of this many pixels a side to one before searching: about half the time in large images at 2,
-    for two to three times the error."""
-    device: str | None = None
-    """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
-    frame, without torch."""
-    smooth: bool = False
-    """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
-    the smoothed path; video, view and activation.csv show the causal track."""
-    also: tuple[Form, ...] = ()
-    """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images), ros2
-    (a bag; extra `ros`)."""
-    video: bool = False
-    """Also write overlay.mp4."""
-    viewer: bool = False
-    """Also write view.rrd for the Rerun viewer (extra `viewer`): images, detections, 3D path with its covariance,
-    distance and time to contact over the stamps; takes 5 MB of memory for 1 000 pairs."""
-    report: bool = False
-    """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames; takes
-    3.5 MB of memory for 1 000 pairs, at the end."""
-    seed: int = 0
-    """Seed of the particles."""
 
     def run(self) -> None:
         """Track the recording, write all files at once, and print the main results and skipped items."""
