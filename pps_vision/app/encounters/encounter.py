@@ -5,7 +5,7 @@ Encounter `number` of a seed is always the same, whatever else is drawn.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import coal
 import numpy as np
@@ -167,10 +167,20 @@ class EncounterScene:
         return True
 
 
+class Aim(NamedTuple):
+    """What a path is drawn for."""
+
+    skin: Skin
+    posture: Posture
+    taxel: int  # number of the taxel aimed at
+    radius_m: float
+    speed_m_s: float
+    rng: np.random.Generator
+
+
 Path = tuple[Motion, float, float]
 """A motion, the length of the encounter and the time of the would-be contact."""
-DrawPath = Callable[[EncounterScene, Skin, Array, int, float, float, np.random.Generator], Path]
-"""Draws one of: scene, skin, joints (n_joints,), number of the taxel aimed at, radius, speed."""
+DrawPath = Callable[[Aim], Path]
 
 
 def draw(scene: EncounterScene, condition: Condition, number: int, seed: int) -> Encounter:
@@ -199,7 +209,7 @@ def draw_one(
 
     `path`: draws the path in place of the condition's own.
     """
-    drawn = path or draw_path(condition)
+    drawn = path or PATHS[condition]
     radius = make_stimulus(stimulus, fineness=0).radius_m
     skin = scene.skins[side]
     ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
@@ -208,8 +218,9 @@ def draw_one(
         q = draw_posture(scene, side, part, rng)
         if condition == "harmless_own_arm" and not scene.may_swing(q, side):
             continue
+        aim = Aim(skin, scene.robot.at(q), skin.index(taxel), radius, speed_m_s, rng)
         for _ in range(_DRAWS):
-            motion, seconds, contact_s = drawn(scene, skin, q, skin.index(taxel), radius, speed_m_s, rng)
+            motion, seconds, contact_s = drawn(aim)
             if contact_s <= _MIN_CONTACT_S:
                 continue
             q_start = gaze_at(scene.robot, q, motion(0.0)[0])
@@ -281,15 +292,13 @@ def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
     They stay there for `dwell_s`.
     """
 
-    def path(
-        scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
-    ) -> Path:
-        posture = scene.robot.at(q)
-        taxels, _ = skin.at(posture)
-        visit = make_approach(rng, at_taxel(skin, posture, taxel, radius + REACH_M["approach"]), speed)
+    def path(aim: Aim) -> Path:
+        speed = aim.speed_m_s
+        target = at_taxel(aim.skin, aim.posture, aim.taxel, aim.radius_m + REACH_M["approach"])
+        visit = make_approach(aim.rng, target, speed)
         ahead = (visit.end - visit.start) / np.linalg.norm(visit.end - visit.start)
         end = visit.end + end_m * ahead
-        contact_s = would_touch(visit.start, speed * ahead, taxels, radius)
+        contact_s = would_touch(visit.start, speed * ahead, aim.skin.at(aim.posture)[0], aim.radius_m)
         arrives_s = float(np.linalg.norm(end - visit.start)) / speed
         if end_m > 2 * PRESS_M:
             return Recede(visit.start, end, speed), arrives_s + dwell_s, contact_s
@@ -298,42 +307,36 @@ def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
     return path
 
 
-def _recede(
-    scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
-) -> Path:
-    aim = at_taxel(skin, scene.robot.at(q), taxel, radius + REACH_M["recede"])
-    visit = make_approach(rng, aim, speed)
-    return Recede(visit.end, visit.start, speed), visit.contact_s + 0.5, np.inf
+def _recede(aim: Aim) -> Path:
+    target = at_taxel(aim.skin, aim.posture, aim.taxel, aim.radius_m + REACH_M["recede"])
+    visit = make_approach(aim.rng, target, aim.speed_m_s)
+    return Recede(visit.end, visit.start, aim.speed_m_s), visit.contact_s + 0.5, np.inf
 
 
 def _rest(rest_m: tuple[float, float]) -> DrawPath:
     """Return the drawing of objects that move 5 cm away from the skin, so that they are detected, and rest."""
 
-    def path(
-        scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
-    ) -> Path:
-        posture = scene.robot.at(q)
-        positions, normals = skin.at(posture)
-        distance = radius + rng.uniform(*rest_m)
-        away = in_cap(rng, normals[taxel])
-        start = positions[taxel] + (distance + START_M[1]) * away
-        end = first_contact(start, positions[taxel], positions, distance)
-        return Recede(end - 0.05 * away, end, speed), _REST_S, np.inf
+    def path(aim: Aim) -> Path:
+        positions, normals = aim.skin.at(aim.posture)
+        distance = aim.radius_m + aim.rng.uniform(*rest_m)
+        away = in_cap(aim.rng, normals[aim.taxel])
+        start = positions[aim.taxel] + (distance + START_M[1]) * away
+        end = first_contact(start, positions[aim.taxel], positions, distance)
+        return Recede(end - 0.05 * away, end, aim.speed_m_s), _REST_S, np.inf
 
     return path
 
 
-def _pass(
-    scene: EncounterScene, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
-) -> Path:
+def _pass(aim: Aim) -> Path:
     """A straight path past the arm, `PASS_M` from the skin where it is nearest."""
-    taxels, normals = skin.at(scene.robot.at(q))
-    distance = rng.uniform(*PASS_M)
-    out = in_cap(rng, normals[taxel])
-    sideways = rotation_to(out)[:, :2] @ _unit(rng.standard_normal(2))
-    start = taxels[taxel] + 2 * out - START_M[1] * sideways
-    lowered = start - out * _lowered(start, out, sideways, taxels, radius + distance)
-    return Recede(lowered, lowered + 2 * START_M[1] * sideways, speed), 2 * START_M[1] / speed + 0.3, np.inf
+    taxels, normals = aim.skin.at(aim.posture)
+    distance = aim.rng.uniform(*PASS_M)
+    out = in_cap(aim.rng, normals[aim.taxel])
+    sideways = rotation_to(out)[:, :2] @ _unit(aim.rng.standard_normal(2))
+    start = taxels[aim.taxel] + 2 * out - START_M[1] * sideways
+    start = start - out * _lowered(start, out, sideways, taxels, aim.radius_m + distance)
+    length = 2 * START_M[1]
+    return Recede(start, start + length * sideways, aim.speed_m_s), length / aim.speed_m_s + 0.3, np.inf
 
 
 def _lowered(start: Array, out: Array, sideways: Array, taxels: Array, reach: float) -> float:
@@ -353,7 +356,7 @@ def _unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-_PATHS: dict[Condition, DrawPath] = {
+PATHS: dict[Condition, DrawPath] = {
     "stop": approach(0.0),
     "press": approach(PRESS_M),
     "through": approach(BEYOND_M),
@@ -365,8 +368,3 @@ _PATHS: dict[Condition, DrawPath] = {
     "harmless_head": _rest(_REST_M),
     "harmless_own_arm": _rest(_CLEAR_M),
 }
-
-
-def draw_path(condition: Condition) -> DrawPath:
-    """Return the drawing of a condition's paths."""
-    return _PATHS[condition]

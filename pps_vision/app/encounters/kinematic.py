@@ -20,6 +20,7 @@ from pps_vision.types import Array, JointVelocity, Track3D
 
 _CHECKS_PER_FRAME = 5  # instants between two frames at which the distance to the skin is computed
 _AFTER_COMMAND_S = 0.5  # for which a harmless encounter goes on after the first command
+_COPIED = ("condition", "number", "speed_m_s", "side", "part", "taxel")  # from an encounter to its result
 _MOVES_RAD_S = 1e-4  # slower is rest
 _TOLERANCE_RAD = 1e-6  # beyond a joint limit
 _REACHED_M = 1e-4  # residual of a posture that touches
@@ -31,16 +32,16 @@ _CLEARANCE_M = 0.025  # self-collision distance that our arm keeps
 class EncounterResult:
     """Outcome of an encounter: a row of `--json`."""
 
-    condition: str  # what the object did
-    number: int  # of the encounter among those of the condition
-    controller: str  # name of the controller
-    object: str  # name of the object
-    speed_m_s: float  # speed of the object
-    side: str  # the arm
-    part: str  # the body part aimed at
-    taxel: str  # the taxel aimed at
+    condition: str
+    number: int
+    controller: str
+    object: str
+    speed_m_s: float
+    side: str
+    part: str
+    taxel: str
     posture_deg: tuple[float, ...]  # the arm's joints at the start
-    touched: bool  # whether a taxel was touched
+    touched: bool
     touched_part: str  # the body part touched first, or ""
     distance_m: float  # smallest distance left until a touch, over the encounter
     contact_s: float | None  # when the object would touch the arm at rest
@@ -107,14 +108,9 @@ class EncounterMonitor:
         contact_s = encounter.contact_s if np.isfinite(encounter.contact_s) else None
         first_s = self.first_command_s if self.commands else None
         return EncounterResult(
-            condition=encounter.condition,
-            number=encounter.number,
+            **{name: getattr(encounter, name) for name in _COPIED},
             controller=controller,
             object=encounter.stimulus,
-            speed_m_s=encounter.speed_m_s,
-            side=encounter.side,
-            part=encounter.part,
-            taxel=encounter.taxel,
             posture_deg=tuple(np.rad2deg(encounter.q_rad[self.scene.arm(encounter.side)]).round(2).tolist()),
             touched=bool(self.touched_part),
             touched_part=self.touched_part,

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
 from pps_vision.app.encounters.controllers import RADIUS_M, felt_by_distance
-from pps_vision.app.encounters.encounter import Condition, Encounter, EncounterScene, Part, draw_path
+from pps_vision.app.encounters.encounter import PATHS, Aim, Condition, Encounter, EncounterScene, Part
 from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
 from pps_vision.app.encounters.postures import start_posture
 from pps_vision.app.encounters.registry import WRIST_AT_REST, new_controller
@@ -116,7 +116,7 @@ def _approach(
     while True:
         taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
         speed = float(rng.uniform(*SPEED_M_S))
-        motion, seconds, contact_s = draw_path(condition)(scene, skin, q, skin.index(taxel), radius_m, speed, rng)
+        motion, seconds, contact_s = PATHS[condition](Aim(skin, robot.at(q), skin.index(taxel), radius_m, speed, rng))
         q_start = gaze_at(robot, q, motion(0.0)[0])
         until_s = min(seconds, contact_s)
         is_in_view = can_follow(robot, scene.rig, q_start, motion, until_s, 3)
