@@ -200,21 +200,14 @@ def tracker_params(
         InputError: An option contradicts `params`, or is out of range.
     """
     if params is None:
+        kalman = KalmanParams.of_order(DEFAULT_ORDER if order is None else order)
         return TrackerParams(
-            mode="generic" if mode is None else mode,
-            reduction=1 if reduction is None else reduction,
-            kalman=KalmanParams.of_order(DEFAULT_ORDER if order is None else order),
+            mode="generic" if mode is None else mode, reduction=1 if reduction is None else reduction, kalman=kalman
         )
-    options = (
-        ("mode", mode, params.mode),
-        ("order", order, params.kalman.order),
-        ("reduction", reduction, params.reduction),
-    )
-    for name, value, value_in_params in options:
-        if value is not None and value != value_in_params:
-            raise InputError(
-                "track", f"{name} {value} contradicts params with {name} {value_in_params}; expected one of the two"
-            )
+    for name, value in (("mode", mode), ("order", order), ("reduction", reduction)):
+        in_params = params.kalman.order if name == "order" else getattr(params, name)
+        if value not in (None, in_params):
+            raise InputError("track", f"{name} {value} contradicts params with {name} {in_params}; expected one")
     return params
 
 
