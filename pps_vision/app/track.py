@@ -207,7 +207,9 @@ def tracker_params(
     for name, value in (("mode", mode), ("order", order), ("reduction", reduction)):
         in_params = params.kalman.order if name == "order" else getattr(params, name)
         if value not in (None, in_params):
-            raise InputError("track", f"{name} {value} contradicts params with {name} {in_params}; expected one")
+            raise InputError(
+                "track", f"{name} {value} contradicts params with {name} {in_params}; expected one of the two"
+            )
     return params
 
 
