@@ -11,13 +11,13 @@ def command(*rates: float, stamp_s: float = 0.5, hold_s: float = 0.4) -> JointVe
     return JointVelocity(stamp_s, np.array(rates), hold_s)
 
 
-def test_disjoint_commands_are_added() -> None:
+def test_disjoint_commands_are_added():
     combined = combine([command(0.1, 0.0, -0.2), command(0.0, 0.3, 0.0)])
     np.testing.assert_array_equal(combined.dq_rad_s, [0.1, 0.3, -0.2])
     assert (combined.stamp_s, combined.hold_s) == (0.5, 0.4)
 
 
-def test_one_command_stays_as_it_is() -> None:
+def test_one_command_stays_as_it_is():
     np.testing.assert_array_equal(combine([command(0.1, 0.0)]).dq_rad_s, [0.1, 0.0])
 
 
@@ -32,6 +32,6 @@ def test_one_command_stays_as_it_is() -> None:
         ([], r"expected one of each"),
     ],
 )
-def test_commands_that_do_not_combine_are_refused(commands: list[JointVelocity], message: str) -> None:
+def test_commands_that_do_not_combine_are_refused(commands, message):
     with pytest.raises(ValueError, match=message):
         combine(commands)

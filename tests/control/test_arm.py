@@ -31,9 +31,7 @@ def posture_inside(robot: Robot, rng: np.random.Generator) -> Array:
 
 
 @pytest.mark.parametrize(("side", "frame"), [("left", "left_forearm"), ("right", "right_palm")])
-def test_a_point_moves_as_asked_and_only_its_arm_with_it(
-    robot: Robot, rng: np.random.Generator, side: str, frame: str
-) -> None:
+def test_a_point_moves_as_asked_and_only_its_arm_with_it(robot, rng, side, frame):
     point = np.array([-0.02, -0.03, 0.01])
     h = 1e-5
     deviations = []
@@ -52,7 +50,7 @@ def test_a_point_moves_as_asked_and_only_its_arm_with_it(
     assert np.quantile(deviations, 0.9) < 0.10
 
 
-def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot: Robot) -> None:
+def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot):
     """The elbow's velocity leaves the wrist free."""
     q = home(robot)
     wrist = robot.indices(("left_wrist_pitch", "left_wrist_yaw"))
@@ -64,7 +62,7 @@ def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot: Robot) -> Non
     np.testing.assert_allclose(q[wrist], 0.0, atol=1 * DEG)
 
 
-def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot: Robot, rng: np.random.Generator) -> None:
+def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot, rng):
     """Straight arm, then ten seconds of pushing on in each of six directions."""
     for direction in np.vstack([np.eye(3), -np.eye(3)]):
         q = home(robot)
@@ -77,7 +75,7 @@ def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot: Robot, r
             assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))
 
 
-def test_the_palm_slides_along_its_sphere(robot: Robot) -> None:
+def test_the_palm_slides_along_its_sphere(robot):
     """Pushed askew against the sphere it goes on sideways, and stays inside."""
     q = home(robot)
     center = robot.at(q).point("left_palm")
@@ -93,7 +91,7 @@ def test_the_palm_slides_along_its_sphere(robot: Robot) -> None:
     assert offset @ side > 0.015
 
 
-def test_a_palm_outside_its_sphere_is_brought_back(robot: Robot) -> None:
+def test_a_palm_outside_its_sphere_is_brought_back(robot):
     q = home(robot)
     center = robot.at(q).point("left_palm") + np.array([0.0, 0.0, 0.08])
     for _ in range(40):
@@ -102,7 +100,7 @@ def test_a_palm_outside_its_sphere_is_brought_back(robot: Robot) -> None:
     assert np.linalg.norm(robot.at(q).point("left_palm") - center) < 0.0505
 
 
-def test_the_palm_slides_along_the_trunk(robot: Robot) -> None:
+def test_the_palm_slides_along_the_trunk(robot):
     """Pushed askew against the trunk it goes on sideways at 25 mm from it; without the rows it would run into it."""
     bodies = SelfCollision(robot)
     palm = "left_palm"
@@ -121,9 +119,7 @@ def test_the_palm_slides_along_the_trunk(robot: Robot) -> None:
     assert min(gaps[None]) < 0.02
 
 
-def test_from_any_start_also_outside_limits_there_are_rates_that_lead_back(
-    robot: Robot, rng: np.random.Generator
-) -> None:
+def test_from_any_start_also_outside_limits_there_are_rates_that_lead_back(robot, rng):
     """Some postures overlap with the trunk or the other arm: joint limits go before the distance."""
     bodies = SelfCollision(robot)
     arm = robot.indices(robot.names.arm("left"))
@@ -155,14 +151,14 @@ def beside_the_shoulder(robot: Robot, at_m: float) -> tuple[ArmParams, Array, in
     return ArmParams(resting=6), q, pitch, point, np.cross(axis, across)
 
 
-def test_a_point_as_far_from_an_axis_as_the_damping_moves_at_half_its_speed(robot: Robot) -> None:
+def test_a_point_as_far_from_an_axis_as_the_damping_moves_at_half_its_speed(robot):
     """Damped least squares: r v / (r² + d²) with r = d = 3 mm."""
     params, q, pitch, point, along = beside_the_shoulder(robot, 0.003)
     dq = rates(robot, q, MovingPoint("left_upper_arm", point, 0.001 * along), params=params)
     assert dq[pitch] == pytest.approx(0.5 * 0.001 / 0.003, rel=1e-4)
 
 
-def test_points_that_disagree_count_by_their_weights(robot: Robot) -> None:
+def test_points_that_disagree_count_by_their_weights(robot):
     """One point asked for two speeds: three parts of the one, one of the other."""
     params, q, pitch, point, along = beside_the_shoulder(robot, 0.2)
     posture = robot.at(q)
@@ -173,7 +169,7 @@ def test_points_that_disagree_count_by_their_weights(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(("free_across", "share"), [(False, 0.5), (True, 2.0)])
-def test_a_point_that_is_free_across_moves_along_at_full_speed(robot: Robot, free_across: bool, share: float) -> None:
+def test_a_point_that_is_free_across_moves_along_at_full_speed(robot, free_across, share):
     """Asked to move 60° off the only way that it can: at half the speed, or at twice it, so that none is across."""
     params, q, pitch, point, along = beside_the_shoulder(robot, 0.2)
     axis = robot.at(q).jacobian("left_upper_arm")[3:, pitch]
@@ -183,6 +179,6 @@ def test_a_point_that_is_free_across_moves_along_at_full_speed(robot: Robot, fre
 
 
 @pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])
-def test_a_velocity_that_is_not_finite_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
+def test_a_velocity_that_is_not_finite_is_refused(robot, velocity):
     with pytest.raises(ValueError, match="expected three finite numbers"):
         rates(robot, home(robot), MovingPoint("left_palm", (0, 0, 0), velocity))

@@ -74,14 +74,13 @@ def modes_of(robot: Robot, activations: list[Array], params: AvoidanceParams = A
     return [response.mode for _, _, response in run_arm(robot, activations, params)]
 
 
-def test_p_and_n_of_eq_6_by_hand(robot: Robot) -> None:
+def test_p_and_n_of_eq_6_by_hand(robot):
     """Over the taxels above the threshold; the part with the larger sum of activations carries P."""
     posture = robot.at(home(robot))
     positions, normals = BOTH_PARTS.at(posture)
     i, j, k = (BOTH_PARTS.index(name) for name in ("left_forearm:27", "left_palm:101", "left_palm:99"))
     a = activations_of(BOTH_PARTS, left_forearm_27=0.9, left_palm_101=0.5, left_palm_99=0.6, left_palm_109=0.4)
     point = control_point(0.4, posture, BOTH_PARTS, a)
-    assert point is not None
     assert point.frame == "left_palm"
     p = posture.point(point.frame, point.point)
     np.testing.assert_allclose(p, (0.9 * positions[i] + 0.5 * positions[j] + 0.6 * positions[k]) / 2.0)
@@ -89,7 +88,7 @@ def test_p_and_n_of_eq_6_by_hand(robot: Robot) -> None:
     assert control_point(0.9, posture, BOTH_PARTS, a) is None
 
 
-def test_taxels_withdraw_along_their_normals_at_10_cm_per_second(robot: Robot) -> None:
+def test_taxels_withdraw_along_their_normals_at_10_cm_per_second(robot):
     """One at full speed; of two each along its own normal, the faster one at full speed, sliding included."""
     posture = robot.at(home(robot))
     positions, normals = FOREARM.at(posture)
@@ -104,7 +103,7 @@ def test_taxels_withdraw_along_their_normals_at_10_cm_per_second(robot: Robot) -
         np.testing.assert_allclose(response.point_root, positions[active[0]], atol=1e-12)
 
 
-def test_all_parts_withdraw_at_once(robot: Robot) -> None:
+def test_all_parts_withdraw_at_once(robot):
     a = activations_of(BOTH_PARTS, left_forearm_27=0.6, left_forearm_15=0.6, left_palm_101=0.9)
     params = replace(ANY_ACTIVATION, confirmation_s=0.0)
     state, response = step(params, ArmState(), arm_input(robot, activations=a, skin=BOTH_PARTS))
@@ -116,7 +115,7 @@ def test_all_parts_withdraw_at_once(robot: Robot) -> None:
         assert (moved - positions)[k] @ normals[k] < -0.03e-4
 
 
-def test_an_idle_arm_stays_where_it_is(robot: Robot) -> None:
+def test_an_idle_arm_stays_where_it_is(robot):
     """Without activation above the threshold, also away from home: only a response ends in a return."""
     q = home(robot)
     q[robot.indices(("left_elbow",))] += 20 * DEG
@@ -127,7 +126,7 @@ def test_an_idle_arm_stays_where_it_is(robot: Robot) -> None:
     assert not np.any(response.velocity_root)
 
 
-def test_short_activation_is_not_confirmed_and_a_new_one_is_followed_at_once(robot: Robot) -> None:
+def test_short_activation_is_not_confirmed_and_a_new_one_is_followed_at_once(robot):
     """Three frames are too short; during a response or a return, activation of any taxel is enough."""
     on = activations_of(FOREARM, left_forearm_27=1.0)
     on_other = activations_of(FOREARM, left_forearm_87=1.0)
@@ -141,7 +140,7 @@ def test_short_activation_is_not_confirmed_and_a_new_one_is_followed_at_once(rob
     assert returning[21:] == ["return"] * 4 + ["avoid"]
 
 
-def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot: Robot) -> None:
+def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot):
     on = activations_of(FOREARM, left_forearm_27=1.0)
     run = list(run_arm(robot, [on] * 12 + [0 * on] * 120, replace(ANY_ACTIVATION, confirmation_s=0.0)))
     modes = [response.mode for _, _, response in run]
@@ -163,9 +162,7 @@ def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot: Ro
     ("elapsed_s", "off_deg", "mode"),
     [(5.9, 20.0, "return"), (6.1, 20.0, "idle"), (1.0, -0.25, "return"), (1.0, 0.25, "return"), (1.0, 0.15, "idle")],
 )
-def test_the_return_ends_at_home_or_after_six_seconds(
-    robot: Robot, elapsed_s: float, off_deg: float, mode: str
-) -> None:
+def test_the_return_ends_at_home_or_after_six_seconds(robot, elapsed_s, off_deg, mode):
     """Each joint within 0.2° of home."""
     q = home(robot)
     q[robot.indices(("left_elbow",))] += off_deg * DEG
@@ -173,7 +170,7 @@ def test_the_return_ends_at_home_or_after_six_seconds(
     assert response.mode == mode
 
 
-def test_the_way_home_takes_three_times_the_angle_left_per_second_after_easing_in(robot: Robot) -> None:
+def test_the_way_home_takes_three_times_the_angle_left_per_second_after_easing_in(robot):
     """A degree from home, where no speed limit counts; slower where a link may not come nearer to the object."""
     q = home(robot)
     (elbow,) = robot.indices(("left_elbow",))
@@ -191,7 +188,7 @@ def test_the_way_home_takes_three_times_the_angle_left_per_second_after_easing_i
     assert np.abs(return_home(PARAMS, arm_input(robot, q), 1.0, NO_ROWS)).max() == pytest.approx(60 * DEG)
 
 
-def test_a_joint_stops_before_its_limit_within_the_holding_time(robot: Robot) -> None:
+def test_a_joint_stops_before_its_limit_within_the_holding_time(robot):
     """The elbow, 2 mrad from its limit, may turn faster if the command is held for a shorter time."""
     q = home(robot)
     (elbow,) = robot.indices(("left_elbow",))
@@ -206,7 +203,7 @@ def test_a_joint_stops_before_its_limit_within_the_holding_time(robot: Robot) ->
     assert fastest[0.05] > 0.002 / 0.5
 
 
-def test_persistent_activation_moves_the_palm_no_further_than_its_sphere(robot: Robot) -> None:
+def test_persistent_activation_moves_the_palm_no_further_than_its_sphere(robot):
     for taxel in FOREARM.parts[0].ids[::3]:
         on = activations_of(FOREARM, **{f"left_forearm_{taxel}": 1.0})
         palm = [robot.at(q).point("left_palm") for q, _, _ in run_arm(robot, [on] * 80)]
@@ -218,7 +215,7 @@ def test_persistent_activation_moves_the_palm_no_further_than_its_sphere(robot: 
     "activations",
     [*(np.r_[np.zeros(11), bad] for bad in (np.nan, 1.1, -0.1)), np.zeros(11), np.zeros((12, 1))],
 )
-def test_activations_that_are_not_one_number_a_taxel_are_refused(robot: Robot, activations: Array) -> None:
+def test_activations_that_are_not_one_number_a_taxel_are_refused(robot, activations):
     with pytest.raises(InputError, match=r"expected 12 numbers in \[0, 1\], one a taxel"):
         step(PARAMS, ArmState(), arm_input(robot, activations=activations))
 
@@ -235,7 +232,7 @@ def test_activations_that_are_not_one_number_a_taxel_are_refused(robot: Robot, a
         *({name: 0.0} for name in ("threshold", "miss_distance_m", "speed_m_s", "radius_m")),
     ],
 )
-def test_bad_parameters_are_refused(change: dict[str, Any]) -> None:
+def test_bad_parameters_are_refused(change):
     with pytest.raises(InputError, match="expected"):
         replace(PARAMS, **change)
 
@@ -302,21 +299,19 @@ class Encounter:
 
 @pytest.mark.parametrize("relative", [False, True], ids=["ball's speed", "relative speed"])
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_no_ball_touches_an_arm_with_avoidance(
-    robot: Robot, rng: np.random.Generator, side: str, relative: bool
-) -> None:
+def test_no_ball_touches_an_arm_with_avoidance(robot, rng, side, relative):
     skin = icub_skin((f"{side}_forearm",))  # type: ignore[arg-type]
     for taxel in range(12):
         encounter = Encounter(robot, skin, taxel, rng, rng.uniform(0.05, 0.15))
         assert not encounter.touches(replace(PARAMS, side=side), lead_s=1.2, relative=relative)
 
 
-def test_the_same_ball_touches_an_arm_without_activation(robot: Robot, rng: np.random.Generator) -> None:
+def test_the_same_ball_touches_an_arm_without_activation(robot, rng):
     for taxel in range(12):
         assert Encounter(robot, FOREARM, taxel, rng, 0.1).touches(PARAMS, lead_s=-1.0)
 
 
-def test_four_control_periods_of_warning_are_enough(robot: Robot, rng: np.random.Generator) -> None:
+def test_four_control_periods_of_warning_are_enough(robot, rng):
     """The time to contact that still saves the arm."""
     saved = {}
     for lead_s in (0.1, 0.2, 0.4):
@@ -352,9 +347,7 @@ def approaching(
 @pytest.mark.parametrize(
     ("aside_m", "miss_distance_m", "responds"), [(0.0, 0.05, True), (0.15, 0.05, False), (0.15, np.inf, True)]
 )
-def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(
-    robot: Robot, aside_m: float, miss_distance_m: float, responds: bool
-) -> None:
+def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(robot, aside_m, miss_distance_m, responds):
     """At 10 cm/s along the normal, or past the skin; with R's rule to both."""
     params = replace(PARAMS, miss_distance_m=miss_distance_m)
     modes = approaching(robot, params, [0.165 - 0.1 * DT * i for i in range(6)], aside_m, -0.1)
@@ -362,18 +355,14 @@ def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(
 
 
 @pytest.mark.parametrize(("speed_m_s", "responds"), [(0.018, False), (0.024, True)])
-def test_an_object_has_approached_that_is_a_centimetre_nearer_than_half_a_second_ago(
-    robot: Robot, speed_m_s: float, responds: bool
-) -> None:
+def test_an_object_has_approached_that_is_a_centimetre_nearer_than_half_a_second_ago(robot, speed_m_s, responds):
     """By 9 or by 12 mm, in positions; its estimated velocity, of zero, does not count."""
     modes = approaching(robot, PARAMS, [0.1 - speed_m_s * i * DT for i in range(20)])
     assert ("avoid" in modes) == responds
 
 
 @pytest.mark.parametrize(("min_approach_m", "responds"), [(0.01, False), (0.0, True)])
-def test_an_object_that_recedes_and_stops_is_not_responded_to(
-    robot: Robot, min_approach_m: float, responds: bool
-) -> None:
+def test_an_object_that_recedes_and_stops_is_not_responded_to(robot, min_approach_m, responds):
     """Though its estimated velocity points back; if it then comes, one centimetre is enough."""
     params = replace(PARAMS, min_approach_m=min_approach_m)
     stops = [0.07 + min(0.01 * i, 0.05) for i in range(10)]
@@ -382,7 +371,7 @@ def test_an_object_that_recedes_and_stops_is_not_responded_to(
     assert comes.index("avoid") <= 12
 
 
-def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) -> None:
+def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot):
     on = activations_of(FOREARM, left_forearm_27=1.0)
     modes = []
     state = ArmState()
@@ -401,9 +390,7 @@ def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) 
 
 
 @pytest.mark.parametrize(("moved_m", "mode"), [(0.04, "hold"), (0.06, "return")])
-def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(
-    robot: Robot, moved_m: float, mode: str
-) -> None:
+def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(robot, moved_m, mode):
     on = activations_of(FOREARM, left_forearm_27=1.0)
     modes = []
     state = ArmState()
@@ -420,9 +407,7 @@ def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 0.12])
-def test_the_elbow_which_has_no_taxels_gives_way_to_what_comes_and_not_to_what_passes(
-    robot: Robot, aside_m: float
-) -> None:
+def test_the_elbow_which_has_no_taxels_gives_way_to_what_comes_and_not_to_what_passes(robot, aside_m):
     links = BareLinks(robot, FOREARM, "left")
     q = home(robot)
     state = ArmState()
@@ -454,9 +439,7 @@ def test_the_elbow_which_has_no_taxels_gives_way_to_what_comes_and_not_to_what_p
         (0.129, 0.8, BALL_M, "avoid"),
     ],
 )
-def test_a_bare_link_responds_to_what_will_be_nearer_than_three_centimetres(
-    robot: Robot, gap_m: float, speed_m_s: float, radius_m: float, mode: str
-) -> None:
+def test_a_bare_link_responds_to_what_will_be_nearer_than_three_centimetres(robot, gap_m, speed_m_s, radius_m, mode):
     """Within half a second, by more than 5 mm nearer than now, also where it is past the link by then; an object of
     unknown radius counts as a point."""
     way = np.array([0.0, -1.0, 0.0])
@@ -466,7 +449,7 @@ def test_a_bare_link_responds_to_what_will_be_nearer_than_three_centimetres(
     assert step(AT_ONCE, ArmState(), arm)[1].mode == mode
 
 
-def test_links_keep_three_centimetres_from_the_object(robot: Robot) -> None:
+def test_links_keep_three_centimetres_from_the_object(robot):
     """Their distances by coal after a small motion, and the speeds that take them to 3 cm while a command is held."""
     links = BareLinks(robot, FOREARM, "left")
     arm = arm_input(robot, hold_s=0.2)
@@ -486,7 +469,7 @@ def test_links_keep_three_centimetres_from_the_object(robot: Robot) -> None:
     assert clearance_rows(arm, beside)[1].min() == 0.0
 
 
-def test_predicted_distance_is_that_of_the_simulated_motion(robot: Robot, rng: np.random.Generator) -> None:
+def test_predicted_distance_is_that_of_the_simulated_motion(robot, rng):
     """A ball passes the arm that turns slowly, one joint at its limit; the simulation asks the kinematics 400 times."""
     q = home(robot)
     columns = robot.indices(robot.names.arm("left"))
@@ -525,9 +508,7 @@ def escape_of(robot: Robot, taxel: int, ball_m_s: float, distance_m: float, **pa
 
 
 @pytest.mark.parametrize(("speed_m_s", "escapes"), [(0.15, False), (0.2, True)])
-def test_taxels_move_aside_where_withdrawal_leaves_less_than_five_centimetres(
-    robot: Robot, speed_m_s: float, escapes: bool
-) -> None:
+def test_taxels_move_aside_where_withdrawal_leaves_less_than_five_centimetres(robot, speed_m_s, escapes):
     """Across the path, and on in a direction as good as the best; of a ball 25 cm away it is predicted to leave 5.5 to
     6 cm, or 2 to 3 if it is faster."""
     for change, expected in (
@@ -539,7 +520,7 @@ def test_taxels_move_aside_where_withdrawal_leaves_less_than_five_centimetres(
         assert (escape_of(robot, 1, speed_m_s, 0.25, **change) is not None) == expected
 
 
-def test_an_escape_that_the_body_slows_is_judged_by_what_is_left(robot: Robot) -> None:
+def test_an_escape_that_the_body_slows_is_judged_by_what_is_left(robot):
     """Where the body blocks the best direction, mostly another one is taken."""
     blocked = list[Array]()
     escapes = 0
@@ -588,7 +569,7 @@ def fly_through(robot: Robot, params: AvoidanceParams, taxel: int, way: Array, s
     return False
 
 
-def test_fewer_balls_that_fly_through_touch_where_taxels_may_leave_their_path(robot: Robot) -> None:
+def test_fewer_balls_that_fly_through_touch_where_taxels_may_leave_their_path(robot):
     """At 15–30 cm/s, within 45° of a taxel's normal."""
     rng = np.random.default_rng(4)
     _, normals = BOTH_PARTS.at(robot.at(home(robot)))

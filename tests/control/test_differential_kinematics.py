@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 from control.differential_kinematics import rate_limits, solve_rates
 
 
-def test_rates_are_the_bounded_minimum(rng: np.random.Generator) -> None:
+def test_rates_are_the_bounded_minimum(rng):
     """The gradient is zero where a rate is free and points outwards where it is at a bound (Karush–Kuhn–Tucker)."""
     for _ in range(200):
         J = rng.normal(size=(4, 7))
@@ -26,12 +26,12 @@ def test_rates_are_the_bounded_minimum(rng: np.random.Generator) -> None:
         assert gradient[high].max(initial=0.0) < 1e-4
 
 
-def test_a_singular_task_gives_finite_rates() -> None:
+def test_a_singular_task_gives_finite_rates():
     rates = solve_rates(np.zeros((3, 4)), np.ones(3), np.array([0.1, 0.2, 0.3, 5.0]), 0.01, (-np.ones(4), np.ones(4)))
     np.testing.assert_allclose(rates, [0.1, 0.2, 0.3, 1.0], atol=1e-9)
 
 
-def test_rows_hold_where_they_can_and_limits_everywhere(rng: np.random.Generator) -> None:
+def test_rows_hold_where_they_can_and_limits_everywhere(rng):
     """Against SciPy's general solver; where a row excludes the limits, it is left by as little as possible."""
     for _ in range(30):
         J = rng.normal(size=(3, 7))
@@ -50,7 +50,7 @@ def test_rows_hold_where_they_can_and_limits_everywhere(rng: np.random.Generator
     np.testing.assert_allclose(x, [-1.0, 1 / 1.01], atol=1e-5)
 
 
-def test_bounds_slow_a_joint_before_its_limit_and_drive_it_back_behind() -> None:
+def test_bounds_slow_a_joint_before_its_limit_and_drive_it_back_behind():
     q = np.array([0.0, 0.98, 1.5])
     slowest, fastest = rate_limits(q, -np.ones(3), np.ones(3), 2.0, approach_per_s=5.0)
     np.testing.assert_allclose(slowest, [-2.0, -2.0, -2.0])

@@ -40,7 +40,7 @@ def move(robot: Robot, q: Array, dq: Array) -> Array:
     return q
 
 
-def test_features_are_js_pixels_near_the_axis(robot: Robot, rng: np.random.Generator) -> None:
+def test_features_are_js_pixels_near_the_axis(robot, rng):
     """[u_L − u_R, mean u, mean v], undistorted, from the principal point, in focal lengths."""
     q = set_gaze(robot, home(robot), vergence=10 * DEG)
     view = icub_rig(robot).view(q)
@@ -55,7 +55,7 @@ def test_features_are_js_pixels_near_the_axis(robot: Robot, rng: np.random.Gener
         np.testing.assert_allclose(x, [left[0] - right[0], *(0.5 * (left + right))], atol=1e-4)
 
 
-def test_the_interaction_matrix_is_the_published_one(robot: Robot) -> None:
+def test_the_interaction_matrix_is_the_published_one(robot):
     """At 0.4 m and f = 220: −220 (disparity by vergence), +248 (u by yaw), +249 (v by pitch) px/rad."""
     q = set_gaze(robot, np.zeros(robot.n_joints), vergence=2 * np.arctan(0.034 / 0.4))
     p = fixation_point(robot.at(q))
@@ -67,7 +67,7 @@ def test_the_interaction_matrix_is_the_published_one(robot: Robot) -> None:
     np.testing.assert_allclose([yaw[0], yaw[2], pitch[1], vergence[1], vergence[2]], 0.0, atol=1e-9)
 
 
-def test_the_error_decreases_by_eight_times_itself_per_second(robot: Robot) -> None:
+def test_the_error_decreases_by_eight_times_itself_per_second(robot):
     """In steps of 50 ms to 60 % of itself, where no limit holds."""
     q = gaze_at(robot, home(robot), (-0.4, 0.05, 0.3))
     p = np.array([-0.4, 0.053, 0.302])
@@ -77,7 +77,7 @@ def test_the_error_decreases_by_eight_times_itself_per_second(robot: Robot) -> N
     assert np.abs(x_initial).max() > 3e-3
 
 
-def test_the_tilt_returns_to_zero_at_twice_itself_per_second_while_the_point_stays_fixated(robot: Robot) -> None:
+def test_the_tilt_returns_to_zero_at_twice_itself_per_second_while_the_point_stays_fixated(robot):
     q = gaze_at(robot, set_gaze(robot, home(robot), tilt=0.0), (-0.4, 0.0, 0.3))
     q = set_gaze(robot, q, pitch=gaze_of(robot.at(q))[1] - 4 * DEG, tilt=4 * DEG)
     p = fixation_point(robot.at(q))
@@ -87,7 +87,7 @@ def test_the_tilt_returns_to_zero_at_twice_itself_per_second_while_the_point_sta
     assert fixation_error(robot.at(q + DT * command.dq_rad_s), p) < 0.01 * DEG
 
 
-def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot: Robot, rng: np.random.Generator) -> None:
+def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot, rng):
     rig = icub_rig(robot)
     checked = 0
     while checked < 60:
@@ -118,7 +118,7 @@ def paths(rng: np.random.Generator) -> list[Callable[[float], Array]]:
     ]
 
 
-def test_a_moving_point_is_held_although_it_is_seen_one_frame_late(robot: Robot, rng: np.random.Generator) -> None:
+def test_a_moving_point_is_held_although_it_is_seen_one_frame_late(robot, rng):
     worst = 0.0
     for path in [path for _ in range(6) for path in paths(rng)]:
         q = gaze_at(robot, home(robot), path(0.0))
@@ -135,7 +135,7 @@ def test_a_moving_point_is_held_although_it_is_seen_one_frame_late(robot: Robot,
 
 
 @pytest.mark.parametrize("frame", ["left_palm", "left_forearm"])
-def test_the_arm_at_home_is_fixated_with_the_eyes_tilt(robot: Robot, frame: str) -> None:
+def test_the_arm_at_home_is_fixated_with_the_eyes_tilt(robot, frame):
     """Beyond the neck's −40° (−51° for the hand, further for the forearm)."""
     p = robot.at(home(robot)).point(frame)
     q = gaze_at(robot, home(robot), p)
@@ -147,7 +147,7 @@ def test_the_arm_at_home_is_fixated_with_the_eyes_tilt(robot: Robot, frame: str)
 
 
 @pytest.mark.parametrize("p", [(0.5, 0.3, 0.3), (-0.1, 0.0, -0.6), (-0.075, 0.0, 0.34), (-3.0, 0.0, 0.3)])
-def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot: Robot, p: tuple[float, ...]) -> None:
+def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot, p):
     """Behind the head, straight below, between the eyes, far away."""
     q = home(robot)
     for _ in range(60):
@@ -155,7 +155,7 @@ def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot: Robot, 
     assert gaze_of(robot.at(q))[3] >= 5 * DEG - 1e-6
 
 
-def test_a_point_straight_above_an_eye_has_finite_derivatives(robot: Robot) -> None:
+def test_a_point_straight_above_an_eye_has_finite_derivatives(robot):
     """Its azimuth is undefined."""
     posture = robot.at(home(robot))
     x, dx_dq, dx_dp = features(posture, posture.point("left_eye", (0.0, -0.3, 0.0)))
@@ -163,20 +163,20 @@ def test_a_point_straight_above_an_eye_has_finite_derivatives(robot: Robot) -> N
     assert max(np.abs(dx_dq).max(), np.abs(dx_dp).max()) < 1e7
 
 
-def test_a_joint_may_reach_its_limit_in_one_step(robot: Robot) -> None:
+def test_a_joint_may_reach_its_limit_in_one_step(robot):
     q = set_gaze(robot, home(robot), pitch=-39 * DEG, vergence=10 * DEG)
     q = move(robot, q, step(PARAMS, robot.at(q), (-0.2, 0.0, -0.2), hold_s=DT).dq_rad_s)
     assert gaze_of(robot.at(q))[1] == pytest.approx(-40 * DEG, abs=1e-6)
 
 
-def test_a_gaze_outside_its_range_is_led_back(robot: Robot) -> None:
+def test_a_gaze_outside_its_range_is_led_back(robot):
     q = set_gaze(robot, home(robot), vergence=0.0)
     for _ in range(10):
         q = move(robot, q, step(PARAMS, robot.at(q), (-0.4, 0.0, 0.3), hold_s=DT).dq_rad_s)
     assert gaze_of(robot.at(q))[3] > 5 * DEG
 
 
-def test_fixation_error_is_the_worse_eyes_angle(robot: Robot) -> None:
+def test_fixation_error_is_the_worse_eyes_angle(robot):
     q = set_gaze(robot, np.zeros(robot.n_joints), vergence=20 * DEG)
     p = fixation_point(robot.at(q))
     assert p is not None
@@ -189,6 +189,6 @@ def test_fixation_error_is_the_worse_eyes_angle(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("p", "v"), [((np.nan, 0, 0), (0, 0, 0)), ((-0.3, 0, 0), (0, np.inf, 0)), ((-0.3, 0), (0, 0, 0))]
 )
-def test_a_target_that_is_not_finite_is_refused(robot: Robot, p: tuple[float, ...], v: tuple[float, ...]) -> None:
+def test_a_target_that_is_not_finite_is_refused(robot, p, v):
     with pytest.raises(ValueError, match="expected a known point and velocity"):
         step(PARAMS, robot.at(home(robot)), p, v)

@@ -8,7 +8,7 @@ from pps_vision.types import JointVelocity
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.03, 0.1, 0.23])
-def test_the_commands_on_the_way_are_obeyed_in_turn(rng: np.random.Generator, latency_s: float) -> None:
+def test_the_commands_on_the_way_are_obeyed_in_turn(rng, latency_s):
     stamps = np.cumsum(rng.uniform(0.02, 0.2, 6))
     commands = [JointVelocity(float(t), rng.normal(size=3), 0.1) for t in stamps]  # some end before the next
     q0 = rng.normal(size=3)
@@ -23,7 +23,7 @@ def test_the_commands_on_the_way_are_obeyed_in_turn(rng: np.random.Generator, la
     np.testing.assert_allclose(posture_after(q0, commands, from_s, until_s, latency_s), expected, atol=2e-3)
 
 
-def test_nothing_moves_in_no_time_or_without_commands() -> None:
+def test_nothing_moves_in_no_time_or_without_commands():
     q = np.arange(3.0)
     command = JointVelocity(0.0, np.ones(3), 0.5)
     np.testing.assert_array_equal(posture_after(q, [command], 0.2, 0.2, 0.0), q)

@@ -48,7 +48,7 @@ def smallest_distance(bodies: SelfCollision, q: Array, held: JointVelocity) -> f
 
 
 @pytest.mark.parametrize("dt_s", [-0.05, 0.0, np.nan, 0.51, np.inf])
-def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot: Robot, dt_s: float) -> None:
+def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot, dt_s):
     posture = robot.at(home(robot))
     model = GazeModel(robot)
     rng = np.random.default_rng(0)
@@ -69,9 +69,7 @@ def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot: Robot
 
 
 @pytest.mark.parametrize("stamp_s", [np.nan, np.inf, -np.inf, 0.9])
-def test_stamps_that_are_not_finite_or_go_back_are_refused_and_change_nothing(
-    robot: Robot, bodies: SelfCollision, stamp_s: float
-) -> None:
+def test_stamps_that_are_not_finite_or_go_back_are_refused_and_change_nothing(robot, bodies, stamp_s):
     params = AvoidanceParams(HOME_ARM_RAD, confirmation_s=0.0)
     arm = ArmInput(1.0, robot.at(home(robot)), SKIN, np.eye(12)[0], Track3D.unknown(1.0))
     state, first = avoid(params, ArmState(), arm)
@@ -86,7 +84,7 @@ def test_stamps_that_are_not_finite_or_go_back_are_refused_and_change_nothing(
 
 
 @pytest.mark.parametrize("rates", [np.full(23, np.nan), np.r_[np.zeros(22), np.inf], np.zeros(22)])
-def test_rates_that_are_not_finite_are_refused(robot: Robot, bodies: SelfCollision, rates: Array) -> None:
+def test_rates_that_are_not_finite_are_refused(robot, bodies, rates):
     with pytest.raises(InputError, match="expected 23 finite numbers"):
         limit(PARAMS, bodies, robot.at(home(robot)), JointVelocity(0.0, rates, HOLD_S))
 
@@ -94,7 +92,7 @@ def test_rates_that_are_not_finite_are_refused(robot: Robot, bodies: SelfCollisi
 @pytest.mark.parametrize(
     "change", [{"joint_rad_s": 0.0}, {"eyes_rad_s": np.nan}, {"speed_up_s": 0.0}, {"clearance_m": -1.0}]
 )
-def test_impossible_limits_are_refused(change: dict[str, float]) -> None:
+def test_impossible_limits_are_refused(change):
     with pytest.raises(InputError, match="expected rates and a time above 0"):
         replace(PARAMS, **change)
 
@@ -102,8 +100,8 @@ def test_impossible_limits_are_refused(change: dict[str, float]) -> None:
 @pytest.mark.parametrize("outside_rad", [0.0, 0.3])
 @pytest.mark.parametrize("hold_s", [0.02, 0.5])
 def test_from_any_start_joints_and_rates_keep_their_limits_while_a_command_is_held(
-    robot: Robot, rng: np.random.Generator, bodies: SelfCollision, outside_rad: float, hold_s: float
-) -> None:
+    robot, rng, bodies, outside_rad, hold_s
+):
     fastest = np.full(robot.n_joints, np.deg2rad(60))
     fastest[robot.indices(("eyes_tilt", "left_eye_pan", "right_eye_pan"))] = np.deg2rad(180)
     moved = 0
@@ -120,7 +118,7 @@ def test_from_any_start_joints_and_rates_keep_their_limits_while_a_command_is_he
     assert moved > 20
 
 
-def test_a_joint_beyond_its_limit_may_go_back(robot: Robot, bodies: SelfCollision) -> None:
+def test_a_joint_beyond_its_limit_may_go_back(robot, bodies):
     q = home(robot)
     (elbow,) = robot.indices(("left_elbow",))
     q[elbow] = robot.upper_rad[elbow] + 0.2
@@ -128,7 +126,7 @@ def test_a_joint_beyond_its_limit_may_go_back(robot: Robot, bodies: SelfCollisio
     assert not limit(PARAMS, bodies, robot.at(q), command(robot, left_elbow=0.3)).dq_rad_s.any()
 
 
-def test_a_command_is_scaled_uniformly_and_the_head_apart_from_the_body(robot: Robot, bodies: SelfCollision) -> None:
+def test_a_command_is_scaled_uniformly_and_the_head_apart_from_the_body(robot, bodies):
     q = home(robot)
     (roll,) = robot.indices(("left_shoulder_roll",))
     wanted = command(robot, left_shoulder_roll=6.0, right_elbow=1.0, torso_yaw=-0.5, neck_yaw=0.4, eyes_tilt=-0.2)
@@ -138,7 +136,7 @@ def test_a_command_is_scaled_uniformly_and_the_head_apart_from_the_body(robot: R
     np.testing.assert_allclose(held, share * wanted.dq_rad_s, atol=1e-12)
 
 
-def test_a_joint_at_its_limit_does_not_stop_the_others_by_rounding(robot: Robot, bodies: SelfCollision) -> None:
+def test_a_joint_at_its_limit_does_not_stop_the_others_by_rounding(robot, bodies):
     q = home(robot)
     q[robot.indices(("neck_pitch",))] = robot.lower_rad[robot.indices(("neck_pitch",))]
     for beyond, share in ((1e-8, 1.0), (0.9e-6, 1.0), (1.2e-6, 0.0)):
@@ -146,9 +144,7 @@ def test_a_joint_at_its_limit_does_not_stop_the_others_by_rounding(robot: Robot,
         np.testing.assert_allclose(held.dq_rad_s, share * command(robot, neck_yaw=0.3).dq_rad_s, atol=1e-2 * beyond)
 
 
-def test_the_change_from_braking_is_as_large_as_the_limits_allow(
-    robot: Robot, rng: np.random.Generator, bodies: SelfCollision
-) -> None:
+def test_the_change_from_braking_is_as_large_as_the_limits_allow(robot, rng, bodies):
     """In free space one joint of each group reaches a limit, or all is as asked for."""
     posture = robot.at(home(robot))
     fastest = np.full(robot.n_joints, np.deg2rad(60))
@@ -173,13 +169,13 @@ def test_the_change_from_braking_is_as_large_as_the_limits_allow(
             assert used.max() > 1 - 1e-6 or share == pytest.approx(1.0)
 
 
-def test_a_short_command_is_no_faster_than_it_can_be_stopped_within(robot: Robot, bodies: SelfCollision) -> None:
+def test_a_short_command_is_no_faster_than_it_can_be_stopped_within(robot, bodies):
     (yaw,) = robot.indices(("neck_yaw",))
     held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, hold_s=0.05, neck_yaw=5.0))
     assert held.dq_rad_s[yaw] == pytest.approx(np.deg2rad(30))
 
 
-def test_a_joint_that_was_pushed_to_its_limit_does_not_brake_beyond(robot: Robot, bodies: SelfCollision) -> None:
+def test_a_joint_that_was_pushed_to_its_limit_does_not_brake_beyond(robot, bodies):
     (yaw,) = robot.indices(("neck_yaw",))
     q = home(robot)
     q[yaw] = robot.upper_rad[yaw]
@@ -187,7 +183,7 @@ def test_a_joint_that_was_pushed_to_its_limit_does_not_brake_beyond(robot: Robot
     assert held.dq_rad_s[yaw] == 0.0
 
 
-def test_braking_ends_where_the_last_command_would_have(robot: Robot, bodies: SelfCollision) -> None:
+def test_braking_ends_where_the_last_command_would_have(robot, bodies):
     """Turned back in full flight just before its limit, the joint stops in front of it."""
     (yaw,) = robot.indices(("neck_yaw",))
     q = home(robot)
@@ -204,7 +200,7 @@ def test_braking_ends_where_the_last_command_would_have(robot: Robot, bodies: Se
     assert np.abs(np.diff(rates)).max() <= 10 * np.deg2rad(60) * dt + 1e-9
 
 
-def test_a_command_that_has_ended_is_not_braked_from(robot: Robot, bodies: SelfCollision) -> None:
+def test_a_command_that_has_ended_is_not_braked_from(robot, bodies):
     last = command(robot, neck_yaw=1.0)
     for stamp_s, moves in ((0.4, True), (0.5, False), (3.0, False)):
         held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, stamp_s), last)
@@ -225,7 +221,7 @@ def towards_the_chest(robot: Robot, q: Array) -> Array:
     return arm_velocity(ArmParams(), robot.at(q), constraints, [point])
 
 
-def test_an_arm_pressed_against_the_chest_stops_20_mm_before_it(robot: Robot, bodies: SelfCollision) -> None:
+def test_an_arm_pressed_against_the_chest_stops_20_mm_before_it(robot, bodies):
     q = home(robot)
     free = home(robot)
     last = None
@@ -241,9 +237,7 @@ def test_an_arm_pressed_against_the_chest_stops_20_mm_before_it(robot: Robot, bo
     assert pressed < 0.022
 
 
-def test_before_the_chest_the_arm_brakes_within_its_acceleration_limit(
-    robot: Robot, rng: np.random.Generator, bodies: SelfCollision
-) -> None:
+def test_before_the_chest_the_arm_brakes_within_its_acceleration_limit(robot, rng, bodies):
     """Commands that change at random: the next one is not proven free, the way of the last one is."""
     arm = robot.indices(robot.names.arm("left"))
     dt = 0.01
@@ -265,7 +259,7 @@ def near_the_chest(robot: Robot, bodies: SelfCollision, distance_m: float) -> Ar
     return q
 
 
-def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot: Robot, bodies: SelfCollision) -> None:
+def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot, bodies):
     """Nothing can be proven free; the way of the last command was."""
 
     class Doubtful(SelfCollision):
@@ -283,7 +277,7 @@ def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot: Rob
 
 
 @pytest.mark.parametrize("start_m", [-0.01, -0.001, 0.0, 0.015])
-def test_bodies_that_overlap_or_are_too_near_may_only_part(robot: Robot, bodies: SelfCollision, start_m: float) -> None:
+def test_bodies_that_overlap_or_are_too_near_may_only_part(robot, bodies, start_m):
     """Asked by turns to come nearer and to part, the arm leaves the chest, and never goes back."""
     q = near_the_chest(robot, bodies, start_m)
     last = None
@@ -301,7 +295,7 @@ def test_bodies_that_overlap_or_are_too_near_may_only_part(robot: Robot, bodies:
     pytest.fail("still too near")
 
 
-def test_bodies_that_overlap_do_not_come_nearer(robot: Robot, bodies: SelfCollision) -> None:
+def test_bodies_that_overlap_do_not_come_nearer(robot, bodies):
     q = near_the_chest(robot, bodies, -0.001)
     wanted = JointVelocity(0.0, towards_the_chest(robot, q) + command(robot, neck_yaw=0.3).dq_rad_s, HOLD_S)
     held = limit(PARAMS, bodies, robot.at(q), wanted)
@@ -309,7 +303,7 @@ def test_bodies_that_overlap_do_not_come_nearer(robot: Robot, bodies: SelfCollis
     assert held.dq_rad_s[~bodies.moving].any()
 
 
-def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot: Robot, bodies: SelfCollision) -> None:
+def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot, bodies):
     """The way of the last command is no longer free, so the distance goes before the acceleration limit."""
     q = near_the_chest(robot, bodies, 0.0205)
     last = JointVelocity(0.0, towards_the_chest(robot, q), HOLD_S)

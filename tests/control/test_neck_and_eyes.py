@@ -46,9 +46,7 @@ def last_above(errors: Array, bound: float) -> float:
     return DT * (above[-1] + 1) if len(above) else 0.0
 
 
-def test_eyes_settle_to_a_tenth_of_a_degree_and_the_neck_to_half_a_degree(
-    robot: Robot, rng: np.random.Generator
-) -> None:
+def test_eyes_settle_to_a_tenth_of_a_degree_and_the_neck_to_half_a_degree(robot, rng):
     rig = icub_rig(robot)
     settled = []
     while len(settled) < 15:
@@ -71,7 +69,7 @@ def test_eyes_settle_to_a_tenth_of_a_degree_and_the_neck_to_half_a_degree(
     assert np.median(neck_s) <= 0.75
 
 
-def test_the_eyes_turn_back_as_the_neck_comes_and_all_rest_ahead(robot: Robot) -> None:
+def test_the_eyes_turn_back_as_the_neck_comes_and_all_rest_ahead(robot):
     """From eyes turned aside and a head on one side: the target stays fixated meanwhile."""
     q = set_gaze(robot, home(robot), tilt=-8 * DEG, version=15 * DEG, vergence=10 * DEG)
     (roll,) = robot.indices(("neck_roll",))
@@ -85,7 +83,7 @@ def test_the_eyes_turn_back_as_the_neck_comes_and_all_rest_ahead(robot: Robot) -
     assert np.abs(qs[-1] - q)[joints(robot)[0]].max() > 10 * DEG
 
 
-def test_the_eyes_compensate_for_the_torso(robot: Robot) -> None:
+def test_the_eyes_compensate_for_the_torso(robot):
     trunk = np.zeros(robot.n_joints)
     trunk[robot.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = np.array([25, 10, 15]) * DEG
     q = gaze_at(robot, home(robot), AHEAD)
@@ -101,7 +99,7 @@ def test_the_eyes_compensate_for_the_torso(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("p", [(0.5, 0.3, 0.3), (-0.1, 0.0, -0.6), (-0.075, 0.0, 0.34), (-3.0, 0.0, 0.3)])
-def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot: Robot, p: tuple[float, ...]) -> None:
+def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot, p):
     """Behind the head, straight below, between the eyes, far away."""
     for q in follow(robot, home(robot), np.array(p), 60):
         assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))
@@ -109,7 +107,7 @@ def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot: Robot, 
         assert left - right > -1e-6
 
 
-def test_joints_outside_their_limits_come_back(robot: Robot) -> None:
+def test_joints_outside_their_limits_come_back(robot):
     neck, eyes = joints(robot)
     q = gaze_at(robot, home(robot), AHEAD)
     q[neck + eyes] = robot.upper_rad[neck + eyes] + 5 * DEG
@@ -119,7 +117,7 @@ def test_joints_outside_their_limits_come_back(robot: Robot) -> None:
     assert fixation_error(robot.at(q), AHEAD) < 0.1 * DEG
 
 
-def test_the_error_decreases_by_twelve_and_a_half_times_itself_per_second(robot: Robot) -> None:
+def test_the_error_decreases_by_twelve_and_a_half_times_itself_per_second(robot):
     """In a step of 20 ms to three quarters of itself."""
     q = gaze_at(robot, home(robot), AHEAD)
     p = AHEAD + np.array([0.0, 0.001, 0.001])
@@ -131,7 +129,7 @@ def test_the_error_decreases_by_twelve_and_a_half_times_itself_per_second(robot:
     assert (command.stamp_s, command.hold_s) == (7.0, 0.02)
 
 
-def test_the_neck_takes_over_from_eyes_turned_aside_at_twelve_times_their_angle_per_second(robot: Robot) -> None:
+def test_the_neck_takes_over_from_eyes_turned_aside_at_twelve_times_their_angle_per_second(robot):
     """In a step of 10 ms it has taken 12 % of how far the point is aside of eyes that look ahead."""
     q = gaze_at(robot, home(robot), AHEAD)
     q = set_gaze(robot, q, version=3 * DEG, tilt=-2 * DEG)

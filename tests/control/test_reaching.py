@@ -13,7 +13,6 @@ from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import ReachingParams, first_touch, other_parts, step, target_taxel
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD, home
-from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin
 from pps_vision.types import Array, JointVelocity, Track3D
@@ -36,7 +35,7 @@ def ball(position: Array, velocity: Array | Sequence[float] = (0.0, 0.0, 0.0), s
     return track_at(position, velocity, stamp_s, radius_m=BALL_M)
 
 
-def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot: Robot) -> None:
+def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot):
     """An activation before it was allowed does not count for the confirmation."""
     params = replace(PARAMS, confirmation_s=0.1)
     posture = robot.at(home(robot))
@@ -53,7 +52,7 @@ def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot: Ro
 
 
 @pytest.mark.parametrize(("elapsed_s", "mode"), [(2.9, "reach"), (3.1, "return")])
-def test_reaching_outlasts_the_activation_by_three_seconds(robot: Robot, elapsed_s: float, mode: str) -> None:
+def test_reaching_outlasts_the_activation_by_three_seconds(robot, elapsed_s, mode):
     point = MovingPoint("left_palm", np.zeros(3), np.zeros(3))
     state = ArmState("reach", 100.0, points=(point,), target_taxel=0)
     at = SKIN.at(robot.at(home(robot)))[0][0] + 0.1
@@ -62,14 +61,14 @@ def test_reaching_outlasts_the_activation_by_three_seconds(robot: Robot, elapsed
 
 
 @pytest.mark.parametrize("lost", [False, True])
-def test_a_lost_object_is_reached_for_no_more(robot: Robot, lost: bool) -> None:
+def test_a_lost_object_is_reached_for_no_more(robot, lost):
     state = ArmState("reach", 0.0, target_taxel=0)
     track = Track3D.unknown(0.1) if lost else ball(SKIN.at(robot.at(home(robot)))[0][0] + 0.1)
     arm = ArmInput(0.1, robot.at(home(robot)), SKIN, felt_by(), track)
     assert step(PARAMS, state, arm, is_reachable=True)[1].mode == ("hold" if lost else "reach")
 
 
-def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot: Robot) -> None:
+def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot):
     """A ball comes to the forearm for 0.3 s and waits beside the palm, whose taxels are activated more."""
     q = home(robot)
     state = ArmState()
@@ -87,7 +86,7 @@ def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot: Robot)
     assert smallest[0] < 0 < smallest[1]
 
 
-def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot: Robot) -> None:
+def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot):
     """Activation lasts for 0.3 s, while the ball comes; it waits 5 cm from the skin, 40° from the normal."""
     q = home(robot)
     state = ArmState()
@@ -108,7 +107,7 @@ def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot: Robot
 
 
 @pytest.mark.parametrize("active", ["left_forearm:3", "left_palm:101"])
-def test_the_target_is_the_taxel_that_the_path_passes_nearest(robot: Robot, active: str) -> None:
+def test_the_target_is_the_taxel_that_the_path_passes_nearest(robot, active):
     """Whichever taxel is active; it changes only while one is."""
     posture = robot.at(home(robot))
     state = ArmState()
@@ -125,7 +124,7 @@ def test_the_target_is_the_taxel_that_the_path_passes_nearest(robot: Robot, acti
         assert state.points[0].frame == ("left_palm" if i == 2 else "left_forearm")
 
 
-def test_the_position_history_decides_which_taxel_an_object_comes_to(robot: Robot) -> None:
+def test_the_position_history_decides_which_taxel_an_object_comes_to(robot):
     """Not its velocity, which overshoots, unless there is only one position; extrapolated for ten seconds."""
     posture = robot.at(home(robot))
     points, normals = SKIN.at(posture)
@@ -143,7 +142,7 @@ def test_the_position_history_decides_which_taxel_an_object_comes_to(robot: Robo
         assert target_taxel(PARAMS, arm, ArmState(positions=positions)) == expected
 
 
-def test_how_near_an_object_passes_by_hand() -> None:
+def test_how_near_an_object_passes_by_hand():
     """It flies along x for two seconds, past one point, short of another, and away from a third."""
     points = np.array([[0.1, 0.03, 0.04], [0.5, 0.0, 0.0], [-0.1, 0.0, 0.0]])
     passing = passing_distances(points, np.zeros(3), np.array([0.2, 0.0, 0.0]), 2.0)
@@ -151,7 +150,7 @@ def test_how_near_an_object_passes_by_hand() -> None:
     np.testing.assert_allclose(passing_distances(points, np.zeros(3), np.zeros(3), 2.0), [np.sqrt(0.0125), 0.5, 0.1])
 
 
-def test_the_other_parts_nearest_taxels_keep_clear(robot: Robot) -> None:
+def test_the_other_parts_nearest_taxels_keep_clear(robot):
     """The object's radius counts where it is known."""
     posture = robot.at(home(robot))
     k = SKIN.index("left_palm:99")
@@ -166,7 +165,7 @@ def test_the_other_parts_nearest_taxels_keep_clear(robot: Robot) -> None:
         assert near.distance_m == pytest.approx(0.01 - (BALL_M if np.isfinite(radius_m) else 0.0))
 
 
-def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot: Robot, rng: np.random.Generator) -> None:
+def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot, rng):
     """Gaps by the speeds at which they close, by finite differences; all taxels are moved by the same joint rates."""
     q = home(robot)
     posture = robot.at(q)
@@ -205,7 +204,7 @@ BALL_VELOCITY = np.array([-0.021, 0.181, 0.179])
 
 
 @pytest.mark.parametrize(("damping_m", "touches"), [(ReachingParams.damping_m, True), (0.003, False)])
-def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot: Robot, damping_m: float, touches: bool) -> None:
+def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot, damping_m, touches):
     """Through the last stage, 0.7 s of approach and 2 s of waiting; with little damping alone the arm is too slow."""
     skin = icub_skin(("right_forearm", "right_palm"))
     bodies = SelfCollision(robot)
@@ -234,9 +233,7 @@ def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot: Robot, dam
 
 
 @pytest.mark.parametrize(("shares", "chosen"), [((1.0, 1.0), 1), ((1.0, 0.5), 0), ((0.5, 1.0), 1)])
-def test_an_arm_reaches_with_the_damping_that_touches_first(
-    robot: Robot, shares: tuple[float, float], chosen: int
-) -> None:
+def test_an_arm_reaches_with_the_damping_that_touches_first(robot, shares, chosen):
     """With one joint, a taxel at r from its axis, and dampings d of 3 cm and 3 mm: rates as 1/(r² + d²), slowed by the
     share that the last stage lets through."""
     changes = list[Array]()
@@ -262,6 +259,6 @@ def test_an_arm_reaches_with_the_damping_that_touches_first(
     assert response.command.dq_rad_s[pitch] == pytest.approx(rates[chosen], rel=1e-6)
 
 
-def test_a_damping_of_zero_is_refused() -> None:
+def test_a_damping_of_zero_is_refused():
     with pytest.raises(InputError, match="damping_m 0; expected a positive number"):
         replace(PARAMS, damping_m=0)

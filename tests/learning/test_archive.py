@@ -1,7 +1,6 @@
 """Archives of arrays: exact copies are read, anything else is refused."""
 
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from learning.archive import read_archive, write_archive
 from pps_vision.errors import InputError
 
 
-def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path: Path) -> None:
+def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path):
     file = tmp_path / "a.npz"
     write_archive(file, "map", 2, {"x": np.arange(3.0), "names": np.array(["a", "b"])})
     arrays = read_archive(file, "map", 2, ("x", "names"))
@@ -20,7 +19,7 @@ def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path: Path) -> Non
     assert arrays["written_by"] == version("pps-vision")
 
 
-def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
     file = tmp_path / "a.npz"
     write_archive(file, "map", 2, {"x": 1.0})
 
@@ -42,16 +41,14 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path, mon
         ("map", 2, ("x", "y"), "no y; expected map with x, y"),
     ],
 )
-def test_another_kind_version_or_content_is_named(
-    tmp_path: Path, kind: str, version: int, names: tuple[str, ...], message: str
-) -> None:
+def test_another_kind_version_or_content_is_named(tmp_path, kind, version, names, message):
     file = tmp_path / "a.npz"
     write_archive(file, "map", 2, {"x": 1.0})
     with pytest.raises(InputError, match=message):
         read_archive(file, kind, version, names)
 
 
-def test_only_named_arrays_count_and_must_be_numbers_or_text(tmp_path: Path) -> None:
+def test_only_named_arrays_count_and_must_be_numbers_or_text(tmp_path):
     file = tmp_path / "a.npz"
     write_archive(file, "map", 2, {"x": 1.0, "z": 1j})
     assert read_archive(file, "map", 2, ("x",))["x"] == 1
@@ -59,7 +56,7 @@ def test_only_named_arrays_count_and_must_be_numbers_or_text(tmp_path: Path) -> 
         read_archive(file, "map", 2, ("z",))
 
 
-def test_more_than_256_mib_are_refused(tmp_path: Path) -> None:
+def test_more_than_256_mib_are_refused(tmp_path):
     file = tmp_path / "a.npz"
     most = 2**28
     write_archive(file, "map", 2, {"x": np.zeros(most, np.uint8)})
@@ -67,6 +64,6 @@ def test_more_than_256_mib_are_refused(tmp_path: Path) -> None:
         read_archive(file, "map", 2, ("x",))
 
 
-def test_a_file_that_says_nothing_of_who_wrote_it_is_read(tmp_path: Path) -> None:
+def test_a_file_that_says_nothing_of_who_wrote_it_is_read(tmp_path):
     np.savez(tmp_path / "old.npz", kind="map", version=2, x=1.0)
     assert read_archive(tmp_path / "old.npz", "map", 2, ("x",))["written_by"] == "unknown"

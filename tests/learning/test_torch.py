@@ -30,7 +30,7 @@ def rows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int
 
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("bins", [(8, 4), (8, 1)])
-def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.random.Generator) -> None:
+def test_activation(device, bins, rows, rng):
     """As without torch, 0 outside the ranges and for NaN."""
     counts = rng.integers(0, 20, (3, *bins, 2))
     params = MemoryParams(bins=bins, sigma_bins=1.5)
@@ -46,7 +46,7 @@ def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.rando
 
 
 @pytest.mark.parametrize("device", [None, *DEVICES])
-def test_reachability(device: str | None, rows: int, rng: np.random.Generator) -> None:
+def test_reachability(device, rows, rng):
     """Against SciPy's interpolation in yaw, pitch and ln tan(vergence/2)."""
     limits = GazeLimits()
     shape = (5, 6, 7)

@@ -110,7 +110,7 @@ def encounter(
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.2])
 @pytest.mark.parametrize("latency", ["known", "unknown"])
-def test_commands_that_take_effect_late(latency_s: float, latency: str) -> None:
+def test_commands_that_take_effect_late(latency_s, latency):
     """Up to 0.2 s, predicted or not: the arm withdraws, returns and rests; it does not swing."""
     log = encounter(latency_s=latency_s, known_latency_s=latency_s if latency == "known" else 0.0)
     assert "avoid" in log.modes
@@ -119,7 +119,7 @@ def test_commands_that_take_effect_late(latency_s: float, latency: str) -> None:
 
 
 @pytest.mark.parametrize("gaze", GAZES)
-def test_the_eyes_keep_the_object_in_view_while_the_arm_avoids(gaze: str) -> None:
+def test_the_eyes_keep_the_object_in_view_while_the_arm_avoids(gaze):
     """Eyes that stay where they were when it came lose it."""
     start = gaze_at(ROBOT, home(ROBOT), visit(0.0)[0])
     rig = icub_rig(ROBOT)
@@ -137,7 +137,7 @@ def test_the_eyes_keep_the_object_in_view_while_the_arm_avoids(gaze: str) -> Non
 
 
 @pytest.mark.parametrize("posture_deg", [(-30, 20, 0, 5.5, 0, 0, 0), (-30, 23, -8, 106, -46, 0, 0)])
-def test_an_arm_that_is_straight_and_an_elbow_at_its_limit(posture_deg: tuple[float, ...]) -> None:
+def test_an_arm_that_is_straight_and_an_elbow_at_its_limit(posture_deg):
     start = home(ROBOT)
     start[ARM] = np.deg2rad(posture_deg)
     point, normal = (a[SKIN.index("left_forearm:3")] for a in SKIN.at(ROBOT.at(start)))
@@ -150,7 +150,7 @@ def test_an_arm_that_is_straight_and_an_elbow_at_its_limit(posture_deg: tuple[fl
     assert np.linalg.norm(point - at_home) > 0.02, "else it is home"
 
 
-def test_an_object_that_stays_on_the_way_home() -> None:
+def test_an_object_that_stays_on_the_way_home():
     """The arm tries once, then waits out of its way without swinging to and fro."""
     start = home(ROBOT)
     start[ARM] = np.deg2rad((-30, 20, 0, 5.5, 0, 0, 0))
@@ -161,7 +161,7 @@ def test_an_object_that_stays_on_the_way_home() -> None:
     assert log.reversals() <= 4
 
 
-def test_vision_lost_in_mid_avoidance() -> None:
+def test_vision_lost_in_mid_avoidance():
     """The arm holds still, then goes home, and meets nothing that it does not see."""
     log = encounter(lambda t: visit(t) if t < 1.8 else None)
     first = [mode for k, mode in enumerate(log.modes) if k == 0 or log.modes[k - 1] != mode]
@@ -169,7 +169,7 @@ def test_vision_lost_in_mid_avoidance() -> None:
     log.at_rest_at_home()
 
 
-def test_a_joint_that_is_stuck() -> None:
+def test_a_joint_that_is_stuck():
     """The elbow does not move: the others withdraw and return; the return is given up, and all rest."""
     elbow = ARM[3]
 
@@ -184,7 +184,7 @@ def test_a_joint_that_is_stuck() -> None:
     assert log.reversals() <= 2
 
 
-def test_a_torso_that_turns_during_avoidance() -> None:
+def test_a_torso_that_turns_during_avoidance():
     """The arm is at home in its own joints, wherever the torso is."""
     torso = ROBOT.indices(("torso_yaw", "torso_pitch"))
 
@@ -199,7 +199,7 @@ def test_a_torso_that_turns_during_avoidance() -> None:
 
 @pytest.mark.parametrize("gaze", GAZES)
 @pytest.mark.parametrize("latency_s", [0.0, 0.2])
-def test_a_target_at_rest_is_fixated_without_overshoot_or_limit_cycle(gaze: str, latency_s: float) -> None:
+def test_a_target_at_rest_is_fixated_without_overshoot_or_limit_cycle(gaze, latency_s):
     p = np.array([-0.35, -0.15, 0.2])
     log = encounter(lambda t: (p, np.zeros(3)), 2.5, latency_s=latency_s, fixation=GAZES[gaze])
     errors = np.array([fixation_error(ROBOT.at(q), p) for q in log.q]) / DEG
@@ -212,7 +212,7 @@ def test_a_target_at_rest_is_fixated_without_overshoot_or_limit_cycle(gaze: str,
 
 @pytest.mark.parametrize("gaze", GAZES)
 @pytest.mark.parametrize("place", ["at the eye", "between the eyes", "across the midline"])
-def test_a_target_where_no_eye_can_follow(gaze: str, place: str) -> None:
+def test_a_target_where_no_eye_can_follow(gaze, place):
     """At 2 cm before an eye and between the eyes; across the midline at 40 cm/s, 15 cm before the eyes."""
     eyes = [ROBOT.at(home(ROBOT)).point(eye, (0, 0, 0.02)) for eye in (ROBOT.names.left_eye, ROBOT.names.right_eye)]
 
@@ -247,7 +247,7 @@ def drive(activations: Callable[[int], Array], steps: int = 200) -> Log:
 
 
 @pytest.mark.parametrize("period", [2, 3, 8, 16])
-def test_activation_that_flickers_about_the_threshold(period: int) -> None:
+def test_activation_that_flickers_about_the_threshold(period):
     """Short ones are not confirmed, longer ones move the arm there and back within its sphere; then it rests."""
     a = np.where(np.arange(16) == 2, 1.0, 0.0)
     log = drive(lambda k: a * (0.41 if k % period < (period + 1) // 2 else 0.39) * (k < 80))
@@ -258,7 +258,7 @@ def test_activation_that_flickers_about_the_threshold(period: int) -> None:
     assert log.reversals() <= 2 * 80 // period
 
 
-def test_all_taxels_active() -> None:
+def test_all_taxels_active():
     log = drive(lambda k: np.full(16, float(k < 60)))
     assert "avoid" in log.modes
     log.at_rest_at_home()
@@ -266,7 +266,7 @@ def test_all_taxels_active() -> None:
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.999])
-def test_opposite_normals_cancel(ratio: float) -> None:
+def test_opposite_normals_cancel(ratio):
     """Two stimuli on opposite sides: the arm does not change sides with their noise."""
     normals = SKIN.at(ROBOT.at(home(ROBOT)))[1]
     near = SKIN.index("left_forearm:3")

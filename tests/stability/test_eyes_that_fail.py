@@ -102,9 +102,7 @@ def met(scene: SimulationScene) -> Met:
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=str)
-def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(
-    scene: SimulationScene, met: Met, fault: str
-) -> None:
+def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(scene, met, fault):
     log = met(fault)
     status = np.array(log.status)
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
@@ -118,7 +116,7 @@ def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
 
 
-def test_the_head_does_not_spin_after_a_frozen_image(scene: SimulationScene, met: Met) -> None:
+def test_the_head_does_not_spin_after_a_frozen_image(scene, met):
     """What rests in a frozen image seems to turn with the head: whoever believes it turns on for ever."""
     log = met("both eyes frozen")
     gaze = np.rad2deg(log.q_rad[:, scene.robot.indices(scene.robot.names.gaze_joints)])

@@ -63,7 +63,7 @@ def small(case: Case) -> FilmScene:
 
 
 @pytest.mark.parametrize("name", [*USUAL, *(pytest.param(name, marks=pytest.mark.long) for name in FURTHER)])
-def test_a_case_is_tracked_within_its_limits(name: str) -> None:
+def test_a_case_is_tracked_within_its_limits(name):
     case = BY_NAME.get(name, LARGE)
     limits = LIMITS.get(name, Limits())
     film = Film(small(case), SEED, Path("absent"))

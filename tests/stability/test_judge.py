@@ -54,7 +54,7 @@ DEMANDS = {name: (value.demand, circle) for name, value in DISTURBANCES.items()}
 
 
 @pytest.mark.parametrize("name", DEMANDS)
-def test_only_an_honest_tracker_passes(name: str) -> None:
+def test_only_an_honest_tracker_passes(name):
     demand, position = DEMANDS[name]
     truth = np.array([position(t) for t in STAMPS])
     check(demand, honest(demand, position), truth)
@@ -63,7 +63,7 @@ def test_only_an_honest_tracker_passes(name: str) -> None:
             check(demand, fake(demand, position), truth)
 
 
-def test_each_demand_is_one_of_its_own() -> None:
+def test_each_demand_is_one_of_its_own():
     """An honest run spoiled in one way fails."""
     demand = Demand()
     truth = np.array([circle(t) for t in STAMPS])

@@ -48,7 +48,7 @@ def filmed(name: str, mode: Mode) -> tuple[dict[str, float], list[float], Tracke
 
 @pytest.mark.parametrize("mode", ["marker", "generic"])
 @pytest.mark.parametrize("name", SCENES)
-def test_a_ball_is_tracked_and_the_ellipsoid_holds_it(name: str, mode: Mode) -> None:
+def test_a_ball_is_tracked_and_the_ellipsoid_holds_it(name, mode):
     scores, _, _ = filmed(name, mode)
     assert scores["right_percent"] > 95
     assert scores["false_percent"] <= 1
@@ -57,19 +57,19 @@ def test_a_ball_is_tracked_and_the_ellipsoid_holds_it(name: str, mode: Mode) -> 
 
 
 @pytest.mark.parametrize("mode", ["marker", "generic"])
-def test_a_rig_that_rests_is_not_said_to_move(mode: Mode) -> None:
+def test_a_rig_that_rests_is_not_said_to_move(mode):
     assert max(filmed("rests", mode)[1]) == 0
 
 
 @pytest.mark.parametrize("mode", ["marker", "generic"])
 @pytest.mark.parametrize(("name", "at_least_deg"), [("rotates", 0.9), ("shakes", 0.1)])
-def test_a_rig_that_moves_is_said_to_within_a_second(name: str, mode: Mode, at_least_deg: float) -> None:
+def test_a_rig_that_moves_is_said_to_within_a_second(name, mode, at_least_deg):
     _, turned, tracker = filmed(name, mode)
     assert max(turned[:30]) > at_least_deg
     assert tracker.camera_motion.rate_rad_s > np.deg2rad(1.0)
 
 
-def test_the_delay_of_the_joints_is_measured() -> None:
+def test_the_delay_of_the_joints_is_measured():
     motion = filmed("20 ms late", "marker")[2].camera_motion
     assert abs(motion.delay_s - 0.02) < 0.002
     assert abs(motion.delay_s - 0.02) < 4 * motion.delay_std_s

@@ -126,14 +126,14 @@ def _case(how: str, mode: str) -> object:
 
 
 @pytest.mark.parametrize(("how", "mode"), [_case(how, mode) for how in DISTURBANCES for mode in OURS])
-def test_what_breaks_it_is_owned_to_and_got_over(how: str, mode: str) -> None:
+def test_what_breaks_it_is_owned_to_and_got_over(how, mode):
     footage = disturbed(how)
     disturbance = DISTURBANCES[how]
     tracks = tracked(footage, replace(OURS[mode], stamp_error_s=disturbance.stamp_error_s))
     check(disturbance.demand, tracks, footage.position)
 
 
-def test_frames_out_of_order_are_refused_and_change_nothing() -> None:
+def test_frames_out_of_order_are_refused_and_change_nothing():
     frames = usual().frames
     params = OURS["ours"]
     tracker, undisturbed = (Tracker(params, usual().rig, rng()) for _ in range(2))
@@ -158,7 +158,7 @@ def leaping(t_s: float) -> Array:
     return circle(t_s) + np.array([0.0, 0.12 if t_s > FROM_S - 1e-6 else 0.0, 0.0])
 
 
-def test_a_leap_is_caught_in_four_frames() -> None:
+def test_a_leap_is_caught_in_four_frames():
     """A ball that is suddenly elsewhere: not measured where it was, and found where it is."""
     footage = film(1.5, lambda _: swaying(0.0), leaping)
     check(LEAP, tracked(footage, OURS["ours"]), footage.position)
@@ -174,20 +174,20 @@ def grey() -> tuple[list[Track3D], Array]:
     return tracked(footage, OURS["ours"]), footage.position
 
 
-def test_grey_eyes_that_move_keep_what_they_saw_at_rest() -> None:
+def test_grey_eyes_that_move_keep_what_they_saw_at_rest():
     after = [(t, p) for t, p in zip(*grey(), strict=True) if t.stamp_s > TURNS_S[0]]
     assert all(track.status == Status.TRACKING for track, _ in after)
     assert max(np.linalg.norm(track.position - p) for track, p in after) < 0.04
 
 
-def test_grey_eyes_claim_nothing_wrong() -> None:
+def test_grey_eyes_claim_nothing_wrong():
     tracks, truth = grey()
     errors = [(t.position - p, t.cov[:3, :3]) for t, p in zip(tracks, truth, strict=True) if t.is_known]
     assert len(errors) > 30
     assert max(e @ np.linalg.solve(cov, e) for e, cov in errors) < HONEST
 
 
-def test_stamps_said_to_be_off_widen_what_is_known_by_as_much() -> None:
+def test_stamps_said_to_be_off_widen_what_is_known_by_as_much():
     """A head pose 25 ms old: trusted, the track is surely wrong; told of 25 ms, its 3σ hold the truth."""
     footage = d.stale_joints(fine(), EVERY, 0.025)
     inside = []
@@ -200,7 +200,7 @@ def test_stamps_said_to_be_off_widen_what_is_known_by_as_much() -> None:
     assert inside[1] > 0.8
 
 
-def test_a_sensor_without_noise_may_stand_still_for_a_moment() -> None:
+def test_a_sensor_without_noise_may_stand_still_for_a_moment():
     """Images without noise repeat while nothing moves: unseen, but not lost before its time."""
     moving = film(0.8, lambda _: swaying(0.0), noise=False)
     last = moving.frames[-1]

@@ -20,7 +20,7 @@ NEAR_M = 0.06
         ("marker", 7205, 0.2),
     ],
 )
-def test_it_is_found_again_soon_after_its_centre_is_back_in_view(mode: str, seed: int, within_s: float) -> None:
+def test_it_is_found_again_soon_after_its_centre_is_back_in_view(mode, seed, within_s):
     film = leave_view("independent", seed, OUT_S)
     tracker = Tracker(tracker_params(film, mode), film.rig, np.random.default_rng(seed), own_body=film.own_body)
     tracks = [tracker.step(frame).track for frame in film.frames]

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `from linear_model import …`
@@ -21,6 +21,12 @@ def robot() -> Robot:
 @pytest.fixture(scope="session")
 def rig(robot: Robot) -> StereoRig:
     return icub_rig(robot)
+
+
+@pytest.fixture(scope="session")
+def view(robot: Robot, rig: StereoRig) -> StereoView:
+    """Both eyes at the home posture."""
+    return rig.view(home(robot))
 
 
 @pytest.fixture

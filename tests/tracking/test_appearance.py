@@ -8,7 +8,7 @@ import pytest
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
 
 
-def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
+def test_bins_are_hue_and_saturation_or_value(rng):
     image = rng.integers(0, 256, (40, 40, 3), dtype=np.uint8)
     bins = color_bins(image)
     agree = 0
@@ -19,7 +19,7 @@ def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
     assert agree > 0.96 * bins.size  # the rest lies on the edges, where 8-bit hues round
 
 
-def test_a_color_only_the_object_has_is_the_object() -> None:
+def test_a_color_only_the_object_has_is_the_object():
     red = np.zeros((8, 8, 3), np.uint8)
     blue = np.zeros((8, 8, 3), np.uint8)
     red[..., 0] = 200
@@ -57,7 +57,7 @@ def model(share: float) -> ColorModel:
         (0.9, 0.9, 0.04, False),
     ],
 )
-def test_colours_in_either_eye_and_size_must_agree(left: float, right: float, radius_m: float, is_same: bool) -> None:
+def test_colours_in_either_eye_and_size_must_agree(left, right, radius_m, is_same):
     tracked = (model(0.9), model(0.9))
     detected = (model(left), model(right))
     assert is_same_object(tracked, 0.03, detected, radius_m) == is_same

@@ -36,22 +36,20 @@ def learned(rng: np.random.Generator, noise: float = 2.0) -> Background:
 @pytest.mark.parametrize(
     "patch", [(60.0, 50.0, 70.0), (140.0, 130.0, 150.0), (100.0, 90.0, 150.0), (70.0, 90.0, 110.0)]
 )
-def test_a_patch_that_differs_in_any_channel_is_no_background(
-    patch: tuple[float, float, float], rng: np.random.Generator
-) -> None:
+def test_a_patch_that_differs_in_any_channel_is_no_background(patch, rng):
     evidence = learned(rng).evidence(draw(rng, patch), VIEW, WHOLE)
     assert evidence[INNER].min() == 1
     evidence[96:134, 146:194] = 0
     assert (evidence > 0.5).mean() < 1e-3
 
 
-def test_nothing_is_evidence_before_there_is_a_background(rng: np.random.Generator) -> None:
+def test_nothing_is_evidence_before_there_is_a_background(rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     assert not background.is_known(VIEW)
     assert not background.evidence(draw(rng), VIEW, WHOLE).any()
 
 
-def test_what_rests_for_long_enough_becomes_background(rng: np.random.Generator) -> None:
+def test_what_rests_for_long_enough_becomes_background(rng):
     """An image is taken in band by band, so that every pixel is visited in every fourth frame."""
     background = learned(rng)
     for k in range(12, 40):
@@ -64,7 +62,7 @@ def test_what_rests_for_long_enough_becomes_background(rng: np.random.Generator)
 
 
 @pytest.mark.parametrize("fps", [3, 10, 120])
-def test_it_becomes_background_as_soon_at_any_rate_of_images(fps: int, rng: np.random.Generator) -> None:
+def test_it_becomes_background_as_soon_at_any_rate_of_images(fps, rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     changed_s = 1.0
     for k in range(int((changed_s + 0.9) * fps) + 3):
@@ -75,7 +73,7 @@ def test_it_becomes_background_as_soon_at_any_rate_of_images(fps: int, rng: np.r
             assert evidence.min() == 1 if stays else evidence.max() < 0.5
 
 
-def test_what_keeps_changing_does_not_become_background(rng: np.random.Generator) -> None:
+def test_what_keeps_changing_does_not_become_background(rng):
     background = learned(rng)
     for k in range(12, 60):
         level = 160.0 + 20.0 * (k // 4 % 2)
@@ -83,7 +81,7 @@ def test_what_keeps_changing_does_not_become_background(rng: np.random.Generator
     assert background.evidence(draw(rng), VIEW, WHOLE)[INNER].mean() < 0.2
 
 
-def test_the_tracked_object_does_not_become_background(rng: np.random.Generator) -> None:
+def test_the_tracked_object_does_not_become_background(rng):
     background = learned(rng)
     for k in range(12, 60):
         background.update(draw(rng, (160.0, 150.0, 170.0)), VIEW, DT * k, BOX)
@@ -91,7 +89,7 @@ def test_the_tracked_object_does_not_become_background(rng: np.random.Generator)
     assert background.evidence(draw(rng), VIEW, WHOLE)[INNER].mean() < 0.2
 
 
-def test_a_change_of_the_light_is_no_evidence(rng: np.random.Generator) -> None:
+def test_a_change_of_the_light_is_no_evidence(rng):
     background = learned(rng)
     brighter = np.clip(1.15 * draw(rng, (60.0, 50.0, 70.0)).astype(float), 0, 255).astype(np.uint8)
     background.update(brighter, VIEW, 12 * DT, None)
@@ -101,12 +99,12 @@ def test_a_change_of_the_light_is_no_evidence(rng: np.random.Generator) -> None:
     assert (evidence > 0.5).mean() < 1e-2
 
 
-def test_noise_is_no_evidence(rng: np.random.Generator) -> None:
+def test_noise_is_no_evidence(rng):
     background = learned(rng, noise=12.0)
     assert (background.evidence(draw(rng, noise=12.0), VIEW, WHOLE) > 0.5).mean() < 0.002
 
 
-def test_it_begins_anew_when_the_eye_moves(rng: np.random.Generator) -> None:
+def test_it_begins_anew_when_the_eye_moves(rng):
     background = learned(rng)
     moved = View(LEFT_EYE, transform(translation=(0.001, 0.0, 0.0)))
     patch = (160.0, 150.0, 170.0)
@@ -126,9 +124,7 @@ def _textured(rng: np.random.Generator, disc: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("was_learned", [True, False])
-def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_that_rests_does_not(
-    was_learned: bool, rng: np.random.Generator
-) -> None:
+def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_that_rests_does_not(was_learned, rng):
     """A disc was there when the background was learned, and has left; or it has come, and stays."""
     background = Background(EgoMotion(LEFT_EYE), 10.0)
     place = np.s_[100:130, 155:185]
@@ -152,7 +148,7 @@ def _marked(rng: np.random.Generator, *corners: tuple[int, int]) -> np.ndarray:
     return image
 
 
-def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng: np.random.Generator) -> None:
+def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng):
     """An object of 40 × 30 px, and changes within 80 px to its sides and 60 px above and below; the other parts of
     the wall stay known."""
     background = learned(rng)
@@ -171,7 +167,7 @@ def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng: np.random.
     assert not background.differs(draw(rng), VIEW, (0, 0, 60, 60)).any()
 
 
-def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: np.random.Generator) -> None:
+def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng):
     """Unknown afterwards: the part of the mask that equals the background, and foreground beside the mask."""
     background = learned(rng)
     image = _marked(rng, (150, 100), (180, 100))
@@ -185,7 +181,7 @@ def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: 
     assert not wall[102:110, 172:178].any()
 
 
-def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator) -> None:
+def test_what_is_absorbed_is_background_under_any_light(rng):
     """Two thirds as bright an image as that of the background: the patch is learned as bright as it would have been."""
     background = learned(rng)
     patch = (160.0, 150.0, 170.0)
@@ -201,9 +197,7 @@ def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator
 
 
 @pytest.mark.parametrize("box", [BOX, (-10.0, -5.0, 40.0, 30.0), (300.0, 225.0, 40.0, 30.0)])
-def test_what_an_object_hides_at_first_is_unknown(
-    box: tuple[float, float, float, float], rng: np.random.Generator
-) -> None:
+def test_what_an_object_hides_at_first_is_unknown(box, rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     background.update(draw(rng, noise=0.0), VIEW, 0.0, box)
     hidden = np.zeros((240, 320), bool)
@@ -212,7 +206,7 @@ def test_what_an_object_hides_at_first_is_unknown(
     np.testing.assert_array_equal(background.differs(draw(rng, noise=0.0), VIEW, WHOLE), hidden)
 
 
-def test_what_an_object_hides_at_first_is_what_the_moving_eye_had_learned_there(rng: np.random.Generator) -> None:
+def test_what_an_object_hides_at_first_is_what_the_moving_eye_had_learned_there(rng):
     """It knew the wall but for a corner of the box; from now on the eye rests."""
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     mean = np.full((240, 320, 3), WALL, np.float32)

@@ -19,7 +19,7 @@ def disc(radius: int, level: float) -> tuple[Image, Mask]:
 
 
 @pytest.mark.parametrize(("covered", "learned", "share"), [(60, 0, 0.0), (0, 60, 1.0), (60, 50, 0.0), (50, 60, 1.0)])
-def test_the_stronger_edge_decides(covered: float, learned: float, share: float) -> None:
+def test_the_stronger_edge_decides(covered, learned, share):
     """All around a disc; also in a box, whose corner the mask begins at."""
     image, mask = disc(20, covered)
     mean, _ = disc(20, learned)
@@ -29,7 +29,7 @@ def test_the_stronger_edge_decides(covered: float, learned: float, share: float)
 
 
 @pytest.mark.parametrize(("gain", "share"), [(1.1, 0.0), (1.3, 1.0)])
-def test_a_brighter_light_makes_the_background_s_edge_stronger(gain: float, share: float) -> None:
+def test_a_brighter_light_makes_the_background_s_edge_stronger(gain, share):
     """60 levels are as many as 50 under a light 1.2 times as bright."""
     image, mask = disc(20, 60)
     mean, _ = disc(20, 50)
@@ -38,7 +38,7 @@ def test_a_brighter_light_makes_the_background_s_edge_stronger(gain: float, shar
 
 
 @pytest.mark.parametrize(("known_to", "share"), [(60, 1.0), (48, None)])
-def test_only_where_the_background_is_known(known_to: int, share: float | None) -> None:
+def test_only_where_the_background_is_known(known_to, share):
     """The left half of an edge of 80 px at 60 px, a fifth at 48 px, where too few points of the edge are known."""
     image, mask = disc(14, 0)
     mean = disc(14, 60)[0].astype(np.float32)
@@ -46,7 +46,7 @@ def test_only_where_the_background_is_known(known_to: int, share: float | None) 
     assert edge_of_background(image, mean, 1.0, mask, WHOLE) == share
 
 
-def test_the_image_s_border_is_no_edge() -> None:
+def test_the_image_s_border_is_no_edge():
     """Half of a disc is in view: only edge points whose both sides lie in the image count."""
     image, mask = disc(20, 0)
     mean, _ = disc(20, 60)

@@ -26,7 +26,7 @@ on_every_device = pytest.mark.parametrize("device", DEVICES, ids=str)
 
 
 @on_every_device
-def test_masks_are_those_of_frame_by_frame(device: torch.device, rng: np.random.Generator) -> None:
+def test_masks_are_those_of_frame_by_frame(device, rng):
     images = rng.integers(0, 256, (3, 40, 50, 3), dtype=np.uint8)
     model = ColorModel(*(histogram(rng.integers(0, 110, 500, dtype=np.uint8)) for _ in range(2)))
     marker, generic = (
@@ -65,9 +65,7 @@ def _steps(params: TrackerParams, rig: StereoRig, frames: list[StereoFrame], siz
 
 
 @pytest.mark.parametrize(("mode", "color"), [("marker", GREEN), ("generic", BLUE)])
-def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(
-    mode: str, color: tuple[float, float, float], rig: StereoRig, robot: Robot, rng: np.random.Generator
-) -> None:
+def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(mode, color, rig, robot, rng):
     """With different cameras: the right focal length is a fifth longer."""
     rig = replace(rig, right=replace(rig.right, fx=1.2 * rig.right.fx, fy=1.2 * rig.right.fy))
     params = TrackerParams(mode=mode)
@@ -91,7 +89,7 @@ def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(
         assert np.allclose(means, first, rtol=0, atol=1e-7, equal_nan=True)
 
 
-def test_a_lost_balls_colours_are_no_longer_searched(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
+def test_a_lost_balls_colours_are_no_longer_searched(rig, robot, rng):
     q = home(robot)
     frames = _film(rig, robot, BLUE, rng)[:8]
     empty = [frame(rig, q, [], 0.05 * (8 + k), rng) for k in range(14)]
@@ -106,7 +104,7 @@ def test_a_lost_balls_colours_are_no_longer_searched(rig: StereoRig, robot: Robo
     assert marker.appearance is not None  # a marker's hue is known all along
 
 
-def test_images_of_another_size_are_left_to_the_search_frame_by_frame(rig: StereoRig) -> None:
+def test_images_of_another_size_are_left_to_the_search_frame_by_frame(rig):
     right, wrong = (np.zeros((rig.left.height - k, rig.left.width, 3), np.uint8) for k in (0, 1))
     assert batch.find(MarkerParams(), [right, wrong], Optics(rig.left), DEVICES[0]) == [None, None]
     assert batch.find(MarkerParams(), [right], Optics(rig.left), DEVICES[0]) == [[]]

@@ -17,7 +17,7 @@ PRIOR_S = 0.02
 
 @pytest.mark.parametrize("measured_s", [0.0, 0.001, 0.004, 0.010, -0.020])
 @pytest.mark.parametrize("noise_s", [0.0005, 0.002, 0.01])
-def test_mean_and_spread_are_those_of_the_posterior(measured_s: float, noise_s: float) -> None:
+def test_mean_and_spread_are_those_of_the_posterior(measured_s, noise_s):
     tau = np.linspace(-0.15, 0.15, 30001)
     step = tau[1] - tau[0]
     prior = np.exp(-0.5 * (tau / PRIOR_S) ** 2) / (np.sqrt(2 * np.pi) * PRIOR_S) * step
@@ -42,13 +42,13 @@ TURNING = StereoRig(CAMERA, CAMERA, lambda q: posed(0.0 if q is None else float(
 NO_IMAGE = np.zeros((240, 320, 3), np.uint8)
 
 
-def test_joints_that_are_never_late_have_no_delay() -> None:
+def test_joints_that_are_never_late_have_no_delay():
     motion = PoseEstimator(TURNING, 0.0).motion
     assert (motion.delay_s, motion.rate_rad_s) == (0.0, 0.0)
     assert math.isnan(motion.delay_std_s)
 
 
-def test_poses_that_no_image_corrects_are_those_that_are_told() -> None:
+def test_poses_that_no_image_corrects_are_those_that_are_told():
     q = np.array([0.1])
     frame = StereoFrame(NO_IMAGE, NO_IMAGE, 0.0, 0.0, q, q)
     for poses in (PoseEstimator(TURNING, 0.0), PoseEstimator(TURNING, PRIOR_S)):
@@ -80,7 +80,7 @@ def seen(rotation: Array, rng: np.random.Generator) -> Image:
 FIXED = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.06, 0.0, 0.0)))
 
 
-def test_a_rig_said_to_be_fixed_turns_as_its_images_say(rng: np.random.Generator) -> None:
+def test_a_rig_said_to_be_fixed_turns_as_its_images_say(rng):
     """0.5° from one frame to the next; both eyes turn about the middle between them."""
     poses = PoseEstimator(FIXED, 0.0)
     for k in range(6):
@@ -102,7 +102,7 @@ def test_a_rig_said_to_be_fixed_turns_as_its_images_say(rng: np.random.Generator
     assert math.isnan(motion.delay_std_s)
 
 
-def test_a_rig_that_rests_stays_where_it_is_told_to_be(rng: np.random.Generator) -> None:
+def test_a_rig_that_rests_stays_where_it_is_told_to_be(rng):
     poses = PoseEstimator(FIXED, 0.0)
     for k in range(4):
         estimate = poses.step(StereoFrame(seen(np.zeros(3), rng), seen(np.zeros(3), rng), 0.1 * k, 0.1 * k))
@@ -111,7 +111,7 @@ def test_a_rig_that_rests_stays_where_it_is_told_to_be(rng: np.random.Generator)
     assert poses.motion.rate_rad_s == 0
 
 
-def test_the_first_image_of_a_shaking_rig_is_not_at_the_told_pose(rng: np.random.Generator) -> None:
+def test_the_first_image_of_a_shaking_rig_is_not_at_the_told_pose(rng):
     """0.3° about each axis: the stated standard deviation is that of the shaking, and covers the error."""
     poses = PoseEstimator(FIXED, 0.0)
     turns = np.deg2rad(rng.normal(0, 0.3, (40, 3)))
@@ -122,7 +122,7 @@ def test_the_first_image_of_a_shaking_rig_is_not_at_the_told_pose(rng: np.random
     assert estimate.rotation_std_rad == pytest.approx(np.deg2rad(0.3), rel=0.2)
 
 
-def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng: np.random.Generator) -> None:
+def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng):
     """By 0.4° about the vertical, 2 px; then a new scene, which is the reference half a second later."""
     poses = PoseEstimator(FIXED, 0.0)
     still = np.zeros(3)
@@ -137,7 +137,7 @@ def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng: np.random.Generat
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.025])
-def test_the_delay_of_a_swaying_heads_joints_is_found(late_s: float, rng: np.random.Generator) -> None:
+def test_the_delay_of_a_swaying_heads_joints_is_found(late_s, rng):
     """8° to each side every 1.6 s; the joints are told as late as that, to 2 ms and within their own uncertainty."""
     poses = PoseEstimator(TURNING, PRIOR_S)
     off_rad = []

@@ -66,9 +66,7 @@ def at(position: Array, stamp_s: float = 0.0, order: int = 2) -> Belief:
 @pytest.mark.parametrize(
     ("before_m", "now_m", "growth"), [(0.44, 0.40, 1.1), (0.40, 0.44, 1 / 1.1), (0.60, 0.40, 1.25), (0.4, 0.6, 0.8)]
 )
-def test_what_comes_nearer_is_expected_to_grow(
-    before_m: float, now_m: float, growth: float, rng: np.random.Generator
-) -> None:
+def test_what_comes_nearer_is_expected_to_grow(before_m, now_m, growth, rng):
     """The size follows the distance, by at most a quarter; the offset from the projected track is kept."""
     ray = np.array([0.1, -0.05, 1.0]) / np.linalg.norm([0.1, -0.05, 1.0])
     center = np.array([0.02, 0.0, 0.01])
@@ -77,7 +75,6 @@ def test_what_comes_nearer_is_expected_to_grow(
     for order in (1, 2):
         last, predicted = (at(center + distance_m * ray, order=order) for distance_m in (before_m, now_m))
         prior = camera_tracker(rng).predict(state, seen_from(picture(rng), view), last, predicted)
-        assert prior is not None
         assert prior.growth == pytest.approx(growth)
         np.testing.assert_allclose(prior.center_px, view.project(center + now_m * ray) + state.offset_px, atol=1e-6)
 
@@ -86,9 +83,7 @@ def test_what_comes_nearer_is_expected_to_grow(
     ("std_m", "std_px"),
     [((0.02, 0.0), 10.0), ((0.0, 0.01), 5.0), ((0.03, 0.04), 25.0), ((0.001, 0.0), 0.7), ((0.1, 0.0), 40.0)],
 )
-def test_a_place_is_as_uncertain_as_the_track_across_the_line_of_sight(
-    std_m: tuple[float, float], std_px: float, rng: np.random.Generator
-) -> None:
+def test_a_place_is_as_uncertain_as_the_track_across_the_line_of_sight(std_m, std_px, rng):
     """As many times 2 mm away as the focal length has pixels: 2 mm are a pixel; 0.7 px at least, 40 at most."""
     distance_m = 2 * 1e-3 * LEFT_EYE.focal_px
     cov = np.zeros((6, 6))
@@ -99,14 +94,13 @@ def test_a_place_is_as_uncertain_as_the_track_across_the_line_of_sight(
     principal = VIEW.project(np.array([0.0, 0.0, distance_m]))
     belief = at(np.array([0.0, 0.0, distance_m]))._replace(cov=cov)
     prior = camera_tracker(rng).predict(CameraState(size_px=30.0), seen_from(picture(rng)), belief, belief)
-    assert prior is not None
     np.testing.assert_allclose(prior.center_px, principal)
     assert prior.std_px == pytest.approx(std_px, rel=0.02)
     assert prior.growth == 1.0
 
 
 @pytest.mark.parametrize(("u", "is_seen"), [(-14.0, True), (-16.0, False), (333.0, True), (335.5, False)])
-def test_an_object_is_in_view_if_a_part_of_it_is(u: float, is_seen: bool, rng: np.random.Generator) -> None:
+def test_an_object_is_in_view_if_a_part_of_it_is(u, is_seen, rng):
     """A disc of 30 px, at most half of it beyond the image's border; the border is at -0.5 and 319.5 px."""
     belief = at(0.4 * VIEW.rays([150.0, 110.0]))
     for offset in (u - 150.0, 0.0), (0.0, (u if u < 0 else u - 80) - 110.0):
@@ -128,9 +122,7 @@ def test_an_object_is_in_view_if_a_part_of_it_is(u: float, is_seen: bool, rng: n
         ((0.0, 0.0), 34.6, False),
     ],
 )
-def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(
-    off_px: tuple[float, float], size_px: float, is_it: bool, rng: np.random.Generator
-) -> None:
+def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(off_px, size_px, is_it, rng):
     """Its centre within the object's radius, two standard deviations and 4 px: 26 px; its size within 3 %."""
     tracker = camera_tracker(rng)
     outline = of_size(size_px, (150.0 + off_px[0], 110.0 + off_px[1]))
@@ -146,14 +138,13 @@ def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(
     assert detection is None  # outlines are found by colours
 
 
-def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng: np.random.Generator) -> None:
+def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng):
     """Within the object's size, four standard deviations and 3 px: 59 px."""
     tracker = camera_tracker(rng, MarkerParams())
     camera = seen_from(picture(rng, (disc(120, 110, 18), GREEN), (disc(185, 110, 18), GREEN)))
     state = CameraState(size_px=36.0)
     for x, expected in ((145.0, 120), (160.0, 185)):
         _, detection = tracker.find(state, camera, Prior(np.array([x, 110.0]), 3.0, 1.0))
-        assert detection is not None
         assert np.linalg.norm(detection.outline.center_px - [expected, 110]) < 0.3
     for x in (40.0, 120.0):
         again, detection = tracker.find(state, camera, Prior(np.array([x, 205.0]), 1.0, 1.0))
@@ -162,9 +153,7 @@ def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng: np.ran
 
 
 @pytest.mark.parametrize(("share", "tell_it"), [(0.0, True), (0.55, True), (0.7, False)])
-def test_without_its_background_an_object_is_followed_by_its_colours_if_they_tell_it(
-    share: float, tell_it: bool, rng: np.random.Generator
-) -> None:
+def test_without_its_background_an_object_is_followed_by_its_colours_if_they_tell_it(share, tell_it, rng):
     """Of its surroundings a share has its colour; the Bhattacharyya coefficient is the root of that, 0.74 or 0.84."""
     tracker = camera_tracker(rng)
     camera = seen_from(picture(rng, (disc(150, 110, 18), BLUE)))
@@ -189,7 +178,7 @@ def learned(rng: np.random.Generator, marker: MarkerParams | None = None) -> Cam
     return tracker
 
 
-def test_what_has_turned_abruptly_is_found_where_it_was(rng: np.random.Generator) -> None:
+def test_what_has_turned_abruptly_is_found_where_it_was(rng):
     """70 px from where it was expected, before a known background; not while something else touches it."""
     image = picture(rng, (disc(154, 112, 18), BLUE))
     prior = Prior(np.array([224.0, 110.0]), 1.0, 1.0)
@@ -207,7 +196,7 @@ def test_what_has_turned_abruptly_is_found_where_it_was(rng: np.random.Generator
             assert again.view is VIEW
 
 
-def test_an_object_of_the_walls_colour_is_told_by_the_background(rng: np.random.Generator) -> None:
+def test_an_object_of_the_walls_colour_is_told_by_the_background(rng):
     """A disc of two colours of which one is the wall's: by its colours a half of it would be left."""
     tracker = learned(rng)
     ball = disc(150, 110, 18)
@@ -215,6 +204,5 @@ def test_an_object_of_the_walls_colour_is_told_by_the_background(rng: np.random.
     target = tracker.image_tracker.start(picture(rng, *grey), BOX, fill=np.pi / 4)
     state = CameraState(target, size_px=36.0, by_background=True)
     again, detection = tracker.find(state, seen_from(picture(rng, *grey)), Prior(np.array([150.0, 110.0]), 1.0, 1.0))
-    assert detection is not None
     assert detection.outline.area_px == pytest.approx(np.pi * 18**2, rel=0.1)
     assert again.by_background

@@ -23,7 +23,7 @@ def exact(inverse_distance: float) -> Array:
 
 
 @pytest.mark.parametrize("inverse_distance", [0.0, 0.5, 2.0])
-def test_each_pixel_is_where_the_older_image_showed_it(inverse_distance: float) -> None:
+def test_each_pixel_is_where_the_older_image_showed_it(inverse_distance):
     maps = EgoMotion(LENS).maps(THEN, NOW, inverse_distance)
     expected = exact(inverse_distance)
     off = np.linalg.norm(maps - expected, axis=-1)
@@ -32,14 +32,14 @@ def test_each_pixel_is_where_the_older_image_showed_it(inverse_distance: float) 
 
 
 @pytest.mark.parametrize("box", [(0, 0, 173, 131), (8, 16, 24, 40), (5, 3, 170, 129), (33, 47, 34, 48)])
-def test_a_box_is_a_part_of_the_whole(box: tuple[int, int, int, int]) -> None:
+def test_a_box_is_a_part_of_the_whole(box):
     motion = EgoMotion(LENS)
     whole = motion.maps(THEN, NOW, 1.0)
     x0, y0, x1, y1 = box
     np.testing.assert_allclose(motion.maps(THEN, NOW, 1.0, box), whole[y0:y1, x0:x1], atol=1e-3)
 
 
-def test_what_was_behind_the_camera_is_far_outside_the_older_image() -> None:
+def test_what_was_behind_the_camera_is_far_outside_the_older_image():
     behind = View(LENS, THEN.T_root_camera @ transform(np.diag([-1.0, 1.0, -1.0])))
     maps = EgoMotion(LENS).maps(THEN, behind, 0.5)
     assert ((maps < -1000).all(axis=-1) | (np.abs(maps) > 1000).any(axis=-1)).all()
@@ -47,7 +47,7 @@ def test_what_was_behind_the_camera_is_far_outside_the_older_image() -> None:
     assert not EgoMotion(LENS).warp(image, THEN, behind, 0.5).any()
 
 
-def test_a_warped_image_shows_what_the_older_one_showed_there() -> None:
+def test_a_warped_image_shows_what_the_older_one_showed_there():
     """A smooth image, whose brightness at a place is known between pixels as well."""
 
     def level(px: Array) -> Array:
@@ -67,7 +67,7 @@ def test_a_warped_image_shows_what_the_older_one_showed_there() -> None:
     assert np.array_equal(EgoMotion(LENS).warp(image, THEN, NOW, 0.5, box), warped[30:77, 40:90])
 
 
-def test_still_is_what_moves_no_pixel() -> None:
+def test_still_is_what_moves_no_pixel():
     def moved(rotation: float, shift: float) -> View:
         return View(LENS, THEN.T_root_camera @ transform(cv2.Rodrigues(np.array([0, rotation, 0]))[0], (0, shift, 0)))
 
@@ -78,7 +78,7 @@ def test_still_is_what_moves_no_pixel() -> None:
     assert not EgoMotion.is_still(THEN, moved(0.0, -1e-4))
 
 
-def test_parallax_is_the_images_shift_for_each_inverse_metre() -> None:
+def test_parallax_is_the_images_shift_for_each_inverse_metre():
     """Aside by 1 cm: two points ahead, 1 m and 0.5 m away, are 1.5 px further apart than before."""
     pinhole = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
     earlier = View(pinhole, np.eye(4))

@@ -30,7 +30,7 @@ class Blindness:
         return is_blind(self._last, previous)
 
 
-def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not(rng: np.random.Generator) -> None:
+def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not(rng):
     for eye in (0, 1):
         blindness = Blindness()
         first = [picture(rng), picture(rng)]
@@ -41,7 +41,7 @@ def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not
         assert not blindness.step(pair(picture(rng), picture(rng), 0.2))
 
 
-def test_a_buffer_that_is_filled_anew_is_not_blind(rng: np.random.Generator) -> None:
+def test_a_buffer_that_is_filled_anew_is_not_blind(rng):
     blindness = Blindness()
     left = picture(rng)
     right = picture(rng)
@@ -51,7 +51,7 @@ def test_a_buffer_that_is_filled_anew_is_not_blind(rng: np.random.Generator) -> 
     assert not blindness.step(pair(left, right, 0.1))
 
 
-def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng: np.random.Generator) -> None:
+def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng):
     dark = np.clip(np.rint(2.0 * rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
     assert Blindness().step(pair(picture(rng), dark, 0.0))
     assert Blindness().step(pair(np.full_like(dark, 255), picture(rng), 0.0))
@@ -59,7 +59,7 @@ def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng: np.
 
 
 @pytest.mark.parametrize("n", [10, 40])
-def test_a_covered_sensor_with_hot_pixels_is_blind(rng: np.random.Generator, n: int) -> None:
+def test_a_covered_sensor_with_hot_pixels_is_blind(rng, n):
     """Saturated ones, of which a colour camera's demosaicing raises the neighbours too."""
     dark = np.clip(np.rint(rng.standard_normal((240, 320, 3))), 0, 255).astype(np.uint8)
     grid = np.stack(np.meshgrid(np.arange(7, 230, 12), np.arange(7, 310, 12)), axis=-1).reshape(-1, 2)
@@ -73,14 +73,14 @@ def test_a_covered_sensor_with_hot_pixels_is_blind(rng: np.random.Generator, n: 
 
 
 @pytest.mark.parametrize("level", [0, 90])
-def test_something_small_before_a_black_or_plain_ground_is_seen(rng: np.random.Generator, level: int) -> None:
+def test_something_small_before_a_black_or_plain_ground_is_seen(rng, level):
     for row in range(0, 40, 4):
         image = np.full((48, 64, 3), level, np.uint8)
         image[row : row + 8, 20:28] = (25, 200, 60)
         assert not Blindness().step(pair(picture(rng), image, 0.0))
 
 
-def test_a_plain_wall_in_the_light_is_seen(rng: np.random.Generator) -> None:
+def test_a_plain_wall_in_the_light_is_seen(rng):
     """A white wall under a camera of little noise."""
     for level in (40, 120, 230):
         wall = np.clip(np.rint(level + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
@@ -90,9 +90,7 @@ def test_a_plain_wall_in_the_light_is_seen(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(
     ("rgb", "is_dark"), [((12, 12, 12), True), ((20, 20, 20), False), ((2, 2, 20), False), ((20, 2, 2), False)]
 )
-def test_black_has_less_than_sixteen_levels_in_each_channel(
-    rgb: tuple[int, int, int], is_dark: bool, rng: np.random.Generator
-) -> None:
+def test_black_has_less_than_sixteen_levels_in_each_channel(rgb, is_dark, rng):
     dim = np.clip(np.rint(rgb + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
     assert Blindness().step(pair(picture(rng), dim, 0.0)) == is_dark
 
@@ -101,7 +99,7 @@ CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
 RIG = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.06, 0.0, 0.0)))
 
 
-def test_a_frame_comes_after_the_last_one_in_both_eyes(rng: np.random.Generator) -> None:
+def test_a_frame_comes_after_the_last_one_in_both_eyes(rng):
     images = picture(rng), picture(rng)
     check(StereoFrame(*images, 0.2, 0.3), RIG, (0.1, 0.2))
     check(StereoFrame(*images, -5.0, -5.0), RIG, (-np.inf, -np.inf))
@@ -111,7 +109,7 @@ def test_a_frame_comes_after_the_last_one_in_both_eyes(rng: np.random.Generator)
 
 
 @pytest.mark.parametrize("shape", [(48, 64, 4), (64, 48, 3), (48, 64)])
-def test_a_frame_has_the_images_of_its_cameras(shape: tuple[int, ...], rng: np.random.Generator) -> None:
+def test_a_frame_has_the_images_of_its_cameras(shape, rng):
     invalid = np.zeros(shape, np.uint8)
     for images, name in (((invalid, picture(rng)), "left"), ((picture(rng), invalid), "right")):
         with pytest.raises(InputError, match=rf"{name} image .*expected \(48, 64, 3\) uint8"):

@@ -65,14 +65,14 @@ def steps(shapes: list[Pair], params: TrackerParams | None = None, right_later_s
     return steps
 
 
-def test_only_what_is_seen_three_times_in_a_row_is_tracked() -> None:
+def test_only_what_is_seen_three_times_in_a_row_is_tracked():
     nothing: Pair = (None, None)
     status = [t.status for t in tracks([both(), both(), nothing, both(), (both()[0], None), both(), both(), both()])]
     assert status[:-1] == [Status.SEARCHING] * 7
     assert status[-1] == Status.TRACKING
 
 
-def test_a_single_wild_pair_is_not_taken() -> None:
+def test_a_single_wild_pair_is_not_taken():
     """15 cm farther for one frame; 2 px more of disparity than there is room for."""
     wild = [both()] * 20 + [both(P - [0.15, 0, 0])] + [both()] * 3
     results = tracks(wild)
@@ -80,7 +80,7 @@ def test_a_single_wild_pair_is_not_taken() -> None:
     assert np.linalg.norm([t.position - P for t in results[19:]], axis=1).max() < 0.002
 
 
-def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean() -> None:
+def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean():
     """At 0.2 m/s aside, 20 ms between the eyes would be 4 mm and 29 mm too near or too far."""
     v = 0.2 * LOOKING[:, 0]
     later = 0.02  # along the baseline
@@ -92,22 +92,21 @@ def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean(
     assert np.linalg.norm(last.position - (start + last.stamp_s * v)) < 0.001
 
 
-def test_what_errs_alike_in_every_frame_does_not_average_out() -> None:
+def test_what_errs_alike_in_every_frame_does_not_average_out():
     """Most of an outline's error stays as long as the object does: ten seconds at rest leave at least half of one
     frame's variance of the place and all of that of the radius."""
     last = steps([both()] * 200)[-1]
-    assert last.observation is not None
     ratio = np.diag(last.track.cov)[:3] / np.diag(last.observation.cov_root)
     assert ((ratio > 0.5) & (ratio < 1)).all()
     assert last.track.radius_var_m2 == last.observation.radius_var_m2
 
 
-def test_a_size_that_changes_is_followed() -> None:
+def test_a_size_that_changes_is_followed():
     shapes = [both()] * 100 + [both(radius_m=1.1 * RADIUS_M)] * 100
     assert abs(tracks(shapes)[-1].radius_m / RADIUS_M - 1.1) < 0.01
 
 
-def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew() -> None:
+def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew():
     """5 cm aside, where the search finds it in the frame in which it is not seen where it was predicted."""
     rng = np.random.default_rng(3)
     steps = []
@@ -135,7 +134,7 @@ def statuses(shapes: list[Pair], **params: float) -> list[Status]:
     return [track.status for track in tracks(shapes, TrackerParams(**params))]  # type: ignore[arg-type]
 
 
-def test_what_was_seen_just_often_enough_is_an_object_that_may_hide() -> None:
+def test_what_was_seen_just_often_enough_is_an_object_that_may_hide():
     results = statuses([both()] * 3 + [NOTHING] * 12)
     hidden = results.count(Status.COASTING)
     assert hidden in (9, 10)  # half a second
@@ -162,7 +161,7 @@ def given(tracker: Tracker, patch: pytest.MonkeyPatch, pair: Pair, cameras: tupl
     patch.setattr(tracker, "_acquire", find)
 
 
-def test_a_frame_that_shows_nothing_does_not_break_a_confirmation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_shows_nothing_does_not_break_a_confirmation(monkeypatch):
     """Detections in a blank frame are no observations."""
     tracker = Tracker(TrackerParams(), RIG, np.random.default_rng(3))
     results = []
@@ -190,7 +189,7 @@ def turned(joints: Array | None) -> tuple[Array, Array]:
 HEAD = StereoRig(CAMERA, CAMERA, turned)
 
 
-def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain() -> None:
+def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain():
     """Where a resting thing seems to be goes with the head: ω × (p - c) times the delay's standard deviation."""
     film = frames(2, is_turning=True)
     results = {}
@@ -203,14 +202,12 @@ def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain() ->
                 results[std_s] = tracker.step(frame).observation
     exact = results[0.0]
     late = results[0.02]
-    assert exact is not None
-    assert late is not None
     off_m = 0.02 * np.cross([0.0, 0.0, 0.02 / DT], P - CENTER)
     for more in (late.cov_root - exact.cov_root, late.correlated_cov_root - exact.correlated_cov_root):
         np.testing.assert_allclose(more, np.outer(off_m, off_m), atol=0.03 * off_m @ off_m)
 
 
-def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight() -> None:
+def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight():
     """By δ × a, where a is the object from the middle between the cameras and δ the rotation's error."""
     off = np.array([0.3, -0.2, 0.5])
     axes = np.eye(3)
@@ -230,7 +227,7 @@ def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight(
     np.testing.assert_allclose(covs[1] - covs[0], shifts.T @ shifts, atol=1e-9)
 
 
-def test_a_derivative_that_is_not_modelled_is_zero() -> None:
+def test_a_derivative_that_is_not_modelled_is_zero():
     """Filter of order 2: acceleration and jerk are 0."""
     track = tracks([both()] * 6, TrackerParams(kalman=KalmanParams.of_order(2)))[-1]
     assert np.linalg.eigvalsh(track.cov[:6, :6]).min() > 0

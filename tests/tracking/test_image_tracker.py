@@ -43,17 +43,16 @@ def _seen(rng: np.random.Generator, image: np.ndarray, prior: Prior) -> ImageDet
     return eye.step(eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0)), image, prior)[1]
 
 
-def test_what_is_of_quite_another_size_is_not_it(rng: np.random.Generator) -> None:
+def test_what_is_of_quite_another_size_is_not_it(rng):
     """Four fifths of its radius pass, for two thirds of the score; half the radius, a quarter of the area, does not."""
     prior = Prior(np.array([150.0, 110.0]), 3.0, 1.0)
     smaller = _seen(rng, _discs(rng, (150, 110, 0.8 * 18)), prior)
-    assert smaller is not None
     assert abs(smaller.score - 0.64) < 0.1
     assert _seen(rng, _discs(rng, (150, 110, 0.7 * 18)), prior) is not None
     assert _seen(rng, _discs(rng, (150, 110, 0.5 * 18)), prior) is None
 
 
-def test_two_alike_that_touch_are_told_apart_by_their_edge_and_the_prediction(rng: np.random.Generator) -> None:
+def test_two_alike_that_touch_are_told_apart_by_their_edge_and_the_prediction(rng):
     """Before a known background: a disc of 18 px at its predicted place, which another passes; the other is not it."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
@@ -82,7 +81,7 @@ def _is_blue(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("edge", ["straight", "ragged"])
-def test_what_is_hidden_in_part_keeps_its_size(edge: str, rng: np.random.Generator) -> None:
+def test_what_is_hidden_in_part_keeps_its_size(edge, rng):
     """A disc of 18 px goes behind an edge, by 4 px an image; behind a ragged edge no disc is fitted."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
@@ -96,27 +95,25 @@ def test_what_is_hidden_in_part_keeps_its_size(edge: str, rng: np.random.Generat
         target, detection = eye.step(
             target, image, Prior(np.array([float(x), 110.0]), 1.0, 1.0), partial(_is_blue, image)
         )
-        assert detection is not None
         partial_views += detection.outline.is_partial
     assert partial_views >= 3
     assert abs(target.size / initial - 1) < 0.07
 
 
-def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng: np.random.Generator) -> None:
+def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng):
     detection = _seen(rng, _discs(rng, (150, 110, 18), bar=True), Prior(np.array([150.0, 110.0]), 3.0, 1.0))
-    assert detection is not None
     assert np.linalg.norm(detection.outline.center_px - [150, 110]) < 0.5
     assert abs(detection.outline.area_px / (np.pi * 18**2) - 1) < 0.03
 
 
-def test_outside_the_image_nothing_is_searched(rng: np.random.Generator) -> None:
+def test_outside_the_image_nothing_is_searched(rng):
     image = _discs(rng, (150, 110, 18))
     for center in ((150.0, 400.0), (150.0, -200.0), (500.0, 110.0), (-200.0, 110.0)):
         for std_px in (3.0, 30.0):
             assert _seen(rng, image, Prior(np.array(center), std_px, 1.0)) is None
 
 
-def test_where_nothing_has_its_colour_it_is_not_seen(rng: np.random.Generator) -> None:
+def test_where_nothing_has_its_colour_it_is_not_seen(rng):
     """Its state is kept; the particles stay around the predicted position."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
@@ -127,7 +124,7 @@ def test_where_nothing_has_its_colour_it_is_not_seen(rng: np.random.Generator) -
     np.testing.assert_allclose(after.particles.current[:, :2].mean(axis=0), [160, 115], atol=2)
 
 
-def test_fewer_than_two_particles_are_refused() -> None:
+def test_fewer_than_two_particles_are_refused():
     with pytest.raises(ValueError, match="1 particles"):
         ImageTrackerParams(particles=1)
     assert ImageTrackerParams(particles=2).particles == 2
@@ -137,7 +134,7 @@ def _is_no_grey(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray
     return np.asarray(np.ptp(image[box[1] : box[3], box[0] : box[2]].astype(int), axis=2) > 60)
 
 
-def test_by_the_background_alone_an_object_may_take_any_colour(rng: np.random.Generator) -> None:
+def test_by_the_background_alone_an_object_may_take_any_colour(rng):
     """A disc that has turned from blue to red: its colours do not show it."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
@@ -146,12 +143,11 @@ def test_by_the_background_alone_an_object_may_take_any_colour(rng: np.random.Ge
     image[image[..., 0] < 75] = (200, 40, 40)
     assert eye.step(target, image, prior, partial(_is_no_grey, image))[1] is None
     _, detection = eye.step(target, image, prior, partial(_is_no_grey, image), by_color=False)
-    assert detection is not None
     assert np.linalg.norm(detection.outline.center_px - [152, 111]) < 0.5
     assert detection.score > 0.9
 
 
-def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_background(rng: np.random.Generator) -> None:
+def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_background(rng):
     """A blue disc before a blue wall's edge: colours show both, the foreground shows the disc alone."""
     eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
     joined = _discs(rng)
@@ -169,7 +165,6 @@ def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_backgr
 
     _, detection = eye.step(target, joined, prior, if_joined=differs)
     assert requested_boxes
-    assert detection is not None
     assert np.linalg.norm(detection.outline.center_px - [150, 110]) < 0.5
     requested_boxes.clear()
     _, detection = eye.step(target, _discs(rng, (150, 110, 18)), prior, if_joined=differs)
@@ -177,7 +172,7 @@ def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_backgr
     assert not requested_boxes  # nothing is joined
 
 
-def test_a_long_object_is_followed_over_its_whole_length(rng: np.random.Generator) -> None:
+def test_a_long_object_is_followed_over_its_whole_length(rng):
     images = [np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120, np.uint8) for _ in range(2)]
     for image, x in zip(images, (100, 106), strict=True):
         image[105:115, x : x + 80] = BLUE
@@ -185,7 +180,6 @@ def test_a_long_object_is_followed_over_its_whole_length(rng: np.random.Generato
     _, detection = eye.step(
         eye.start(images[0], (100, 105, 80, 10)), images[1], Prior(np.array([145.5, 109.5]), 2.0, 1.0)
     )
-    assert detection is not None
     np.testing.assert_allclose(detection.outline.box_px, (106, 105, 80, 10), atol=1)
 
 
@@ -193,7 +187,7 @@ def _moved_at(box: tuple[int, int, int, int]) -> Region2D:
     return Region2D(box, np.ones((box[3], box[2]), bool), 1.0)
 
 
-def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng: np.random.Generator) -> None:
+def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng):
     """Blue among specks: as many as in the disc, half as many, or none."""
     v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
     disc = np.hypot(u - 150, v - 110) < 15
@@ -206,7 +200,7 @@ def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng:
     assert taken == [True, True, False]
 
 
-def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random.Generator) -> None:
+def test_an_outline_that_was_found_beforehand_moves_the_particles(rng):
     """To another place, and a size that they would take for another object's."""
     view = View(LEFT_EYE, np.eye(4))
     p = np.array([0.06, 0.03, 0.4])
@@ -220,15 +214,13 @@ def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random
     camera = CameraFrame(image, view, 0.0, None, [large])
     state = tracker.remember(state, camera, large, belief)
     moved, result = tracker.find(state, camera, tracker.predict(state, camera, belief, belief))
-    assert result is not None
     assert result.outline is large
     assert moved.target is not None
     _, detection = tracker.image_tracker.step(moved.target, _discs(rng, (x, y, 28)), Prior(np.array([x, y]), 1.0, 1.0))
-    assert detection is not None
     assert np.linalg.norm(detection.outline.center_px - [x, y]) < 0.3
 
 
-def test_what_shows_in_an_objects_place_can_be_taken_for_background(rng: np.random.Generator) -> None:
+def test_what_shows_in_an_objects_place_can_be_taken_for_background(rng):
     """A disc was there when the background was learned, and has left; another place that has changed stays changed."""
     view = View(LEFT_EYE, np.eye(4))
     empty = _discs(rng)
@@ -255,9 +247,7 @@ def _before_spots(rng: np.random.Generator, disc: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("was_learned", [True, False])
-def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_backgrounds(
-    was_learned: bool, rng: np.random.Generator
-) -> None:
+def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_backgrounds(was_learned, rng):
     """A disc was there when the background was learned, and has left; or it has come, and is no empty place.
 
     Evidence adds up while the place rests.
@@ -274,7 +264,6 @@ def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_b
     for k in range(12, 16):
         camera = CameraFrame(_before_spots(rng, not was_learned), view, 0.05 * k, None)
         state, result = tracker.find(state, camera, prior)
-        assert result is not None
         assert np.linalg.norm(result.outline.center_px - [150, 110]) < 2
         evidence.append(state.ghost_score)
     assert state.is_ghost == was_learned

@@ -3,7 +3,6 @@
 import math
 import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def _close(result: Belief, x: np.ndarray, P: np.ndarray, tolerance: float) -> No
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("decay_s", [(0.3, 0.05), (0.1, 0.1), (100.0, 50.0)])
 @pytest.mark.parametrize("dt_s", [0.001, 0.05, 0.5])
-def test_discrete_model_is_that_of_van_loan(order: int, decay_s: tuple[float, float], dt_s: float) -> None:
+def test_discrete_model_is_that_of_van_loan(order, decay_s, dt_s):
     F, Q = discretise(order, dt_s, decay_s)
     expected_F, expected_Q = discretised(order, dt_s, decay_s)
     std = np.sqrt(np.diag(Q))
@@ -40,7 +39,7 @@ def test_discrete_model_is_that_of_van_loan(order: int, decay_s: tuple[float, fl
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
-def test_without_decay_it_is_white_noise_on_the_next_derivative(order: int) -> None:
+def test_without_decay_it_is_white_noise_on_the_next_derivative(order):
     F, Q = discretise(order, 0.37, (math.inf, math.inf))
     np.testing.assert_allclose(Q, Q_continuous_white_noise(order, 0.37), rtol=1e-12)
     powers = [0.37**k / math.factorial(k) for k in range(order)]
@@ -49,7 +48,7 @@ def test_without_decay_it_is_white_noise_on_the_next_derivative(order: int) -> N
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_steps_are_those_of_the_textbook(order: int, rng: np.random.Generator) -> None:
+def test_steps_are_those_of_the_textbook(order, rng):
     params = replace(KalmanParams.of_order(order), **EXACT)
     belief = start(params, 0.0, np.zeros(3), 1e-6 * np.eye(3))
     x = belief.mean.ravel()
@@ -67,7 +66,7 @@ def test_steps_are_those_of_the_textbook(order: int, rng: np.random.Generator) -
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_a_measured_velocity_counts_as_a_measurement_of_it(order: int) -> None:
+def test_a_measured_velocity_counts_as_a_measurement_of_it(order):
     """The next position against Gauss's combination of the prediction and the measurement."""
     params = replace(KalmanParams.of_order(order), **EXACT)
     R = np.diag([1e-6, 4e-6, 9e-6])
@@ -110,7 +109,7 @@ def _drawn(
 
 @pytest.mark.parametrize("order", [2, 4])
 @pytest.mark.parametrize("lasting", [0.0, 0.7])
-def test_errors_have_the_covariance_it_claims(order: int, lasting: float, rng: np.random.Generator) -> None:
+def test_errors_have_the_covariance_it_claims(order, lasting, rng):
     """NEES of the whole state and of the first position (with the share of the error that stays, `lasting` of it known
     to), and NIS."""
     params = replace(KalmanParams.of_order(order), adaptation_rate=0, gate_chi2=1e9)
@@ -139,7 +138,7 @@ def test_errors_have_the_covariance_it_claims(order: int, lasting: float, rng: n
 
 
 @pytest.mark.parametrize("scale", [0.1, 8.0])
-def test_process_noise_follows_the_motion(scale: float, rng: np.random.Generator) -> None:
+def test_process_noise_follows_the_motion(scale, rng):
     """Paths drawn with another density than the parameters': over time the filter takes theirs, on average."""
     params = KalmanParams(white_share=1.0, gate_chi2=1e9)
     R = 1e-8 * np.eye(3)
@@ -162,7 +161,7 @@ def _moving(params: KalmanParams, k: int, R: np.ndarray) -> Belief:
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("missed", [0, 3])
-def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> None:
+def test_gates_are_at_their_mahalanobis_distances(order, missed):
     """Just inside and just outside each gate: an update, a change of motion (with the prior spread and a reversal since
     the last update, and noise_scale as at the start), an outlier."""
     params = replace(KalmanParams.of_order(order), white_share=0.5)
@@ -207,7 +206,7 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
 
 
 @pytest.mark.parametrize("most", [1, 2, 3])
-def test_after_so_many_outliers_it_begins_again(most: int) -> None:
+def test_after_so_many_outliers_it_begins_again(most):
     params = KalmanParams(max_rejections=most)
     R = 1e-6 * np.eye(3)
     belief = _moving(params, 12, R)
@@ -222,7 +221,7 @@ def test_after_so_many_outliers_it_begins_again(most: int) -> None:
         np.testing.assert_array_equal(result, expected)
 
 
-def test_outliers_are_forgotten_when_it_is_seen_where_predicted() -> None:
+def test_outliers_are_forgotten_when_it_is_seen_where_predicted():
     params = KalmanParams()
     R = 1e-6 * np.eye(3)
     belief = _moving(params, 12, R)
@@ -235,7 +234,7 @@ def test_outliers_are_forgotten_when_it_is_seen_where_predicted() -> None:
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
-def test_thousands_of_steps_leave_the_covariance_sound(order: int, rng: np.random.Generator) -> None:
+def test_thousands_of_steps_leave_the_covariance_sound(order, rng):
     """Nearly exact measurements and rare gaps: symmetric, positive, and converged."""
     params = replace(KalmanParams.of_order(order), adaptation_rate=0)
     R = np.diag([1e-12, 1e-10, 1e-6])
@@ -253,7 +252,7 @@ def test_thousands_of_steps_leave_the_covariance_sound(order: int, rng: np.rando
     np.testing.assert_allclose(covs[-1], covs[20], rtol=1e-3, atol=1e-3 * np.outer(size, size).min())
 
 
-def test_twice_as_far_off_all_lengths_are_twice_as_large() -> None:
+def test_twice_as_far_off_all_lengths_are_twice_as_large():
     """The parameters themselves are those for 0.4 m."""
     params = KalmanParams(noise_density=5.0, prior_std=(0.1, 0.2, 0.3), decay_s=(0.5, 0.1))
     assert scaled(params, 0.4) == params
@@ -273,19 +272,17 @@ def test_twice_as_far_off_all_lengths_are_twice_as_large() -> None:
         ("adaptation_rate", (-0.01, 1.01), (0.0, 1.0)),
     ],
 )
-def test_parameters_outside_their_range_are_refused(
-    name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
-) -> None:
+def test_parameters_outside_their_range_are_refused(name, refused, taken):
     check_range(KalmanParams, name, refused, taken, lambda value: f"{re.escape(str(value))}.*expected")
 
 
-def test_an_earlier_stamp_is_refused() -> None:
+def test_an_earlier_stamp_is_refused():
     belief = start(KalmanParams(), 1.0, np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"0\.5.*before 1\.0"):
         predict(KalmanParams(), belief, 0.5)
 
 
-def test_a_motion_is_followed_ahead_by_how_certain_it_is() -> None:
+def test_a_motion_is_followed_ahead_by_how_certain_it_is():
     """As predict has it where the velocity is certain, not at all where it is not told from rest."""
     mean = np.array([[0.3, -0.1, 0.2], [0.1, 0.2, -0.1], [0.5, -1.0, 0.3], [2.0, 1.0, -3.0]])
     belief = start(KalmanParams(), 0.0, mean[0], 1e-6 * np.eye(3))._replace(mean=mean)
@@ -304,7 +301,7 @@ def test_a_motion_is_followed_ahead_by_how_certain_it_is() -> None:
     np.testing.assert_allclose(p, mean[0] + 0.5 * (later[0] - mean[0]), atol=1e-3)
 
 
-def test_without_a_velocity_a_motion_is_not_followed() -> None:
+def test_without_a_velocity_a_motion_is_not_followed():
     """That of a filter of order 1, which states no uncertainty of it."""
     cov = np.zeros((12, 12))
     cov[:3, :3] = 1e-6 * np.eye(3)
@@ -313,7 +310,7 @@ def test_without_a_velocity_a_motion_is_not_followed() -> None:
     np.testing.assert_array_equal([p, v], [track.position, np.zeros(3)])
 
 
-def test_a_gate_that_lets_everything_through_does_not_overflow() -> None:
+def test_a_gate_that_lets_everything_through_does_not_overflow():
     """A measurement a kilometre off only makes the motion as unsteady as it can be: e to its distance has no number."""
     params = KalmanParams(gate_chi2=1e12)
     belief = start(params, 0.0, np.zeros(3), 1e-8 * np.eye(3))

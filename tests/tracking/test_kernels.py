@@ -59,7 +59,7 @@ KINDS = ("disc", "at the border", "thin", "two", "far apart", "all but a hole")
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("band", [1, 2])
-def test_coverage_is_the_textbooks(kind: str, band: int, rng: np.random.Generator) -> None:
+def test_coverage_is_the_textbooks(kind, band, rng):
     image, mask = _scene(kind, rng)
     alpha, variance = covered(image, mask, band)
     true_alpha, true_variance = _textbook(image, mask, band)
@@ -69,7 +69,7 @@ def test_coverage_is_the_textbooks(kind: str, band: int, rng: np.random.Generato
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_moments_are_sums_over_all_pixels(kind: str, rng: np.random.Generator) -> None:
+def test_moments_are_sums_over_all_pixels(kind, rng):
     image, mask = _scene(kind, rng)
     alpha, variance = covered(image, mask, 2)
     left = 200
@@ -90,7 +90,7 @@ def test_moments_are_sums_over_all_pixels(kind: str, rng: np.random.Generator) -
     assert result.box == (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
 
 
-def test_where_nothing_tells_the_colours_apart_the_mask_decides() -> None:
+def test_where_nothing_tells_the_colours_apart_the_mask_decides():
     """A plain image: a pixel at the edge is off by what any edge through it would make of it, 1/12."""
     _, mask = _scene("disc", np.random.default_rng(0))
     alpha, variance = covered(np.full((*mask.shape, 3), 120, np.uint8), mask, 2)

@@ -29,7 +29,7 @@ def drawn(*discs: tuple[int, int, int]) -> Image:
 
 @pytest.mark.parametrize("hue_deg", [0.0, 10.0, 120.0, 240.0, 350.0])
 @pytest.mark.parametrize("tolerance_deg", [20.0, 35.0, 90.0])
-def test_hues_within_the_tolerance_count_around_the_whole_circle(hue_deg: float, tolerance_deg: float) -> None:
+def test_hues_within_the_tolerance_count_around_the_whole_circle(hue_deg, tolerance_deg):
     params = MarkerParams(hue_deg, tolerance_deg)
     for off in (-tolerance_deg + 3, 0.0, tolerance_deg - 3):
         assert threshold(params, plain((hue_deg + off) % 360)).item() == 255
@@ -37,20 +37,20 @@ def test_hues_within_the_tolerance_count_around_the_whole_circle(hue_deg: float,
         assert threshold(params, plain((hue_deg + off) % 360)).item() == 0
 
 
-def test_pale_and_dark_colours_do_not_count() -> None:
+def test_pale_and_dark_colours_do_not_count():
     params = MarkerParams(120.0)
     assert [threshold(params, plain(120.0, s)).item() for s in (0.47, 0.53, 1.0)] == [0, 255, 255]
     assert [threshold(params, plain(120.0, 1.0, v)).item() for v in (0.10, 0.14, 1.0)] == [0, 255, 255]
 
 
 @pytest.mark.parametrize("change", [(-1.0, 35.0), (360.0, 35.0), (120.0, 0.0), (120.0, 91.0), (np.nan, 35.0)])
-def test_a_hue_or_tolerance_that_is_none_is_refused(change: tuple[float, float]) -> None:
+def test_a_hue_or_tolerance_that_is_none_is_refused(change):
     with pytest.raises(ValueError, match="expected a hue in"):
         MarkerParams(*change)
     assert MarkerParams(0.0, 90.0).hue_deg == 0
 
 
-def test_the_largest_comes_first_and_at_most_four() -> None:
+def test_the_largest_comes_first_and_at_most_four():
     markers = find_markers(
         MarkerParams(), drawn((20, 20, 4), (60, 20, 9), (110, 30, 6), (30, 80, 12), (90, 90, 5)), OPTICS
     )
@@ -58,13 +58,13 @@ def test_the_largest_comes_first_and_at_most_four() -> None:
     assert centers == [[30, 80], [60, 20], [110, 30], [90, 90]]
 
 
-def test_a_round_blob_comes_before_a_longer_one_of_more_area() -> None:
+def test_a_round_blob_comes_before_a_longer_one_of_more_area():
     image = drawn((40, 60, 8))
     image[20:25, 70:150] = GREEN
     assert find_markers(MarkerParams(), image, OPTICS)[0].center_px == pytest.approx([40, 60], abs=0.3)
 
 
-def test_a_speck_is_no_marker() -> None:
+def test_a_speck_is_no_marker():
     image = drawn()
     image[50:52, 50:54] = GREEN  # 8 px, the least
     image[80:82, 80:83] = GREEN
@@ -73,7 +73,7 @@ def test_a_speck_is_no_marker() -> None:
     assert len(find_markers(MarkerParams(), drawn((50, 50, 3)), OPTICS)) == 1
 
 
-def test_only_the_square_that_is_asked_for_is_searched() -> None:
+def test_only_the_square_that_is_asked_for_is_searched():
     image = drawn((40, 60, 6), (110, 60, 6))
     assert [
         marker.center_px[0].round() for marker in find_markers(MarkerParams(), image, OPTICS, near=(112, 58, 20))
@@ -88,7 +88,7 @@ def test_only_the_square_that_is_asked_for_is_searched() -> None:
         assert marker.center_px == pytest.approx(expected, abs=0.3)
 
 
-def test_what_does_not_differ_from_the_background_is_left_out() -> None:
+def test_what_does_not_differ_from_the_background_is_left_out():
     image = drawn((40, 60, 6), (110, 60, 6))
     boxes = []
 
@@ -115,9 +115,7 @@ def _common_hue(rng: np.random.Generator, more: float, share: float) -> Image:
 
 
 @pytest.mark.parametrize(("more", "share", "n"), [(5, 1.0, 1), (3, 1.0, 0), (5, 0.2, 1), (5, 0.0, 0)])
-def test_what_stands_out_of_a_common_hue_by_four_deviations_is_a_marker(
-    more: float, share: float, n: int, rng: np.random.Generator
-) -> None:
+def test_what_stands_out_of_a_common_hue_by_four_deviations_is_a_marker(more, share, n, rng):
     """A hue that only the disc has (1 % of the image) is no common one."""
     vivid = find_vivid_markers(MarkerParams(120.0), _common_hue(rng, more, share), OPTICS)
     assert [marker.center_px.round().tolist() for marker in vivid] == [[110, 60]] * n

@@ -20,7 +20,7 @@ def disc(x: float, y: float, radius: float) -> Mask:
 
 
 @pytest.mark.parametrize(("gap", "is_closed"), [(2, True), (4, True), (5, False)])
-def test_closing_fills_gaps_narrower_than_the_element(gap: int, is_closed: bool) -> None:
+def test_closing_fills_gaps_narrower_than_the_element(gap, is_closed):
     two = rectangle(10, 10, 30, 40) | rectangle(30 + gap, 10, 50, 40)
     result = masks.closed(two, masks.square(2))
     assert result[20, 30 : 30 + gap].all() == is_closed
@@ -28,7 +28,7 @@ def test_closing_fills_gaps_narrower_than_the_element(gap: int, is_closed: bool)
 
 
 @pytest.mark.parametrize("radius", [0, 3, 12, 40])
-def test_opening_keeps_what_a_disc_reaches_that_fits_up_to_the_images_border(radius: int) -> None:
+def test_opening_keeps_what_a_disc_reaches_that_fits_up_to_the_images_border(radius):
     """By OpenCV's exact distances to the nearest pixel outside, and to the nearest centre of a disc that fits."""
     rng = np.random.default_rng(radius)
     y, x = np.mgrid[:90, :130]
@@ -41,7 +41,7 @@ def test_opening_keeps_what_a_disc_reaches_that_fits_up_to_the_images_border(rad
         np.testing.assert_array_equal(masks.opened(mask, radius), reached & centers.any())
 
 
-def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for() -> None:
+def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for():
     large = rectangle(5, 5, 25, 25)
     small = rectangle(40, 5, 45, 10)
     touching_at_a_corner = rectangle(25, 25, 30, 30)
@@ -55,7 +55,7 @@ def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for() -> No
     assert masks.component(mask, rectangle(0, 40, 20, 60)) is None
 
 
-def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop() -> None:
+def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop():
     ring = disc(40, 30, 25)
     large = disc(40, 30, 10)
     small = rectangle(55, 30, 57, 32)
@@ -75,9 +75,7 @@ def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop() -> None:
     [(0, (0, 5, 9, 9)), (1, (5, 0, 9, 9)), (2, (70, 5, 80, 9)), (3, (5, 50, 9, 60))],
     ids=["left", "top", "right", "bottom"],
 )
-def test_a_mask_is_cut_where_it_reaches_a_side_that_is_not_the_images(
-    side: int, mask: tuple[int, int, int, int]
-) -> None:
+def test_a_mask_is_cut_where_it_reaches_a_side_that_is_not_the_images(side, mask):
     image = np.zeros((100, 200, 3), np.uint8)
     inside = (50, 20, 130, 80)
     corner = [(0, 20), (50, 0), (120, 20), (50, 40)][side]
@@ -87,7 +85,7 @@ def test_a_mask_is_cut_where_it_reaches_a_side_that_is_not_the_images(
     assert not masks.is_cut(rectangle(5, 5, 79, 59), inside, image)
 
 
-def test_an_ellipse_has_its_width_height_and_centre() -> None:
+def test_an_ellipse_has_its_width_height_and_centre():
     result = masks.ellipse((10, 20, 90, 80), np.array([45.0, 55.0]), 40.0, 20.0)
     assert result.shape == (60, 80)
     v, u = np.nonzero(result)
@@ -95,7 +93,7 @@ def test_an_ellipse_has_its_width_height_and_centre() -> None:
     assert result.sum() == pytest.approx(np.pi / 4 * 40 * 20, rel=0.02)
 
 
-def test_solidity_is_the_share_of_the_convex_hull() -> None:
+def test_solidity_is_the_share_of_the_convex_hull():
     """A square is solid, three of its quarters fill 6/7 of the hull; a pixel is solid."""
     square = rectangle(10, 5, 60, 55)
     quarter = rectangle(35, 5, 60, 30)

@@ -52,7 +52,7 @@ def learned(rng: np.random.Generator, n: int, start: tuple[float, float] | None 
     return background
 
 
-def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng: np.random.Generator) -> None:
+def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng):
     background = learned(rng, 12)
     assert not background.is_known(turned(12))
     image, disc = seen(turned(12), rng, (150.0, 120.0))
@@ -63,21 +63,21 @@ def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng: n
     assert overlap(evidence > 0.5, disc[70:180, 100:220]) > 0.8
 
 
-def test_nothing_moves_and_nothing_differs(rng: np.random.Generator) -> None:
+def test_nothing_moves_and_nothing_differs(rng):
     """Except at the side where new background comes into view."""
     background = learned(rng, 12)
     image, _ = seen(turned(12), rng)
     assert background.moving.differs(image, turned(12), (40, 10, 280, 230)).mean() < 1e-3
 
 
-def test_a_mistaken_pose_changes_everything(rng: np.random.Generator) -> None:
+def test_a_mistaken_pose_changes_everything(rng):
     """The same with a pose that is 1.5° off: it is the pose that makes the wall rest."""
     background = learned(rng, 12)
     image, _ = seen(turned(12), rng)
     assert background.moving.differs(image, turned(12, deg=1.125), (40, 10, 280, 230)).mean() > 0.1
 
 
-def test_the_place_that_an_object_has_left_becomes_background(rng: np.random.Generator) -> None:
+def test_the_place_that_an_object_has_left_becomes_background(rng):
     """A disc is in view from the first image on; a second later its first place is none, and the disc still one."""
     background = learned(rng, 14, (150.0, 30.0))
     image, disc = seen(turned(14), rng, (150.0, 30.0 + 8 * 14))
@@ -86,7 +86,7 @@ def test_the_place_that_an_object_has_left_becomes_background(rng: np.random.Gen
 
 
 @pytest.mark.parametrize("is_object", [True, False])
-def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object: bool, rng: np.random.Generator) -> None:
+def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object, rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     view = turned(3)
     at = (150.0, 120.0)
@@ -99,7 +99,7 @@ def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object: bo
     assert share < 0.4 if is_object else share > 0.6
 
 
-def test_the_tracked_object_s_place_is_kept(rng: np.random.Generator) -> None:
+def test_the_tracked_object_s_place_is_kept(rng):
     """An object that rests for seconds before a turning eye is not learned while it is tracked."""
     background = learned(rng, 12)
     direction = turned(12).rays([150.0, 120.0])
@@ -138,14 +138,12 @@ def still(rng: np.random.Generator, *images: tuple[float, bool]) -> tuple[Moving
         (((0.0, False), (1.1, True)), False),  # the background is too old and is reset
     ],
 )
-def test_what_looks_the_same_half_a_second_later_rests(
-    images: tuple[tuple[float, bool], ...], is_object: bool, rng: np.random.Generator
-) -> None:
+def test_what_looks_the_same_half_a_second_later_rests(images, is_object, rng):
     _, share = still(rng, *images)
     assert share > 0.95 if is_object else share < 0.05
 
 
-def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> None:
+def test_nothing_is_known_before_the_first_image(rng):
     """Then everything may be an object, and nothing is evidence of one; the same once it has been forgotten."""
     background = MovingBackground(EgoMotion(LEFT_EYE))
     box = (10, 10, 60, 40)
@@ -159,7 +157,7 @@ def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> No
         background.invalidate()
 
 
-def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rng: np.random.Generator) -> None:
+def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rng):
     background = learned(rng, 12)
     at = (150.0, 120.0)
     share = turned(11)

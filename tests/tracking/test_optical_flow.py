@@ -47,10 +47,9 @@ def measured(images: list[np.ndarray], older: View = VIEW, tolerance_px: float =
 
 
 @pytest.mark.parametrize("moved", [(3, -2), (-5, 1), (1, -1)])
-def test_flow_of_a_region_is_its_motion(rng: np.random.Generator, moved: tuple[int, int]) -> None:
+def test_flow_of_a_region_is_its_motion(rng, moved):
     result = measured(pair(rng, moved))
     assert result.moving > 0.7
-    assert result.flow is not None
     np.testing.assert_allclose(result.flow.velocity_px_s * DT, moved, atol=0.1)
     np.testing.assert_allclose(result.flow.now_px - result.flow.then_px, moved, atol=0.1)
     assert np.abs(result.flow.now_px - (164.5, 124.5)).max() < 4
@@ -59,7 +58,7 @@ def test_flow_of_a_region_is_its_motion(rng: np.random.Generator, moved: tuple[i
     assert std_px.max() < 0.3
 
 
-def test_what_comes_along_the_line_of_sight_moves_although_its_flow_has_no_direction(rng: np.random.Generator) -> None:
+def test_what_comes_along_the_line_of_sight_moves_although_its_flow_has_no_direction(rng):
     """The square grows by a fifth about its centre: points at its rim move by 2.5 px, in all directions."""
     wall = texture(rng, (240, 320))
     square = texture(rng, (30, 30))
@@ -69,20 +68,18 @@ def test_what_comes_along_the_line_of_sight_moves_although_its_flow_has_no_direc
         image[110:140, 150:180] = content
     result = measured(images)
     assert result.moving > 0.5
-    assert result.flow is not None
     assert np.abs(result.flow.velocity_px_s * DT).max() < 1.0  # on average over the square it does not move
 
 
-def test_what_moves_with_its_surroundings_does_not_move(rng: np.random.Generator) -> None:
+def test_what_moves_with_its_surroundings_does_not_move(rng):
     result = measured(pair(rng, (2, 1), (2, 1)))
     assert result.moving == 0
     assert result.unmatched < 0.2
     relative = measured(pair(rng, (5, 1), (2, 1))).flow
-    assert relative is not None
     np.testing.assert_allclose(relative.velocity_px_s * DT, (3, 0), atol=0.15)
 
 
-def test_little_motion_is_none(rng: np.random.Generator) -> None:
+def test_little_motion_is_none(rng):
     images = pair(rng, (0, 0))
     x, y, w, h = BOX
     shift = np.array([[1, 0, 0.3], [0, 1, 0]])
@@ -91,7 +88,7 @@ def test_little_motion_is_none(rng: np.random.Generator) -> None:
     assert measured(images, tolerance_px=0.15).moving > 0.5
 
 
-def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng: np.random.Generator) -> None:
+def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng):
     images = pair(rng, (2, 0))
     assert measured(images).moving > 0.7
     wall = images[0].copy()
@@ -103,7 +100,7 @@ def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng: np.ran
     assert measured(images).moving == 0
 
 
-def test_what_is_new_has_no_match(rng: np.random.Generator) -> None:
+def test_what_is_new_has_no_match(rng):
     images = pair(rng, (0, 0))
     images[1][110:140, 150:180] = texture(rng, (30, 30))
     result = measured(images)
@@ -111,7 +108,7 @@ def test_what_is_new_has_no_match(rng: np.random.Generator) -> None:
     assert result.moving < 0.25
 
 
-def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Generator) -> None:
+def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng):
     turned = View(LEFT_EYE, transform(rotation=cv2.Rodrigues(np.array([0.0, 0.02, 0.0]))[0]))
     images = pair(rng, (0, 0))
     ego = EgoMotion(LEFT_EYE)
@@ -129,19 +126,16 @@ def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Gener
     images[0] = ego.warp(pair(np.random.default_rng(9), (4, 0))[0], VIEW, turned, 0.0)
     images[1] = pair(np.random.default_rng(9), (4, 0))[1]
     flow = measured(images, turned).flow
-    assert flow is not None
     np.testing.assert_allclose(flow.velocity_px_s * DT, (4, 0), atol=0.2)
     way = turned.project(VIEW.center + 100 * VIEW.rays(flow.now_px - (4, 0)))
     np.testing.assert_allclose(flow.then_px, way, atol=0.2)
 
 
-def test_surroundings_at_an_unknown_distance_make_flow_less_certain(rng: np.random.Generator) -> None:
+def test_surroundings_at_an_unknown_distance_make_flow_less_certain(rng):
     images = pair(rng, (3, 0))
     beside = View(LEFT_EYE, transform(translation=(0.02, 0.0, 0.0)))
     still = measured(images).flow
     moved = measured(images, beside).flow
-    assert still is not None
-    assert moved is not None
     assert np.linalg.eigvalsh(moved.cov - still.cov).min() * DT**2 > 0.5 * (0.4 * 219 * 0.02 / 1.2) ** 2
 
 
@@ -165,14 +159,13 @@ def flows_of(
     return left, right
 
 
-def test_velocity_across_the_view_follows_from_flow(rig: StereoRig, robot: Robot) -> None:
+def test_velocity_across_the_view_follows_from_flow(rig, robot):
     p = np.array([-0.45, 0.02, 0.35])
     v = np.array([0.0, 0.25, -0.15])
     view = rig.view(home(robot))
     flows = flows_of(rig, robot, p, v, 0.1)
     for subset in (flows, (flows[0], None), (None, flows[1])):
         result = velocity(subset, view, p, (0.3, 0.0))
-        assert result is not None
         np.testing.assert_allclose(result[0][1:], v[1:], atol=0.02)
         assert abs(result[0][0]) < 0.05
         assert 0.25 < np.sqrt(result[1][0, 0]) <= 0.3
@@ -185,7 +178,7 @@ def test_velocity_across_the_view_follows_from_flow(rig: StereoRig, robot: Robot
     assert velocity((None, None), view, p, (0.3, 0.0)) is None
 
 
-def test_the_longer_of_two_intervals_does_not_count(rig: StereoRig, robot: Robot) -> None:
+def test_the_longer_of_two_intervals_does_not_count(rig, robot):
     p = np.array([-0.45, 0.02, 0.35])
     v = np.array([0.0, 0.25, -0.15])
     view = rig.view(home(robot))
@@ -193,12 +186,10 @@ def test_the_longer_of_two_intervals_does_not_count(rig: StereoRig, robot: Robot
     _, slower = flows_of(rig, robot, p, 0.3 * v, 0.1, 0.2)
     alone = velocity((left, None), view, p, (0.3, 0.0))
     binocular = velocity((left, slower), view, p, (0.3, 0.0))
-    assert alone is not None
-    assert binocular is not None
     np.testing.assert_array_equal(binocular[0], alone[0])
 
 
-def test_the_covariance_of_the_velocity_by_sampling(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
+def test_the_covariance_of_the_velocity_by_sampling(rig, robot, rng):
     p = np.array([-0.45, 0.02, 0.35])
     view = rig.view(home(robot))
     errors = []
@@ -216,14 +207,13 @@ def test_the_covariance_of_the_velocity_by_sampling(rig: StereoRig, robot: Robot
             for flow in flows_of(rig, robot, p, v, 0.3)
         )
         result = velocity((left, right), view, p, (0.1, 0.0))
-        assert result is not None
         errors.append(result[0] - v)
         cov = result[1]
     whitened = np.array(errors) @ np.linalg.cholesky(np.linalg.inv(cov))
     np.testing.assert_allclose(np.cov(whitened.T), np.eye(3), atol=0.25)
 
 
-def test_what_may_have_accelerated_meanwhile_is_less_certain(rig: StereoRig, robot: Robot) -> None:
+def test_what_may_have_accelerated_meanwhile_is_less_certain(rig, robot):
     p = np.array([-0.45, 0.02, 0.35])
     v = np.array([0.0, 0.25, -0.15])
     view = rig.view(home(robot))
@@ -233,26 +223,23 @@ def test_what_may_have_accelerated_meanwhile_is_less_certain(rig: StereoRig, rob
             rig, robot, p, v - 0.5 * 0.5 * np.array([0.0, 0.6, 0.8]) * dt, 0.01, dt
         )  # mean while a = 0.5 m/s²
         result = velocity(flows, view, p, (0.3, 0.5))
-        assert result is not None
         errors.append((result[0] - v) @ np.linalg.solve(result[1], result[0] - v))
     np.testing.assert_allclose(errors, 1.0, rtol=0.2)  # one standard deviation of the acceleration, at any interval
 
 
-def test_flow_outweighs_no_position_that_follows(rig: StereoRig, robot: Robot) -> None:
+def test_flow_outweighs_no_position_that_follows(rig, robot):
     p = np.array([-0.45, 0.02, 0.35])
     v = np.array([0.0, 0.25, -0.15])
     view = rig.view(home(robot))
     flows = flows_of(rig, robot, p, v, 0.1)
     exact, loose = (velocity(flows, view, p, (0.3, 0.0), px) for px in (0.0, 2.0))
-    assert exact is not None
-    assert loose is not None
     np.testing.assert_array_equal(loose[0], exact[0])
     distance_m = np.linalg.norm(p - 0.5 * (view.left.center + view.right.center))
     two_positions = np.sqrt(2) * 2.0 * distance_m / rig.left.focal_px / DT / np.sqrt(2)  # seen by two eyes
     np.testing.assert_allclose(np.sqrt(np.linalg.eigvalsh(loose[1])[:2]), two_positions, rtol=0.2)
 
 
-def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Robot) -> None:
+def test_a_track_begins_with_the_velocity_of_its_flow(rig, robot):
     q = home(robot)
     ahead = rig.view(q).left.T_root_camera
     rng = np.random.default_rng(3)

@@ -27,16 +27,13 @@ def _hard(camera: Camera, sphere: Sphere) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("radius", "color", "rms_px"), [(0.035, RED, 0.08), (0.010, GREEN, 0.1)])
-def test_center_and_size_are_sub_pixel_and_covered(
-    optics: Optics, rng: np.random.Generator, radius: float, color: tuple[float, float, float], rms_px: float
-) -> None:
+def test_center_and_size_are_sub_pixel_and_covered(optics, rng, radius, color, rms_px):
     errors = []
     sizes = []
     for _ in range(8):
         center = np.array([rng.uniform(-0.12, 0.1), rng.uniform(-0.05, 0.09), rng.uniform(0.28, 0.6)])
         sphere = Sphere(center, radius, color)
         shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere), FULL), optics)
-        assert shape is not None
         error = shape.center_px - LEFT_EYE.project(center)
         errors.append(error)
         sizes.append(shape.angular_radius_rad / np.arcsin(radius / np.linalg.norm(center)))
@@ -46,7 +43,7 @@ def test_center_and_size_are_sub_pixel_and_covered(
     assert np.mean(sizes) == pytest.approx(1, abs=0.03)
 
 
-def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.Generator) -> None:
+def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng):
     """Balls of 5–30 px lit from above: mean squared normalised errors of centre and radius.
 
     Across, the stated variance is that of the errors.  Down the image light from above shifts both cameras' outlines
@@ -65,7 +62,6 @@ def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.
         image = look(view, [sphere], rng)
         mask = threshold(MarkerParams(), image) > 0
         shape = outline(cover(image, mask, (0, 0, camera.width, camera.height)), optics)
-        assert shape is not None
         squared[k, :2] = (shape.center_px - camera.project(in_camera)) ** 2 / np.diag(shape.cov_px)
         squared[k, 2] = (shape.angular_radius_rad - angular) ** 2 / shape.angular_radius_var
     across, down_image, radius = squared.mean(axis=0)
@@ -74,7 +70,7 @@ def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.
     assert 0.2 < radius < 0.6
 
 
-def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng: np.random.Generator) -> None:
+def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng):
     """Pairs of pixels with a common error in two opposite quarters of a disc's edge: entry by entry."""
     camera = Camera(60, 60, 220.0, 220.0, 29.5, 29.5)
     optics = Optics(camera)
@@ -86,13 +82,10 @@ def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng:
     variance = np.where(edge & (x * y > 0), 0.05, np.where(edge, 0.01, 0)).astype(np.float32)
     stated = outline(Coverage(alpha, variance, box), optics)
     plain = outline(Coverage(alpha, 0 * variance, box), optics)
-    assert stated is not None
-    assert plain is not None
     samples = np.empty((n, 3))
     for k in range(n):
         noise = np.sqrt(variance) * rng.standard_normal(alpha.shape)
         shape = outline(Coverage((alpha + noise).astype(np.float32), 0 * variance, box), optics)
-        assert shape is not None
         samples[k] = *shape.center_px, shape.angular_radius_rad
     sampled = 2 * np.cov(samples.T)  # two pixels with a common error count as one
     bound = 5 * np.sqrt((np.outer(np.diag(sampled), np.diag(sampled)) + sampled**2) / (n - 1))
@@ -101,7 +94,7 @@ def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng:
     assert abs(sampled[0, 1]) > 2 * bound[0, 1]  # or the test could not tell
 
 
-def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
+def test_perspective_does_not_pull_the_center(optics):
     """Wide aside and near, the plain centroid of a sphere's image is off by over half a pixel."""
     sphere = Sphere(np.array([-0.12, 0.06, 0.2]), 0.035, RED)
     hard = _hard(LEFT_EYE, sphere)
@@ -109,17 +102,15 @@ def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
     rows, columns = np.nonzero(hard)
     assert np.linalg.norm([columns.mean() - true[0], rows.mean() - true[1]]) > 0.5
     shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere]), hard, FULL), optics)
-    assert shape is not None
     assert np.linalg.norm(shape.center_px - true) < 0.12
 
 
-def test_harmonics_are_those_of_the_edge() -> None:
+def test_harmonics_are_those_of_the_edge():
     """Far off the axis a ball's image is an ellipse, and its edge has none.  On the axis an edge has those it was drawn
     with; a square's second moment is π/3 of a disc's."""
     wide = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
     aside = _hard(wide, Sphere(np.array([-0.14, 0.0, 0.25]), 0.03, RED))
     ball = outline(Coverage(aside.astype(np.float32), np.zeros(aside.shape, np.float32), FULL), Optics(wide))
-    assert ball is not None
     assert np.abs([*ball.harmonics, ball.non_circularity]).max() < 0.006
     rows, columns = np.nonzero(aside)
     assert np.ptp(columns) > 1.1 * np.ptp(rows)
@@ -134,14 +125,12 @@ def test_harmonics_are_those_of_the_edge() -> None:
         outline(Coverage(alpha.astype(np.float32), np.zeros((100, 100), np.float32), (0, 0, 100, 100)), Optics(camera))
         for alpha in (np.clip(edge - np.hypot(x, y) + 0.5, 0, 1), square)
     )
-    assert waved is not None
-    assert squared is not None
     np.testing.assert_allclose(waved.harmonics, share, atol=0.003)
     assert squared.non_circularity == pytest.approx(np.pi / 3 - 1, abs=0.003)
 
 
 @pytest.mark.parametrize("kind", ["cut by the border", "half hidden"])
-def test_the_covariance_of_a_part_covers_its_distance_from_the_whole(kind: str, rng: np.random.Generator) -> None:
+def test_the_covariance_of_a_part_covers_its_distance_from_the_whole(kind, rng):
     """Hidden up to three fifths, its size known to 3 %: mean squared normalised error of the centre."""
     camera = Camera(120, 120, 220.0, 220.0, 59.5, 59.5)
     radius = 0.03
@@ -159,14 +148,13 @@ def test_the_covariance_of_a_part_covers_its_distance_from_the_whole(kind: str, 
             hard[:, u:] = False
         expected_px = np.pi * (radius * (1 + 0.03 * rng.standard_normal()) / 0.35 * 220) ** 2
         shape = fit_outline(image, hard, (0, 0, 120, 120), optics, expected_px)
-        assert shape is not None
         assert shape.is_partial
         error = shape.center_px - camera.project(center)
         squared.append(error @ np.linalg.solve(shape.cov_px, error) / 2)
     assert 0.2 < np.mean(squared) < 2
 
 
-def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics: Optics, rng: np.random.Generator) -> None:
+def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics, rng):
     sphere = Sphere(np.array([0.0, 0.02, 0.35]), 0.035, RED)
     image = look(View(LEFT_EYE, np.eye(4)), [sphere], rng)
     hard = _hard(LEFT_EYE, sphere)
@@ -174,16 +162,12 @@ def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics: Optics, rng:
     smaller = fit_outline(image, hard, FULL, optics, 1.3 * hard.sum())
     part = hard & (np.arange(hard.shape[1]) < np.nonzero(hard)[1].mean() + 8)
     hidden = fit_outline(image, part, FULL, optics, float(hard.sum()))
-    assert whole is not None
-    assert free is not None
-    assert smaller is not None
-    assert hidden is not None
     assert (whole.is_partial, free.is_partial, smaller.is_partial, hidden.is_partial) == (False, False, False, True)
     np.testing.assert_array_equal(whole.cov_px, free.cov_px)
     assert hidden.cov_px[0, 0] > 10 * whole.cov_px[0, 0]
 
 
-def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one() -> None:
+def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one():
     def is_disc(width: float, height: float, filled: float) -> bool:
         area = filled * np.pi / 4 * width * height
         return Outline(np.zeros(2), np.eye(2), 0.1, 1e-6, (0.0, 0.0, width, height), area, False).is_disc
@@ -202,7 +186,7 @@ def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one() -> None:
 @pytest.mark.parametrize(
     ("corner", "size"), [((0, 60), (30, 20)), ((60, 0), (20, 30)), ((290, 60), (30, 20)), ((60, 210), (20, 30))]
 )
-def test_what_reaches_the_image_s_border_is_cut_off(corner: tuple[int, int], size: tuple[int, int]) -> None:
+def test_what_reaches_the_image_s_border_is_cut_off(corner, size):
     """The left, upper, right and lower border; a pixel away from it, it is whole."""
     camera = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
     x, y = corner
@@ -213,14 +197,13 @@ def test_what_reaches_the_image_s_border_is_cut_off(corner: tuple[int, int], siz
         mask[y + dy : y + dy + h, x + dx : x + dx + w] = True
         image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
         shape = outline(cover(image, mask, FULL), Optics(camera))
-        assert shape is not None
         assert shape.is_partial == partial
         assert shape.box_px == (x + dx, y + dy, w, h)
         assert shape.area_px == pytest.approx(w * h, rel=0.02)
 
 
 @pytest.mark.parametrize(("expected_px", "missing"), [(True, 0.5), (False, 0.3)])
-def test_what_is_hidden_of_no_disc_may_lie_to_any_side(expected_px: bool, missing: float) -> None:
+def test_what_is_hidden_of_no_disc_may_lie_to_any_side(expected_px, missing):
     """Half a disc's centroid is 4/(3π) of its radius off; half a square gets that variance, and a part cut off by
     the border a proportional one, for an assumed hidden share of three tenths."""
     camera = Camera(320, 240, 2000.0, 2000.0, 159.5, 119.5)
@@ -230,8 +213,6 @@ def test_what_is_hidden_of_no_disc_may_lie_to_any_side(expected_px: bool, missin
     image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
     visible = outline(cover(image, mask, FULL), Optics(camera))
     result = fit_outline(image, mask, FULL, Optics(camera), 3600.0 if expected_px else None)
-    assert visible is not None
-    assert result is not None
     assert result.is_partial
     radius = np.sqrt(visible.area_px / (1 - missing) / np.pi)
     off = 4 / (3 * np.pi) * radius * missing / 0.5
@@ -239,7 +220,7 @@ def test_what_is_hidden_of_no_disc_may_lie_to_any_side(expected_px: bool, missin
     np.testing.assert_array_equal(result.center_px, visible.center_px)
 
 
-def test_a_disc_is_completed_where_most_of_its_edge_shows(optics: Optics) -> None:
+def test_a_disc_is_completed_where_most_of_its_edge_shows(optics):
     """Two thirds of a disc that end at its centre; a cross of equal area has two thirds of its edge inside the disc."""
     v, u = np.mgrid[:240, :320]
     angle = np.arctan2(v - 120, u - 160)
@@ -249,14 +230,12 @@ def test_a_disc_is_completed_where_most_of_its_edge_shows(optics: Optics) -> Non
         mask = disc & part
         image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
         shape = fit_outline(image, mask, FULL, optics, np.pi * 30**2)
-        assert shape is not None
         assert shape.is_partial
         assert np.linalg.norm(shape.center_px - [160, 120]) < 0.5
         assert (shape.area_px == np.pi * 30**2) == completed
         if completed:
             np.testing.assert_allclose(shape.box_px, (130, 90, 60, 60), atol=0.5)
             whole = outline(cover(np.where(disc[..., None], RED, 90.0).astype(np.uint8), disc, FULL), optics)
-            assert whole is not None
             assert shape.angular_radius_rad == pytest.approx(whole.angular_radius_rad, rel=0.02)
             assert shape.angular_radius_var == pytest.approx((0.03 * shape.angular_radius_rad) ** 2)
     # the arc of a third of it shows the disc; of less than a quarter it does not
@@ -264,16 +243,14 @@ def test_a_disc_is_completed_where_most_of_its_edge_shows(optics: Optics) -> Non
         mask = disc & (u < cut)
         image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
         shape = fit_outline(image, mask, FULL, optics, np.pi * 30**2)
-        assert shape is not None
         assert (shape.area_px == np.pi * 30**2) == completed
 
 
-def test_of_joined_things_without_an_expected_area_there_is_no_outline(optics: Optics) -> None:
+def test_of_joined_things_without_an_expected_area_there_is_no_outline(optics):
     v, u = np.mgrid[:240, :320]
     disc = np.hypot(u - 160, v - 120) < 20
     larger = (np.hypot(u - 160, v - 120) < 20) | (np.hypot(u - 190, v - 120) < 20)
     image = np.where(larger[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
     assert fit_outline(image, disc, FULL, optics, None, larger) is None
     result = fit_outline(image, disc, FULL, optics, np.pi * 20**2, larger)
-    assert result is not None
     assert np.linalg.norm(result.center_px - [160, 120]) < 0.5

@@ -6,7 +6,7 @@ import pytest
 from tracking.particle_filter import SHARPNESS, Particles, box_sums, likelihoods, resample
 
 
-def test_a_box_is_made_of_the_pixels_around_its_centre(rng: np.random.Generator) -> None:
+def test_a_box_is_made_of_the_pixels_around_its_centre(rng):
     """An odd number of pixels a side around a pixel; a corner of the region and its border included."""
     image = rng.random((20, 30))
     integral = np.zeros((21, 31))
@@ -17,7 +17,7 @@ def test_a_box_is_made_of_the_pixels_around_its_centre(rng: np.random.Generator)
     np.testing.assert_allclose(box_sums(integral, particles, (100, 50), (1.25, 0.75)), wanted)
 
 
-def test_a_box_of_the_objects_size_outweighs_a_larger_one() -> None:
+def test_a_box_of_the_objects_size_outweighs_a_larger_one():
     """40 × 10 px on a background of as many pixels as one likes: 400 px gained, or 400 less the other 1200."""
     score = np.full((120, 160), -1.0)
     score[55:65, 70:110] = 1.0
@@ -28,7 +28,7 @@ def test_a_box_of_the_objects_size_outweighs_a_larger_one() -> None:
     assert np.log(small / large) == pytest.approx(SHARPNESS * (400 + 800) / 30**2)
 
 
-def test_weights_add_up_to_one_even_where_no_box_holds_the_object() -> None:
+def test_weights_add_up_to_one_even_where_no_box_holds_the_object():
     """Boxes far larger than expected lose by every pixel: of their gains alone none would have a weight."""
     integral = np.zeros((121, 161))
     integral[1:, 1:] = -np.ones((120, 160)).cumsum(axis=0).cumsum(axis=1)
@@ -40,7 +40,7 @@ def test_weights_add_up_to_one_even_where_no_box_holds_the_object() -> None:
     np.testing.assert_allclose(shifted, 0.5)
 
 
-def test_resampled_particles_keep_their_past(rng: np.random.Generator) -> None:
+def test_resampled_particles_keep_their_past(rng):
     current = rng.random((50, 3))
     chosen = resample(Particles(current, current - 1.0), rng.dirichlet(np.ones(50)), rng)
     np.testing.assert_allclose(chosen.current - chosen.previous, 1.0)

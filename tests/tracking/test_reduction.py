@@ -26,7 +26,7 @@ def track(film: Film, reduction: int) -> list[TrackerStep]:
 
 
 @pytest.mark.parametrize("reduction", [2, 4])
-def test_positions_and_pixels_are_those_of_the_whole_images(film: Film, reduction: int) -> None:
+def test_positions_and_pixels_are_those_of_the_whole_images(film, reduction):
     later = list(zip(track(film, reduction), film.truth, strict=True))[20:]
     assert all(step.track.status == Status.TRACKING for step, _ in later)
     offs_m = [np.linalg.norm(step.track.position - truth.position) for step, truth in later]
@@ -45,7 +45,7 @@ def test_positions_and_pixels_are_those_of_the_whole_images(film: Film, reductio
     assert np.abs(mean_px).max() < 0.2 * reduction  # corners taken for centres would be half of `reduction`
 
 
-def test_batches_reduce_alike(film: Film) -> None:
+def test_batches_reduce_alike(film):
     import torch
 
     tracker = Tracker(TrackerParams(reduction=2), film.rig, np.random.default_rng(SEED))
@@ -55,7 +55,7 @@ def test_batches_reduce_alike(film: Film) -> None:
             assert np.abs(detection.center_px - batched_detection.center_px).max() < 0.1
 
 
-def test_what_cannot_be_averaged_is_refused(film: Film) -> None:
+def test_what_cannot_be_averaged_is_refused(film):
     with pytest.raises(ValueError, match="reduction 0; expected 1 or more"):
         TrackerParams(reduction=0)
     tracker = Tracker(TrackerParams(reduction=2), film.rig, np.random.default_rng(SEED))

@@ -49,7 +49,7 @@ def _batch(params: KalmanParams, stamps: Array, z: Array, jump: int | None = Non
 
 @pytest.mark.parametrize("order", [2, 3, 4])
 @pytest.mark.parametrize("jump", [None, 10])
-def test_it_is_least_squares_over_the_whole_path(order: int, jump: int | None, rng: np.random.Generator) -> None:
+def test_it_is_least_squares_over_the_whole_path(order, jump, rng):
     """A noisy path with a gap; or a ball at rest that from the tenth measurement on moves at 0.6 m/s."""
     params = replace(KalmanParams.of_order(order), white_share=1.0, adaptation_rate=0)
     if jump is None:
@@ -69,7 +69,7 @@ def test_it_is_least_squares_over_the_whole_path(order: int, jump: int | None, r
     np.testing.assert_allclose(relative, cov / (std[:, :, None] * std[:, None]), atol=1e-4)
 
 
-def test_a_filter_that_began_again_is_smoothed_in_two_parts() -> None:
+def test_a_filter_that_began_again_is_smoothed_in_two_parts():
     params = KalmanParams(max_rejections=2)
     z = [np.array([0.001 * k, 0, 0]) if k < 10 else np.array([0.8 + 0.001 * k, 0, 0]) for k in range(20)]
     small = 1e-7 * np.eye(3)
@@ -121,7 +121,7 @@ def _tracked(
     return belief, Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
 
 
-def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator) -> None:
+def test_a_trackers_path_is_smoothed_where_it_is_known(rng):
     steps, truth = _steps(rng)
     tracks = [step.track for step in smoothed_steps(KalmanParams(), steps)]
     assert [t.status for t in tracks] == [s.track.status for s in steps]
@@ -137,7 +137,7 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator)
     assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
 
 
-def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng: np.random.Generator) -> None:
+def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng):
     """One elsewhere, then nothing for one step: the track is smoothed as if neither had been; nor is a track joined
     with the one before it."""
     steps, _ = _steps(rng)
@@ -157,7 +157,7 @@ def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng: np.random.Gene
             np.testing.assert_array_equal(step.track.cov, expected.track.cov)
 
 
-def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Generator) -> None:
+def test_what_a_track_says_beyond_its_filter_is_still_said(rng):
     """Added to every track's position it is added to every smoothed one's; where a track says less than the filter
     that is run again (its own had begun anew), only the error that its measurements share comes on top."""
     steps, _ = _steps(rng)
@@ -194,7 +194,7 @@ def _long(params: KalmanParams, n: int, rng: np.random.Generator) -> Iterator[Tr
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_a_long_track_is_smoothed_as_by_all_later_measurements(order: int) -> None:
+def test_a_long_track_is_smoothed_as_by_all_later_measurements(order):
     params = KalmanParams.of_order(order)
     steps = list(_long(params, 3 * LAG + 50, np.random.default_rng(4)))
     own = scaled(params, float(np.linalg.norm(steps[0].observation.p_root)))
@@ -211,7 +211,7 @@ def test_a_long_track_is_smoothed_as_by_all_later_measurements(order: int) -> No
         assert track.stamp_s == step.track.stamp_s
 
 
-def test_a_long_track_comes_while_it_goes_on() -> None:
+def test_a_long_track_comes_while_it_goes_on():
     """The number of buffered steps is bounded."""
     taken = 0
 

@@ -10,7 +10,6 @@ from ranges import check_range
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.icub import home, set_gaze
-from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Coverage, Optics, Outline, outline
 from tracking.stereo import Association, StereoParams, apparent_velocity, with_pose_error
@@ -23,7 +22,7 @@ SEEN = Observation3D(0.0, np.array([0.034, 0.0, 0.4]), 1e-8 * np.eye(3), 0.03, 1
 
 
 @pytest.mark.parametrize("wrong_px", [0.0, 0.2])
-def test_only_what_the_outlines_do_not_explain_is_the_calibrations(wrong_px: float, rng: np.random.Generator) -> None:
+def test_only_what_the_outlines_do_not_explain_is_the_calibrations(wrong_px, rng):
     """Four coordinates with noise (and a constant error) leave one degree of freedom: the residual is a quarter of
     its square's root."""
     association = Association.untrained(StereoParams(), 320)
@@ -36,7 +35,7 @@ def test_only_what_the_outlines_do_not_explain_is_the_calibrations(wrong_px: flo
     assert np.mean(learned) == pytest.approx(wrong_px**2, rel=0.25, abs=0.3 * STD_PX**2)
 
 
-def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibration(rng: np.random.Generator) -> None:
+def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibration(rng):
     """Half a ball in one eye, its centre 5 px off, after the pair was seen whole for a while: the doubt stays small."""
     association = Association.untrained(StereoParams(), 320)
     half = replace(SHAPE, is_partial=True)
@@ -62,7 +61,7 @@ def exact_outline(eye: View, angular_var: float = 1e-9, **changes: Any) -> Outli
 
 
 @pytest.mark.parametrize("angular_var", [1e-12, 1e-5], ids=["distance decides", "size decides"])
-def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: float, rng: np.random.Generator) -> None:
+def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var, rng):
     """Outlines that err as stated, and a calibration error with its prior variance.  The distance's error of the
     radius is common to both eyes; the eyes' independent errors are halved and stated as one eye's."""
     n = 1500
@@ -72,7 +71,6 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: flo
     right = replace(right, cov_px=STD_PX**2 * np.array([[1.0, 0.5], [0.5, 4.0]]))
     params = StereoParams(unknown_error=calibration_px / 320, gate_sigma=100.0)
     stated = Association.untrained(params, 320).observe(VIEW, left, right, 0.0)
-    assert stated is not None
     samples = np.empty((n, 4))
     for k in range(n):
         first, second = (
@@ -84,7 +82,6 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: flo
             for eye in (left, right)
         )
         observation = Association.untrained(params, 320).observe(VIEW, first, second, 0.0)
-        assert observation is not None
         samples[k] = *observation.p_root, observation.radius_m
     sampled = np.cov(samples.T)
     variance = np.diag(stated.cov_root)
@@ -94,12 +91,11 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: flo
     assert eyes * sampled[3, 3] == pytest.approx(stated.radius_var_m2, rel=5 * np.sqrt(2 / n))
 
 
-def test_radius_and_its_variance_are_those_of_the_sine_law() -> None:
+def test_radius_and_its_variance_are_those_of_the_sine_law():
     """r = |p − c| sin θ, by finite differences in p and θ; stated as the better eye's, which here is the left."""
     left = exact_outline(VIEW.left, 1e-7)
     right = exact_outline(VIEW.right, 3e-7)
     stated = Association.untrained(StereoParams(), 320).observe(VIEW, left, right, 0.0)
-    assert stated is not None
     assert stated.radius_m == pytest.approx(RADIUS_M, rel=1e-6)
     angle = left.angular_radius_rad
     h = 1e-6
@@ -114,7 +110,7 @@ def test_radius_and_its_variance_are_those_of_the_sine_law() -> None:
     assert stated.radius_var_m2 == pytest.approx(expected, rel=1e-6)
 
 
-def test_why_two_outlines_are_no_pair_is_said() -> None:
+def test_why_two_outlines_are_no_pair_is_said():
     """The epipolar gate is 3.5 σ of 0.8 % of 320 px, times √2, and narrows as pairs agree; the object is 6 baselines
     away, and by default may be 0.7 to 300."""
     left = exact_outline(VIEW.left)
@@ -157,27 +153,23 @@ def test_why_two_outlines_are_no_pair_is_said() -> None:
         ("distance_range", ((-0.1, 300.0), (2.0, 2.0), (3.0, 2.0)), ((0.0, 1.0),)),
     ],
 )
-def test_parameters_outside_their_range_are_refused(
-    name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
-) -> None:
+def test_parameters_outside_their_range_are_refused(name, refused, taken):
     check_range(StereoParams, name, refused, taken, lambda _: "expected positive numbers and a rising range")
 
 
-def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts() -> None:
+def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts():
     """All pairs' outlines erred by 0.04 px² beyond their stated variance, the last ones by 0.01: the difference is half
     of the stated 0.06 px², which is added as a correlated error."""
     outlines = [replace(exact_outline(eye), cov_px=0.02 * np.eye(2)) for eye in (VIEW.left, VIEW.right)]
     association = Association(StereoParams(), 1.0, -1.0, outline_var_px2=0.01, mean_outline_var_px2=0.04)
     result = association.observe(VIEW, *outlines, 0.0)
     calm = replace(association, mean_outline_var_px2=0.01).observe(VIEW, *outlines, 0.0)
-    assert result is not None
-    assert calm is not None
     np.testing.assert_allclose(calm.correlated_cov_root, 0, atol=1e-15)
     np.testing.assert_allclose(result.correlated_cov_root, calm.cov_root, rtol=1e-9)
     np.testing.assert_allclose(result.cov_root, 2 * calm.cov_root, rtol=1e-9)
 
 
-def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat() -> None:
+def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat():
     """A blur by σ = √2 px adds 2σ² to the mean square of R²/2: 8/R² of it, here of 12 px."""
     association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
     blurred = 8.0 / 12**2
@@ -188,7 +180,6 @@ def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat() -> None:
             for eye in (VIEW.left, VIEW.right)
         )
         result = association.observe(VIEW, *outlines, 0.0)
-        assert result is not None
         stated.append(np.trace(result.cov_root))
     assert stated[0] == pytest.approx(stated[1], rel=1e-6)
     assert stated[2] > 1.01 * stated[1]
@@ -208,7 +199,7 @@ def rough(eye: View, center: Array, radius_m: float, edge: Array, optics: Optics
     return shape
 
 
-def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng: np.random.Generator) -> None:
+def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng):
     """Edges of 28 px radius that err by 1.5 px independently every 9 px, or equally in both eyes; the outlines do not
     state it.  The position's covariance is right, except for the depth where both eyes have the same error."""
     optics = Optics(CAMERA)
@@ -234,7 +225,7 @@ def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng: np.rando
         assert alike or 0.5 < depth < 1.6
 
 
-def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be() -> None:
+def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be():
     """The lines of sight to the mean directions of a square that faces the eyes meet behind it: by quadrature."""
     side = 0.08
     z = 0.6
@@ -252,30 +243,26 @@ def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be() -> None:
     association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
     ball = association.observe(VIEW, *outlines, 0.0)
     flat = association.observe(VIEW, *(replace(shape, non_circularity=0.2) for shape in outlines), 0.0)
-    assert ball is not None
-    assert flat is not None
     behind = ball.p_root[2] - z
     assert behind == pytest.approx(ball.radius_m**2 / z, rel=0.1)
     assert flat.cov_root[2, 2] - ball.cov_root[2, 2] == pytest.approx(behind**2 / 3, rel=0.2)
     assert 0 < flat.cov_root[0, 0] - ball.cov_root[0, 0] < behind**2 / 6
 
 
-def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment() -> None:
+def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment():
     left = exact_outline(VIEW.left)
     right = exact_outline(VIEW.right)
     shift = np.array([3.0, -1.0])
     once = Association.untrained(StereoParams(), 320).observe(VIEW, left, right, 0.0)
     early, late = (replace(eye, center_px=eye.center_px - sign * shift) for eye, sign in ((left, 1), (right, -1)))
     moved = Association.untrained(StereoParams(), 320).observe(VIEW, early, late, 0.0, (shift, -shift))
-    assert once is not None
-    assert moved is not None
     np.testing.assert_allclose(moved.p_root, once.p_root, atol=1e-9)
 
 
 SEEN_AT = np.array([-0.45, 0.03, 0.28])
 
 
-def test_a_turning_neck_carries_a_point_like_a_rigid_body(robot: Robot, rig: StereoRig) -> None:
+def test_a_turning_neck_carries_a_point_like_a_rigid_body(robot, rig):
     q = home(robot)
     rate = 0.4
     dt = 1e-4
@@ -287,7 +274,7 @@ def test_a_turning_neck_carries_a_point_like_a_rigid_body(robot: Robot, rig: Ste
     assert np.linalg.norm(expected) > 0.15  # 0.4 rad/s at 0.45 m from the eyes
 
 
-def test_the_covariance_grows_by_the_stamps_error_along_the_motion_only(robot: Robot, rig: StereoRig) -> None:
+def test_the_covariance_grows_by_the_stamps_error_along_the_motion_only(robot, rig):
     q = home(robot)
     rate = 0.4
     dt = 0.05

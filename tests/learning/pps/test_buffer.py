@@ -53,7 +53,7 @@ def test_between_two_samples_a_series_is_a_straight_line():
 
 
 @pytest.mark.parametrize(("gap_s", "is_bridged"), [(0.14, True), (0.2, False)])
-def test_a_gap_of_less_than_three_steps_is_bridged_and_one_of_four_is_not(gap_s: float, is_bridged: bool):
+def test_a_gap_of_less_than_three_steps_is_bridged_and_one_of_four_is_not(gap_s, is_bridged):
     D, _ = series(filled([0.0, 0.05, 0.05 + gap_s, 0.1 + gap_s]))
     assert np.isfinite(D[2:-2, 0]).all() == is_bridged
 

@@ -62,7 +62,7 @@ def miss_mm(robot: MiscalibratedRobot, trials: list[TouchTrial]) -> float:
     return 1000 * float(np.median(np.linalg.norm(missed, axis=1)))
 
 
-def test_a_ball_is_located_from_the_taxels_that_it_touches() -> None:
+def test_a_ball_is_located_from_the_taxels_that_it_touches():
     """One taxel of a plane: on its normal, between just felt and pressed on.  Two: between them."""
     apart = 0.02 * np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), axis=-1).reshape(-1, 2)
     positions = np.column_stack([apart, np.zeros(16)])
@@ -88,13 +88,13 @@ def test_a_ball_is_located_from_the_taxels_that_it_touches() -> None:
 
 
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
-def test_estimated_offsets_hold_in_other_postures(seed: int) -> None:
+def test_estimated_offsets_hold_in_other_postures(seed):
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(seed).standard_normal(ROBOT.n_joints))
     better = off.calibrated(seen(off, lying(30, seed)))
     assert miss_mm(better, lying(24, seed + 1)) < min(8, miss_mm(off, lying(24, seed + 1)))
 
 
-def test_an_error_of_the_vergence_is_not_attributed_to_the_arm() -> None:
+def test_an_error_of_the_vergence_is_not_attributed_to_the_arm():
     pans = ROBOT.indices(("left_eye_pan", "right_eye_pan"))
     offsets = np.zeros(ROBOT.n_joints)
     offsets[pans] = np.deg2rad([2.0, -2.0])
@@ -105,7 +105,7 @@ def test_an_error_of_the_vergence_is_not_attributed_to_the_arm() -> None:
     assert np.abs(np.delete(estimate, pans)).max() < 2.0
 
 
-def test_one_outlier_changes_little() -> None:
+def test_one_outlier_changes_little():
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
     trials = seen(off, lying(20, SEED))
     wild = replace(trials[3], positions=trials[3].positions + np.array([0.1, 0.2, -0.1]))
@@ -115,7 +115,7 @@ def test_one_outlier_changes_little() -> None:
     assert miss_mm(with_it, others) < miss_mm(without, others) + 4
 
 
-def test_without_errors_little_is_estimated_and_without_touches_nothing() -> None:
+def test_without_errors_little_is_estimated_and_without_touches_nothing():
     right = robot_off_by(np.zeros(ROBOT.n_joints))
     trials = seen(right, lying(20, SEED))
     assert miss_mm(right.calibrated(trials), lying(10, SEED + 1)) < 8

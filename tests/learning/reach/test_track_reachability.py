@@ -34,7 +34,7 @@ def at_gaze(*gaze_rad: float) -> np.ndarray:
 
 @pytest.mark.parametrize("status", [Status.TRACKING, Status.COASTING])
 @pytest.mark.parametrize("yaw", [-0.4, -0.05, 0.05, 0.4])
-def test_the_map_is_asked_for_the_gaze_that_fixates_the_track(yaw: float, status: Status) -> None:
+def test_the_map_is_asked_for_the_gaze_that_fixates_the_track(yaw, status):
     reach = TrackReachability(ROBOT, left_half())(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3), status))
     np.testing.assert_allclose(reach.gaze_rad, [yaw, -0.3, 0.3], atol=1e-9)
     assert reach.stamp_s == 3.5
@@ -44,7 +44,7 @@ def test_the_map_is_asked_for_the_gaze_that_fixates_the_track(yaw: float, status
     assert reach.probability == pytest.approx(1 / (1 + np.exp(yaw / 0.01)), abs=1e-6)
 
 
-def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all() -> None:
+def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all():
     judge = TrackReachability(ROBOT, left_half())
     rng = np.random.default_rng(0)
     point = at_gaze(-0.2, -0.3, 0.3)
@@ -55,7 +55,7 @@ def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all() -> None:
         np.testing.assert_allclose(judge(q, track(turned[:3])).gaze_rad, [-0.2, -0.3, 0.3], atol=1e-9)
 
 
-def test_nothing_tracked_is_unknown() -> None:
+def test_nothing_tracked_is_unknown():
     for status in (Status.SEARCHING, Status.LOST):
         reach = TrackReachability(ROBOT, left_half())(home(ROBOT), Track3D.unknown(1.0, status))
         assert reach.status == ReachStatus.UNKNOWN
@@ -68,20 +68,20 @@ def test_nothing_tracked_is_unknown() -> None:
     [at_gaze(-0.98, 0, 0.3), at_gaze(-0.2, -0.75, 0.3), at_gaze(-0.2, -0.3, 0.08), [0.4, -0.1, 0.3], [-0.04, 0, 0.9]],
     ids=["aside", "below", "far", "behind", "above"],
 )
-def test_beyond_the_maps_limits_it_is_not_fixated_and_nothing_is_claimed(point: np.ndarray) -> None:
+def test_beyond_the_maps_limits_it_is_not_fixated_and_nothing_is_claimed(point):
     reach = TrackReachability(ROBOT, left_half())(home(ROBOT), track(np.array(point)))
     assert reach.status == ReachStatus.NOT_FIXATED
     assert not reach.is_reachable
     assert np.isnan([*reach.gaze_rad, reach.probability, reach.degree]).all()
 
 
-def test_the_limits_are_the_maps_own() -> None:
+def test_the_limits_are_the_maps_own():
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
     below = track(at_gaze(-0.2, -1.2, 0.3))
     assert TrackReachability(ROBOT, left_half(wide))(home(ROBOT), below).is_reachable
 
 
-def test_few_false_positives_are_asked_for_by_a_higher_probability() -> None:
+def test_few_false_positives_are_asked_for_by_a_higher_probability():
     """Softness 0.1: at yaw −0.1 the map gives 0.73, and calls that reachable only if many errors are allowed."""
     soft = left_half(softness=0.1)
     beside = track(at_gaze(-0.1, -0.3, 0.3))
@@ -90,7 +90,7 @@ def test_few_false_positives_are_asked_for_by_a_higher_probability() -> None:
     assert (few.status, many.status) == (ReachStatus.UNREACHABLE, ReachStatus.REACHABLE)
 
 
-def test_a_border_that_lies_between_points_of_the_lattice_leaves_what_is_sure_reachable() -> None:
+def test_a_border_that_lies_between_points_of_the_lattice_leaves_what_is_sure_reachable():
     """All of the lattice's probabilities but one are 0 or 1."""
     judge = TrackReachability(ROBOT, left_half(softness=1e-6))
     said = [judge(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3))).is_reachable for yaw in (-0.4, -0.001, 0.001, 0.4)]
