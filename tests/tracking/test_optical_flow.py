@@ -9,20 +9,19 @@ from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
+from pps_vision.types import Array
 from tracking.ego_motion import EgoMotion
 from tracking.motion_trigger import TriggerParams
-from tracking.optical_flow import (
-    Flow2D,
-    GreyImage,
-    Match,
-    match,
-    velocity,
-)
+from tracking.optical_flow import Flow2D, GreyImage, Match, match, velocity
 from tracking.tracker import Tracker, TrackerParams
 
 VIEW = View(LEFT_EYE, transform())
 DT = 0.05
 BOX = (150, 110, 30, 30)
+P = np.array([-0.45, 0.02, 0.35])
+"""In sight of both eyes, m."""
+V = np.array([0.0, 0.25, -0.15])
+"""Across the view, m/s."""
 
 
 def texture(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
@@ -81,11 +80,14 @@ def test_what_moves_with_its_surroundings_does_not_move(rng):
 
 def test_little_motion_is_none(rng):
     images = pair(rng, (0, 0))
-    x, y, w, h = BOX
-    shift = np.array([[1, 0, 0.3], [0, 1, 0]])
-    images[1][y : y + h, x : x + w] = cv2.warpAffine(images[0], shift, (320, 240))[y : y + h, x : x + w]
+    place = np.s_[110:140, 150:180]
+    images[1][place] = cv2.warpAffine(images[0], np.array([[1, 0, 0.3], [0, 1, 0]]), (320, 240))[place]
     assert measured(images).moving == 0
     assert measured(images, tolerance_px=0.15).moving > 0.5
+    images[1][place] = texture(rng, (30, 30))  # what is new has no match
+    result = measured(images)
+    assert result.unmatched > 0.75
+    assert result.moving < 0.25
 
 
 def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng):
@@ -100,35 +102,17 @@ def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng):
     assert measured(images).moving == 0
 
 
-def test_what_is_new_has_no_match(rng):
-    images = pair(rng, (0, 0))
-    images[1][110:140, 150:180] = texture(rng, (30, 30))
-    result = measured(images)
-    assert result.unmatched > 0.75
-    assert result.moving < 0.25
-
-
 def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng):
     turned = View(LEFT_EYE, transform(rotation=cv2.Rodrigues(np.array([0.0, 0.02, 0.0]))[0]))
-    images = pair(rng, (0, 0))
-    ego = EgoMotion(LEFT_EYE)
-    images[0] = ego.warp(images[1], VIEW, turned, 0.0)  # the same scene, far away, from the older pose
-    result = match(
-        ego,
-        GreyImage(images[0], turned, 0.0),
-        GreyImage(images[1], VIEW, DT),
-        1.2,
-        1.0,
-        [(BOX, np.ones((30, 30), bool))],
-    )[0]
-    assert result.moving == 0
-    assert result.unmatched < 0.2
-    images[0] = ego.warp(pair(np.random.default_rng(9), (4, 0))[0], VIEW, turned, 0.0)
-    images[1] = pair(np.random.default_rng(9), (4, 0))[1]
-    flow = measured(images, turned).flow
-    np.testing.assert_allclose(flow.velocity_px_s * DT, (4, 0), atol=0.2)
-    way = turned.project(VIEW.center + 100 * VIEW.rays(flow.now_px - (4, 0)))
-    np.testing.assert_allclose(flow.then_px, way, atol=0.2)
+    for moved_px in (0, 4):
+        old, new = pair(rng, (moved_px, 0))
+        older = EgoMotion(LEFT_EYE).warp(old, VIEW, turned, 0.0)  # the same scene, far away, from the older pose
+        result = measured([older, new], turned)
+        assert (result.moving > 0) == (moved_px > 0)
+        assert result.unmatched < 0.2
+    np.testing.assert_allclose(result.flow.velocity_px_s * DT, (4, 0), atol=0.2)
+    way = turned.project(VIEW.center + 100 * VIEW.rays(result.flow.now_px - (4, 0)))
+    np.testing.assert_allclose(result.flow.then_px, way, atol=0.2)
 
 
 def test_surroundings_at_an_unknown_distance_make_flow_less_certain(rng):
@@ -140,126 +124,87 @@ def test_surroundings_at_an_unknown_distance_make_flow_less_certain(rng):
 
 
 def flows_of(
-    rig: StereoRig, robot: Robot, p: np.ndarray, v: np.ndarray, std_px: float, interval_s: float = DT
+    rig: StereoRig,
+    robot: Robot,
+    v: Array = V,
+    std_px: float = 0.1,
+    interval_s: float = DT,
+    rng: np.random.Generator | None = None,
 ) -> tuple[Flow2D, Flow2D]:
-    """What exact flow would be, while the head turns."""
+    """Exact flow of P, while the head turns; with a generator, the older places err by `std_px`."""
     current = rig.view(home(robot))
     older = rig.view(set_gaze(robot, home(robot), yaw=0.02, pitch=0.01))
+    cov = (std_px / interval_s) ** 2 * np.eye(2)
+    shifts = std_px * rng.standard_normal((2, 2)) if rng else np.zeros((2, 2))
     left, right = (
-        Flow2D(
-            np.zeros(2),
-            (std_px / interval_s) ** 2 * np.eye(2),
-            b.project(p),
-            a.project(p - v * interval_s),
-            a,
-            interval_s,
-        )
-        for a, b in ((older.left, current.left), (older.right, current.right))
+        Flow2D(np.zeros(2), cov, b.project(P), a.project(P - v * interval_s) + shift, a, interval_s)
+        for a, b, shift in ((older.left, current.left, shifts[0]), (older.right, current.right, shifts[1]))
     )
     return left, right
 
 
-def test_velocity_across_the_view_follows_from_flow(rig, robot):
-    p = np.array([-0.45, 0.02, 0.35])
-    v = np.array([0.0, 0.25, -0.15])
-    view = rig.view(home(robot))
-    flows = flows_of(rig, robot, p, v, 0.1)
+def test_velocity_across_the_view_follows_from_flow(rig, robot, view):
+    flows = flows_of(rig, robot)
+    across = []
     for subset in (flows, (flows[0], None), (None, flows[1])):
-        result = velocity(subset, view, p, (0.3, 0.0))
-        np.testing.assert_allclose(result[0][1:], v[1:], atol=0.02)
-        assert abs(result[0][0]) < 0.05
-        assert 0.25 < np.sqrt(result[1][0, 0]) <= 0.3
-    binocular = velocity(flows, view, p, (0.3, 0.0))
-    monocular = velocity((flows[0], None), view, p, (0.3, 0.0))
-    assert binocular is not None
-    assert monocular is not None
-    across = [np.linalg.eigvalsh(cov)[0] for _, cov in (binocular, monocular)]
+        mean, cov = velocity(subset, view, P, (0.3, 0.0))
+        np.testing.assert_allclose(mean[1:], V[1:], atol=0.02)
+        assert abs(mean[0]) < 0.05
+        assert 0.25 < np.sqrt(cov[0, 0]) <= 0.3
+        across.append(np.linalg.eigvalsh(cov)[0])
     assert across[0] == pytest.approx(0.5 * across[1], rel=0.15)
-    assert velocity((None, None), view, p, (0.3, 0.0)) is None
+    assert velocity((None, None), view, P, (0.3, 0.0)) is None
 
 
-def test_the_longer_of_two_intervals_does_not_count(rig, robot):
-    p = np.array([-0.45, 0.02, 0.35])
-    v = np.array([0.0, 0.25, -0.15])
-    view = rig.view(home(robot))
-    left, _ = flows_of(rig, robot, p, v, 0.1)
-    _, slower = flows_of(rig, robot, p, 0.3 * v, 0.1, 0.2)
-    alone = velocity((left, None), view, p, (0.3, 0.0))
-    binocular = velocity((left, slower), view, p, (0.3, 0.0))
+def test_the_longer_of_two_intervals_does_not_count(rig, robot, view):
+    left, _ = flows_of(rig, robot)
+    _, slower = flows_of(rig, robot, 0.3 * V, interval_s=0.2)
+    alone, binocular = (velocity(pair, view, P, (0.3, 0.0)) for pair in ((left, None), (left, slower)))
     np.testing.assert_array_equal(binocular[0], alone[0])
 
 
-def test_the_covariance_of_the_velocity_by_sampling(rig, robot, rng):
-    p = np.array([-0.45, 0.02, 0.35])
-    view = rig.view(home(robot))
+def test_the_covariance_of_the_velocity_by_sampling(rig, robot, view, rng):
     errors = []
-    cov = np.eye(3)
     for v in 0.1 * rng.standard_normal((500, 3)):
-        left, right = (
-            Flow2D(
-                flow.velocity_px_s,
-                flow.cov,
-                flow.now_px,
-                flow.then_px + 0.3 * rng.standard_normal(2),
-                flow.reference_view,
-                DT,
-            )
-            for flow in flows_of(rig, robot, p, v, 0.3)
-        )
-        result = velocity((left, right), view, p, (0.1, 0.0))
-        errors.append(result[0] - v)
-        cov = result[1]
+        mean, cov = velocity(flows_of(rig, robot, v, 0.3, rng=rng), view, P, (0.1, 0.0))
+        errors.append(mean - v)
     whitened = np.array(errors) @ np.linalg.cholesky(np.linalg.inv(cov))
     np.testing.assert_allclose(np.cov(whitened.T), np.eye(3), atol=0.25)
 
 
-def test_what_may_have_accelerated_meanwhile_is_less_certain(rig, robot):
-    p = np.array([-0.45, 0.02, 0.35])
-    v = np.array([0.0, 0.25, -0.15])
-    view = rig.view(home(robot))
-    errors = []
+def test_what_may_have_accelerated_meanwhile_is_less_certain(rig, robot, view):
+    """By one standard deviation of the acceleration, 0.5 m/s², at any interval."""
     for dt in (0.1, 0.4):
-        flows = flows_of(
-            rig, robot, p, v - 0.5 * 0.5 * np.array([0.0, 0.6, 0.8]) * dt, 0.01, dt
-        )  # mean while a = 0.5 m/s²
-        result = velocity(flows, view, p, (0.3, 0.5))
-        errors.append((result[0] - v) @ np.linalg.solve(result[1], result[0] - v))
-    np.testing.assert_allclose(errors, 1.0, rtol=0.2)  # one standard deviation of the acceleration, at any interval
+        mean_v = V - 0.5 * 0.5 * np.array([0.0, 0.6, 0.8]) * dt
+        mean, cov = velocity(flows_of(rig, robot, mean_v, 0.01, dt), view, P, (0.3, 0.5))
+        assert (mean - V) @ np.linalg.solve(cov, mean - V) == pytest.approx(1.0, rel=0.2)
 
 
-def test_flow_outweighs_no_position_that_follows(rig, robot):
-    p = np.array([-0.45, 0.02, 0.35])
-    v = np.array([0.0, 0.25, -0.15])
-    view = rig.view(home(robot))
-    flows = flows_of(rig, robot, p, v, 0.1)
-    exact, loose = (velocity(flows, view, p, (0.3, 0.0), px) for px in (0.0, 2.0))
+def test_flow_outweighs_no_position_that_follows(rig, robot, view):
+    flows = flows_of(rig, robot)
+    exact, loose = (velocity(flows, view, P, (0.3, 0.0), px) for px in (0.0, 2.0))
     np.testing.assert_array_equal(loose[0], exact[0])
-    distance_m = np.linalg.norm(p - 0.5 * (view.left.center + view.right.center))
+    distance_m = np.linalg.norm(P - 0.5 * (view.left.center + view.right.center))
     two_positions = np.sqrt(2) * 2.0 * distance_m / rig.left.focal_px / DT / np.sqrt(2)  # seen by two eyes
     np.testing.assert_allclose(np.sqrt(np.linalg.eigvalsh(loose[1])[:2]), two_positions, rtol=0.2)
 
 
-def test_a_track_begins_with_the_velocity_of_its_flow(rig, robot):
-    q = home(robot)
-    ahead = rig.view(q).left.T_root_camera
-    rng = np.random.default_rng(3)
+def test_a_track_begins_with_the_velocity_of_its_flow(rig, robot, view):
+    ahead = view.left.T_root_camera
+    v = ahead[:3, :3] @ np.array([0.28, 0, 0])
     tracks = {}
-    for name, trigger in (("flow", TriggerParams()), ("none", TriggerParams(flow=False))):
-        tracker = Tracker(
-            TrackerParams(confirm_frames=1, trigger=trigger),
-            rig,
-            np.random.default_rng(1),
-        )
+    for flow in (True, False):
+        rng = np.random.default_rng(3)
+        params = TrackerParams(confirm_frames=1, trigger=TriggerParams(flow=flow))
+        tracker = Tracker(params, rig, np.random.default_rng(1))
         for k in range(8):
             center = (ahead @ np.array([0.014 * max(k - 5, 0), 0.0, 0.5, 1.0]))[:3]
-            track = tracker.step(frame(rig, q, [Sphere(center, 0.03, (210, 45, 40))], DT * k, rng)).track
+            track = tracker.step(frame(rig, home(robot), [Sphere(center, 0.03, (210, 45, 40))], DT * k, rng)).track
             if track.is_known:
-                tracks[name] = track
-                break
-    v = ahead[:3, :3] @ np.array([0.28, 0, 0])
-    assert np.linalg.norm(tracks["none"].velocity - v) > 0.2
-    error = tracks["flow"].velocity - v
+                tracks.setdefault(flow, track)
+    assert np.linalg.norm(tracks[False].velocity - v) > 0.2
+    error = tracks[True].velocity - v
     assert np.linalg.norm(error) < 0.06
-    assert error @ np.linalg.inv(tracks["flow"].cov[3:6, 3:6]) @ error < 16
+    assert error @ np.linalg.inv(tracks[True].cov[3:6, 3:6]) @ error < 16
     # flow outweighs none of the positions that follow, which the tracker takes to err by over a pixel each
-    assert np.sqrt(np.linalg.eigvalsh(tracks["flow"].cov[3:6, 3:6]).min()) > 1.0 * 0.5 / rig.left.focal_px / DT
+    assert np.sqrt(np.linalg.eigvalsh(tracks[True].cov[3:6, 3:6]).min()) > 1.0 * 0.5 / rig.left.focal_px / DT
