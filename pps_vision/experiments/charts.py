@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from pps_vision.types import Array
 
-PAGE_IN = 7.2
-"""Width of a page."""
+PAGE_IN = 7.2  # width of a page
 _INK = "0.25"
 _OURS = "tab:blue"
 _BASELINE = "tab:orange"

@@ -60,10 +60,8 @@ Axis = Literal["speed", "latency", "noise"]
 class Condition:
     """Difficulty of a target."""
 
-    speed_m_s: float = 0.3
-    """Speed of the target."""
-    latency_s: float = 0.05
-    """Time from a frame until its command takes effect."""
+    speed_m_s: float = 0.3  # speed of the target
+    latency_s: float = 0.05  # time from a frame until its command takes effect
     noise_px: float = 0.02
     """Standard deviation of the target's centre in either image: as of rendered objects, whose 3D error before the
     filter is 0.2–0.5 mm (`bench stages`)."""
@@ -81,12 +79,9 @@ AXES: Mapping[Axis, tuple[str, Mapping[float, Condition]]] = {
 class Method:
     """A gaze controller and its inputs."""
 
-    params: FixationParams | NeckAndEyesParams
-    """J IV.1, or six joints."""
-    compensates: bool = True
-    """Whether target and posture are predicted to the time at which the command takes effect."""
-    knows_motion: bool = False
-    """Whether the true motion at that time is given in place of the filter's track."""
+    params: FixationParams | NeckAndEyesParams  # J IV.1, or six joints
+    compensates: bool = True  # whether target and posture are predicted to the time at which the command takes effect
+    knows_motion: bool = False  # whether the true motion at that time is given in place of the filter's track
 
     def command(
         self, posture: Posture, p: Array, v: Array, stamp_s: float, last: JointVelocity | None
@@ -181,12 +176,9 @@ class Fixation(SampledStudy):
 
     SHORT: ClassVar[Mapping[str, Any]] = {"axes": ("latency",)}
 
-    n: int = 16
-    """Targets of each kind."""
-    seconds: float = 4.0
-    """Duration of following; the first second is not counted."""
-    axes: tuple[Axis, ...] = ("speed", "latency", "noise")
-    """Varied conditions of following."""
+    n: int = 16  # targets of each kind
+    seconds: float = 4.0  # duration of following; the first second is not counted
+    axes: tuple[Axis, ...] = ("speed", "latency", "noise")  # varied conditions of following
 
     def run(self) -> dict[str, Any]:
         """Return medians over targets with their 95 % intervals, in degrees and seconds."""

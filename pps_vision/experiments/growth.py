@@ -41,8 +41,7 @@ _GREEN: dict[str, Any] = {"color": (30.0, 200.0, 50.0)}
 _GREEN_MARKER = TrackerParams("marker", marker=MarkerParams(127.0))
 _REDUCED = TrackerParams(reduction=2)
 
-Call = Callable[[], Sequence[float]]
-"""Returns one or more processor times (ms)."""
+Call = Callable[[], Sequence[float]]  # returns one or more processor times (ms)
 
 
 @dataclass(frozen=True)
@@ -56,14 +55,11 @@ class Growth(SampledStudy):
 
     SHORT: ClassVar[Mapping[str, Any]] = {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)}
 
-    n: int = 3
-    """Turns in which everything is timed at each size."""
+    n: int = 3  # turns in which everything is timed at each size
     images: tuple[tuple[int, int], ...] = ((320, 240), (640, 480), (960, 720), (1280, 720), (1920, 1080))
     """Width and height of the images."""
-    pairs: tuple[int, ...] = (100, 1000, 10_000, 100_000)
-    """Lengths of the recording."""
-    labels: tuple[int, ...] = (1000, 3000, 10_000, 30_000, 100_000)
-    """Labels of the map."""
+    pairs: tuple[int, ...] = (100, 1000, 10_000, 100_000)  # lengths of the recording
+    labels: tuple[int, ...] = (1000, 3000, 10_000, 30_000, 100_000)  # labels of the map
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
 

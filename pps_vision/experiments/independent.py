@@ -27,8 +27,7 @@ from pps_vision.experiments.films.score import BASELINES, OURS, Scores, measure_
 from pps_vision.experiments.study import DATA, SceneSource, TrackingStudy, median
 from pps_vision.experiments.tables import Table, estimate
 
-CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]
-"""Scores of each film by case and tracker."""
+CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]  # scores of each film by case and tracker
 COLUMNS = {
     "right_percent": "right (%)",
     "least_right_percent": "right, worst film (%)",
@@ -53,16 +52,12 @@ class Independent(TrackingStudy):
 
     SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 
-    n: int = 6
-    """Ray-cast films of each case, before different photographs."""
-    n_rendered: int = 1
-    """Rendered films of each case that our renderer can draw."""
-    n_compared: int = 1
-    """Ray-cast films of each case on which the baselines run too."""
+    n: int = 6  # ray-cast films of each case, before different photographs
+    n_rendered: int = 1  # rendered films of each case that our renderer can draw
+    n_compared: int = 1  # ray-cast films of each case on which the baselines run too
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
-    only: str = ""
-    """Only the cases whose names contain this."""
+    only: str = ""  # only the cases whose names contain this
 
     def run(self) -> dict[str, Any]:
         """Return by source, case and tracker the scores of each film."""

@@ -36,8 +36,7 @@ LOOP_CASES: dict[LoopCase, tuple[Kind, bool]] = {
     "static": ("static", True),
     "own arm": ("own_arm", True),
 }
-GOALS_MS = 8.0, 20.0
-"""Goals of a frame's processor time: median and 99th percentile."""
+GOALS_MS = 8.0, 20.0  # goals of a frame's processor time: median and 99th percentile
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,8 @@ class Loop(SampledStudy):
 
     SHORT: ClassVar[Mapping[str, Any]] = {"training_trials": 2}
 
-    n: int = 20
-    """Episodes of every case."""
-    training_trials: int = 24
-    """Approaches that end in a touch, learned from before the episodes."""
+    n: int = 20  # episodes of every case
+    training_trials: int = 24  # approaches that end in a touch, learned from before the episodes
 
     def run(self) -> dict[str, Any]:
         """Return the counts by case."""

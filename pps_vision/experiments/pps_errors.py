@@ -20,8 +20,7 @@ from pps_vision.experiments.study import Part, interval
 from pps_vision.experiments.tables import Table, estimate
 
 TrialSets = tuple[list[TouchTrial], list[TouchTrial]]
-Sets = tuple[Trials, Trials]
-"""Training and test trials."""
+Sets = tuple[Trials, Trials]  # training and test trials
 CASES = ("no errors", "errors, map trained without", "errors, map trained with", "encoder offsets estimated too")
 MODALITIES: dict[SessionName, int] = {"motor": 45, "visual": 45, "inner": 53}
 """Trials of the felt finger, the seen finger, and seen objects."""
@@ -115,7 +114,5 @@ class PpsErrors(SessionStudy):
         "invariance": Part(invariance),
     }
 
-    n: int = 20
-    """Robots with all sources together."""
-    n_single: int = 3
-    """Robots with each source alone."""
+    n: int = 20  # robots with all sources together
+    n_single: int = 3  # robots with each source alone

@@ -27,8 +27,7 @@ from pps_vision.experiments.study import DATA, Part, interval, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array, Mask
 
-HELD_OUT = 40
-"""Rendered approaches that test the calibration."""
+HELD_OUT = 40  # rendered approaches that test the calibration
 AUROC_GOAL = 0.95
 ERROR_GOAL = 0.05
 _BINS = 10  # reliability diagram
@@ -150,5 +149,4 @@ class PpsPrediction(SessionStudy):
         "real_trials": Part(real_trials, table=tabulate_real_trials),
     }
 
-    data: Path = DATA
-    """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""
+    data: Path = DATA  # folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)

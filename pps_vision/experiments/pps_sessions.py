@@ -47,13 +47,11 @@ TITLES: dict[SessionName, str] = {
 FIG9_TRIALS = (1, 4, 53)
 _RESAMPLINGS = 200  # bootstrap samples of the trials
 
-R_SPEEDS_M_S = (0.05, 0.15)
-"""Range of the speed of R's simulated approaches, the only speeds that R states."""
+R_SPEEDS_M_S = (0.05, 0.15)  # range of the speed of R's simulated approaches, the only speeds that R states
 _ATTEMPTS = 10  # at each misaimed touch
 _MIN_STEPS = 3  # shortest movement; its velocity is a difference quotient
 
-PAPER_OFFSETS_MM: dict[SessionName, float] = {"inner": 21.1, "outer": 17.3, "palm": 11.6}
-"""R Fig 8."""
+PAPER_OFFSETS_MM: dict[SessionName, float] = {"inner": 21.1, "outer": 17.3, "palm": 11.6}  # R Fig 8
 OFFSET_METHODS = {
     "positive": "positive samples, time left",
     "frequency": "weights f (R)",
@@ -345,7 +343,5 @@ class PpsSessions(SessionStudy):
         "offsets": Part(taxel_offsets, draw_offsets, tabulate_offsets),
     }
 
-    n: int = 5
-    """Miscalibrated robots."""
-    starts: int = 24
-    """Random start postures of the double touches of each taxel."""
+    n: int = 5  # miscalibrated robots
+    starts: int = 24  # random start postures of the double touches of each taxel

@@ -50,12 +50,9 @@ _FIG3_OFFSET_M = -0.10
 _FIG3_RADIUS_M = 0.10  # greatest distance of a sample from the normal through the path's end
 _N_PARTS = 3  # inner forearm, outer forearm, palm: R Fig 8
 
-THRESHOLD = 0.4
-"""Activation that starts avoidance (R)."""
-LEAD_S = 0.3
-"""Goal: time before the touch from which the activation exceeds the threshold."""
-RADIUS_M = 0.035
-"""Radius of the ball."""
+THRESHOLD = 0.4  # activation that starts avoidance (R)
+LEAD_S = 0.3  # goal: time before the touch from which the activation exceeds the threshold
+RADIUS_M = 0.035  # radius of the ball
 FIELDS = {"surface": ReceptiveField(distance_to="surface"), "centre": ReceptiveField(distance_to="centre")}
 MAPS = {
     "8×4, σ 1 bin (R, default)": MemoryParams(),
@@ -279,9 +276,6 @@ class PpsTaxel(PartsStudy, SampledStudy):
         "single_touch": Part(single_touch, table=tabulate_single_touch),
     }
 
-    n: int = 20
-    """Simulations of the Monte Carlo, of which medians are taken."""
-    approaches: int = 300
-    """Approaches of each kind after a single touch."""
-    data: Path = DATA
-    """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""
+    n: int = 20  # simulations of the Monte Carlo, of which medians are taken
+    approaches: int = 300  # approaches of each kind after a single touch
+    data: Path = DATA  # folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)

@@ -141,14 +141,11 @@ def _loop_table(numbers: dict[str, Any]) -> Table:
 class Attempt:
     """Result of leaning towards one object."""
 
-    status: LeanStatus
-    """Last status of the controller."""
+    status: LeanStatus  # last status of the controller
     is_touched: bool
     """Whether the palm meets the object within 1 cm, with the arm by inverse kinematics at the final gaze."""
-    fixation_deg: float
-    """Largest fixation error."""
-    seconds: float
-    """Duration of the turn."""
+    fixation_deg: float  # largest fixation error
+    seconds: float  # duration of the turn
 
 
 def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point: Array, compensates: bool) -> Attempt:
@@ -275,11 +272,7 @@ class ReachInLoop(PartsStudy, SampledStudy):
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_lean_labels": 600, "n_objects": 4}
 
-    n: int = 10
-    """Runs of the loop, each one path of a ball; the independent units."""
-    n_labels: int = 6000
-    """Inverse-kinematics solutions of the map in the loop."""
-    n_lean_labels: int = 12_000
-    """Inverse-kinematics solutions of the map for leaning."""
-    n_objects: int = 200
-    """Objects out of reach of the upright robot."""
+    n: int = 10  # runs of the loop, each one path of a ball; the independent units
+    n_labels: int = 6000  # inverse-kinematics solutions of the map in the loop
+    n_lean_labels: int = 12_000  # inverse-kinematics solutions of the map for leaning
+    n_objects: int = 200  # objects out of reach of the upright robot

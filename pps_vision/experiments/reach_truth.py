@@ -31,18 +31,12 @@ _N_BOX = 9000
 class MapTruth:
     """Gaze postures and locations with their exact answers for one arm, or for both."""
 
-    gaze_rad: Array
-    """(N, 3) gaze postures, uniform within J's limits."""
-    reachable: Mask
-    """(N,) whether the hand reaches the fixation point."""
-    optimality: Array
-    """(N,) 1 − M of the best posture (J IV.7); NaN out of reach."""
-    error_m: Array
-    """(N,) smallest distance of the hand, by the oracle (no closed form); NaN where reachable or unknown."""
-    box_gaze_rad: Array
-    """(M, 3) gaze postures that fixate locations of J's box."""
-    box_reachable: Mask
-    """(M,) whether the hand reaches them."""
+    gaze_rad: Array  # (N, 3) gaze postures, uniform within J's limits
+    reachable: Mask  # (N,) whether the hand reaches the fixation point
+    optimality: Array  # (N,) 1 − M of the best posture (J IV.7); NaN out of reach
+    error_m: Array  # (N,) smallest distance of the hand, by the oracle (no closed form); NaN where reachable or unknown
+    box_gaze_rad: Array  # (M, 3) gaze postures that fixate locations of J's box
+    box_reachable: Mask  # (M,) whether the hand reaches them
 
     @classmethod
     def of(cls, robot: Robot, n: int, rng: np.random.Generator, side: str = "right") -> "MapTruth":

@@ -33,19 +33,15 @@ if TYPE_CHECKING:
 
 DATA = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
 """Folder of the real data (default of every field `data`)."""
-NOISE_SIGMA = 2.0
-"""Pixel noise of the recordings, grey levels of 255, unless it is varied."""
+NOISE_SIGMA = 2.0  # pixel noise of the recordings, grey levels of 255, unless it is varied
 
 SceneSource = Literal["rendered", "independent"]
 Scenes = Literal["rendered", "independent", "both"]
 
-Values = Mapping[str, ArrayLike]
-"""A method's measurements on one recording: any number of values by quantity."""
-Method = Callable[[Any, int], Values]
-"""A method takes a recording and a seed."""
+Values = Mapping[str, ArrayLike]  # A method's measurements on one recording: any number of values by quantity
+Method = Callable[[Any, int], Values]  # A method takes a recording and a seed
 
-TURNS = 3
-"""Repetitions of each method, in turn, where times are compared."""
+TURNS = 3  # repetitions of each method, in turn, where times are compared
 _RESAMPLES = 1000
 _MINIMA = {"seed": 0, "seconds": 0.1, "share": 0.01}
 _SHORT = {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2}  # of every study that has them
@@ -126,11 +122,9 @@ class PartsStudy(Study):
         InputError: A part is not one of the study's.
     """
 
-    PARTS: ClassVar[Mapping[str, Part]] = {}
-    """The parts by name."""
+    PARTS: ClassVar[Mapping[str, Part]] = {}  # the parts by name
 
-    parts: tuple[str, ...] = ()
-    """Parts to run (default: all)."""
+    parts: tuple[str, ...] = ()  # parts to run (default: all)
 
     def __post_init__(self) -> None:
         """Check the parameters and the names of parts."""
@@ -175,16 +169,14 @@ def _by_part(
 class SeededStudy(Study):
     """Base of the studies with a seed."""
 
-    seed: int = 0
-    """Seed; recordings, robots and simulations count up from it."""
+    seed: int = 0  # seed; recordings, robots and simulations count up from it
 
 
 @dataclass(frozen=True)
 class SampledStudy(SeededStudy):
     """Base of the studies that repeat a measurement on independent units."""
 
-    n: int = 4
-    """Independent units of each kind: recordings, robots or simulations."""
+    n: int = 4  # independent units of each kind: recordings, robots or simulations
 
     @property
     def seeds(self) -> range:
@@ -196,8 +188,7 @@ class SampledStudy(SeededStudy):
 class TrackingStudy(SampledStudy):
     """Base of the studies on recordings of a moving object, from one or both scene sources."""
 
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
+    scenes: Scenes = "both"  # rendered scenes, independent ones, or both
 
     @property
     def sources(self) -> tuple[SceneSource, ...]:

@@ -31,8 +31,7 @@ class Body:
     positions: Array
     normals: Array
     memory: PPSMemory
-    ball: Array
-    """(60, 3) m, its path."""
+    ball: Array  # (60, 3) m, its path
     velocity: Array
 
 
@@ -43,8 +42,7 @@ class WholeSkin(SampledStudy):
     Usually the ball is in the receptive fields of the taxels near it; in the worst case it is in all receptive fields.
     """
 
-    n: int = 100
-    """Runs of each; a fifth as many of learning."""
+    n: int = 100  # runs of each; a fifth as many of learning
 
     def run(self) -> dict[str, Any]:
         """Return median and quartiles of the milliseconds, by case, for each number of taxels."""

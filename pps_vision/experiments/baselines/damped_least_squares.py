@@ -7,8 +7,7 @@ from control.differential_kinematics import rate_limits
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array
 
-DAMPING_M = 0.05
-"""λ in m/rad (Buss 2004 tunes it by hand; 0.01–0.2 tried on development postures)."""
+DAMPING_M = 0.05  # λ in m/rad (Buss 2004 tunes it by hand; 0.01–0.2 tried on development postures)
 
 
 def damped_least_squares(

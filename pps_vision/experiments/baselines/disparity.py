@@ -10,8 +10,7 @@ from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import midpoint as rays_midpoint
 from pps_vision.types import Array, StereoFrame
 
-RANGE_PX = 96
-"""Disparities that are searched: at 0.2 m an iCub's rectified eyes have 91."""
+RANGE_PX = 96  # disparities that are searched: at 0.2 m an iCub's rectified eyes have 91
 _NEARER = 0.92  # of its radius: how much nearer than its centre the middle of a ball's visible surface is
 
 

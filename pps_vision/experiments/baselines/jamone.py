@@ -21,8 +21,7 @@ ARM_PARAMS = LWPRParams(init_D=80, w_gen=0.2, rate=0, first_projections=4)
 _MAP_PARAMS = LWPRParams(init_D=600, w_gen=0.2, rate=0)  # for 52 000 labels: about 10 000 receptive fields, as in J
 _BASELINE_M = 0.068  # between the eyes
 
-MapQuery = Callable[[Array], MapPrediction]
-"""Gaze postures (N, 3) to the predictions of a map."""
+MapQuery = Callable[[Array], MapPrediction]  # gaze postures (N, 3) to the predictions of a map
 
 
 def learn_hand(babbled: Babbled, params: LWPRParams = ARM_PARAMS) -> HandModel:

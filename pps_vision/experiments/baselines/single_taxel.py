@@ -9,8 +9,7 @@ from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
 from pps_vision.types import Array, Mask
 
-NORMAL = np.array([0.0, 0.0, 1.0])
-"""Normal of a taxel in its own frame."""
+NORMAL = np.array([0.0, 0.0, 1.0])  # normal of a taxel in its own frame
 UNBOUNDED = ReceptiveField(base_radius_m=10.0, length_m=10.0)
 """A field that holds every sample: R's published maps use no cone."""
 
@@ -22,40 +21,28 @@ class Simulation:
     The landing points are about the first taxel. Values are R's; where its text is silent, values of its released data.
     """
 
-    start_distance_m: tuple[float, float] = (0.25, 0.30)
-    """Range of the start's distance, uniform (released data)."""
+    start_distance_m: tuple[float, float] = (0.25, 0.30)  # range of the start's distance, uniform (released data)
     start_half_angle_rad: float = float(np.pi / 4)
     """Greatest angle of the start from the normal, uniform (released data)."""
-    landing_sigma_m: float = 0.05
-    """Standard deviation of the landing point, each axis."""
-    speed_m_s: tuple[float, float] = (0.05, 0.15)
-    """Range of the speed, uniform."""
+    landing_sigma_m: float = 0.05  # standard deviation of the landing point, each axis
+    speed_m_s: tuple[float, float] = (0.05, 0.15)  # range of the speed, uniform
     taxels_m: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0173, 0.0), (-0.0087, 0.015))
     """Positions on the skin; the default are neighbouring triangular modules of the iCub's skin."""
-    touch_radius_m: float = 0.02
-    """Greatest distance from a taxel at which a landing point touches it."""
-    position_noise_m: float = 0.0
-    """Standard deviation of the measured position, each axis."""
-    velocity_noise_m_s: float = 0.0
-    """Standard deviation of the measured velocity, each axis."""
-    offset_m: float = 0.0
-    """Systematic error of the measured position along the normal."""
-    step_s: float = 0.05
-    """Sampling period."""
-    length_s: float = 3.0
-    """Time before the landing that is kept (R's buffer)."""
+    touch_radius_m: float = 0.02  # greatest distance from a taxel at which a landing point touches it
+    position_noise_m: float = 0.0  # standard deviation of the measured position, each axis
+    velocity_noise_m_s: float = 0.0  # standard deviation of the measured velocity, each axis
+    offset_m: float = 0.0  # systematic error of the measured position along the normal
+    step_s: float = 0.05  # sampling period
+    length_s: float = 3.0  # time before the landing that is kept (R's buffer)
 
 
 @dataclass(frozen=True)
 class Paths:
     """Measured paths of N objects up to their landing, oldest sample first."""
 
-    d_m: Array
-    """(N, T, n, 3) displacements from the n taxels, NaN before the start."""
-    v_m_s: Array
-    """(N, T, 1, 3) velocities."""
-    touched: Mask
-    """(N, n) touched taxels."""
+    d_m: Array  # (N, T, n, 3) displacements from the n taxels, NaN before the start
+    v_m_s: Array  # (N, T, 1, 3) velocities
+    touched: Mask  # (N, n) touched taxels
 
 
 def sample_paths(simulation: Simulation, n: int, rng: np.random.Generator) -> Paths:

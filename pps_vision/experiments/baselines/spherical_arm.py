@@ -23,20 +23,13 @@ _CHUNK = 4000  # targets at a time, to bound the memory
 class SphericalArm:
     """Geometry with all joints at zero (root frame, m) and joint limits."""
 
-    axes: Array
-    """(3, 3) axes of the shoulder joints, each at right angles to the next."""
-    shoulder: Array
-    """(3,) where they meet."""
-    elbow_axis: Array
-    """(3,) axis of the elbow."""
-    elbow: Array
-    """(3,) a point on it."""
-    hand: Array
-    """(3,) end point."""
-    lower_rad: Array
-    """(4,) lower limits."""
-    upper_rad: Array
-    """(4,) upper limits."""
+    axes: Array  # (3, 3) axes of the shoulder joints, each at right angles to the next
+    shoulder: Array  # (3,) where they meet
+    elbow_axis: Array  # (3,) axis of the elbow
+    elbow: Array  # (3,) a point on it
+    hand: Array  # (3,) end point
+    lower_rad: Array  # (4,) lower limits
+    upper_rad: Array  # (4,) upper limits
 
     @classmethod
     def of(cls, chain: Chain, lower_rad: ArrayLike, upper_rad: ArrayLike) -> "SphericalArm":

@@ -12,10 +12,8 @@ from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, Condition
 from pps_vision.app.encounters.suite import Rows
 from pps_vision.experiments.study import PartsStudy, code_digest, percent_of
 
-SLOW_M_S = 0.15
-"""Largest speed of the objects that approached R's robot."""
-MIN_SELF_DISTANCE_MM = 20.0
-"""Self-collision distance that no encounter may come below."""
+SLOW_M_S = 0.15  # largest speed of the objects that approached R's robot
+MIN_SELF_DISTANCE_MM = 20.0  # self-collision distance that no encounter may come below
 _HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
 
 
@@ -23,31 +21,22 @@ _HARMLESS = 0.6  # encounters of each harmless condition for one of each approac
 class EncountersParameters(PartsStudy):
     """Fields of `Encounters`."""
 
-    seed: int = 0
-    """Seed of encounters and training."""
+    seed: int = 0  # seed of encounters and training
     n: int = 1500
     """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a tenth of `reach`
     and of through at 30–60 cm/s."""
     n_rendered: int = 20
     """Rendered encounters of each of stop, press and through; six tenths as many of each harmless kind."""
-    n_tuning: int = 12
-    """The same of the search for parameters."""
-    draws: int = 30
-    """Parameters tried for each controller."""
-    tuning_seed: int = 9783
-    """Seed of the search; not `seed`, which is that of the encounters that count."""
-    avoidance_min: float = 20.0
-    """Length of the sessions of avoidance."""
-    reaching_min: float = 10.0
-    """Length of the session of reaching."""
-    share: float = 1.0
-    """Share of R's numbers of training approaches (Table 5), and of the sessions' lengths."""
+    n_tuning: int = 12  # the same of the search for parameters
+    draws: int = 30  # parameters tried for each controller
+    tuning_seed: int = 9783  # seed of the search; not `seed`, which is that of the encounters that count
+    avoidance_min: float = 20.0  # length of the sessions of avoidance
+    reaching_min: float = 10.0  # length of the session of reaching
+    share: float = 1.0  # share of R's numbers of training approaches (Table 5), and of the sessions' lengths
     controller: str = ""
     """A further controller, "MODULE:FUNCTION" (`pps_vision.app.encounters.controllers`)."""
-    json: Path | None = None
-    """File for a row of every encounter of the part `controllers`."""
-    workers: int = 2
-    """Parallel processes."""
+    json: Path | None = None  # file for a row of every encounter of the part `controllers`
+    workers: int = 2  # parallel processes
 
 
 def counts(n: int) -> dict[Condition, int]:

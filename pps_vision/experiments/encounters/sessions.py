@@ -25,8 +25,7 @@ from pps_vision.robot.skin import INNER_FOREARM
 from pps_vision.types import Array
 from rendering.stimuli import make_stimulus
 
-THRESHOLD = 0.4
-"""R: only frames in which some activation exceeds it were recorded."""
+THRESHOLD = 0.4  # R: only frames in which some activation exceeds it were recorded
 _PARTS: tuple[tuple[Side, Part], ...] = (("left", "inner forearm"), ("right", "palm"))
 _DISTANCE_ONLY = "distance only"
 _SHOWN = 3  # approaches drawn of each part

@@ -38,8 +38,7 @@ class Goal(NamedTuple):
         return f"{'≥' if self.at_least else '≤'} {self.bound:g}"
 
 
-Goals = Mapping[str, tuple[Goal, ...]]
-"""By score of `films.score.summary`."""
+Goals = Mapping[str, tuple[Goal, ...]]  # by score of `films.score.summary`
 COMMON: Goals = {"false_percent": (Goal(1.0),), "covered_percent": (Goal(90.0, True), Goal(98.0))}
 
 

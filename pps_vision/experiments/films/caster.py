@@ -153,8 +153,7 @@ class Cylinder:
 
 
 Solid = Ball | Panel | Cylinder
-Solids = tuple[Solid, ...]
-"""The solids of a scene at one instant."""
+Solids = tuple[Solid, ...]  # the solids of a scene at one instant
 
 
 @lru_cache(maxsize=32)

@@ -13,8 +13,7 @@ from pps_vision.types import Array
 BALL = 0.0
 PANEL = 1.0
 CYLINDER = 2.0
-COLUMNS = 13
-"""Numbers of a solid."""
+COLUMNS = 13  # numbers of a solid
 FAST = {"contract", "arcp", "nsz", "reassoc"}
 """Numba's `fastmath` flags of the ray caster: NaN and infinity keep their meaning."""
 

@@ -28,8 +28,7 @@ from tracking.marker import MarkerParams
 from tracking.tracker import TrackerParams
 
 FPS = 20.0
-EYES_M = np.array([-0.063, 0.0, 0.341])
-"""Midway between the eyes of the robot at home, root frame."""
+EYES_M = np.array([-0.063, 0.0, 0.341])  # midway between the eyes of the robot at home, root frame
 MOTIONS: tuple[MotionName, ...] = ("approach", "linear", "circle", "figure8", "jerk")
 APPROACHES = {
     f"{100 * v:g} cm/s": {"motion": "approach", "speed": v, "seconds": 0.31 / v + 0.2} for v in (0.05, 0.1, 0.2, 0.3)
@@ -55,28 +54,18 @@ _SWAY_HZ = np.array([0.31, 0.23])
 class Footage:
     """Stereo frames of one object with their truth; arrays have one row a frame, in the root frame."""
 
-    frames: tuple[StereoFrame, ...]
-    """(n) stereo pairs."""
-    position: Array
-    """(n, 3) m, the object's centre."""
-    velocity: Array
-    """(n, 3) m/s."""
-    visible: Mask
-    """(n,) whether both eyes see the object."""
+    frames: tuple[StereoFrame, ...]  # (n) stereo pairs
+    position: Array  # (n, 3) m, the object's centre
+    velocity: Array  # (n, 3) m/s
+    visible: Mask  # (n,) whether both eyes see the object
     boxes: tuple[Boxes, ...]
     """(n) true boxes in the left and the right image; None where an eye does not see the object."""
-    radius_m: float
-    """The object's radius."""
-    rig: StereoRig
-    """Cameras and poses for the tracker."""
-    own_body: Any
-    """The robot's silhouette for the tracker."""
-    stimulus: str = "ball"
-    """Name of the object."""
-    in_question: Mask | None = None
-    """(n,) frames that count, if not all."""
-    second_position: Array | None = None
-    """(n, 3) m of a second object that may be tracked instead."""
+    radius_m: float  # the object's radius
+    rig: StereoRig  # cameras and poses for the tracker
+    own_body: Any  # the robot's silhouette for the tracker
+    stimulus: str = "ball"  # name of the object
+    in_question: Mask | None = None  # (n,) frames that count, if not all
+    second_position: Array | None = None  # (n, 3) m of a second object that may be tracked instead
 
     @property
     def stamps_s(self) -> Array:

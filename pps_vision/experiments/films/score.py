@@ -15,8 +15,7 @@ from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
-NEAR = 1 / 6
-"""Largest error of a track near the object, as a share of the object's distance."""
+NEAR = 1 / 6  # largest error of a track near the object, as a share of the object's distance
 METRICS = {
     "near_percent": Metric("near", percent),
     "rms_mm": Metric("error_mm", rms),

@@ -18,16 +18,11 @@ class SensorChain:
 
     defocus_px: float = 0.0
     """Standard deviation of the defocus blur."""
-    read_noise: float = 2.0
-    """Standard deviation of the noise that does not depend on the light, levels."""
-    shot: float = 0.0
-    """Variance of the shot noise per level."""
-    bayer: bool = False
-    """One colour a pixel (RGGB), the others interpolated by OpenCV."""
-    grey: bool = False
-    """A grey camera: three equal channels."""
-    jpeg: int = 0
-    """JPEG quality, 1–100; 0: not compressed."""
+    read_noise: float = 2.0  # standard deviation of the noise that does not depend on the light, levels
+    shot: float = 0.0  # variance of the shot noise per level
+    bayer: bool = False  # one colour a pixel (RGGB), the others interpolated by OpenCV
+    grey: bool = False  # A grey camera: three equal channels
+    jpeg: int = 0  # JPEG quality, 1–100; 0: not compressed
 
     def expose(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator, tape: Array) -> Image:
         """Return the image (h, w, 3) of light; the noise of each row is cut from the tape where `rng` says."""

@@ -46,10 +46,8 @@ class Movement(NamedTuple):
     """An object, its orientation, and the true trial, with the eyes as at the start."""
 
     stimulus: StimulusName
-    rotation: Array
-    """(3, 3) from the object's to the root frame."""
-    trial: TouchTrial
-    """With `touched` (n,) of the whole skin."""
+    rotation: Array  # (3, 3) from the object's to the root frame
+    trial: TouchTrial  # with `touched` (n,) of the whole skin
 
 
 @cache

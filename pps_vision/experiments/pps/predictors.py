@@ -17,8 +17,7 @@ from pps_vision.experiments.pps.taxel_trials import Trial, at_horizon, known_at_
 from pps_vision.types import Array, Mask
 
 Trials = Sequence[Trial]
-Predictor = Callable[[Trials, Trials], Array]
-"""Training trials, test trials → probabilities (test trials, taxels)."""
+Predictor = Callable[[Trials, Trials], Array]  # training trials, test trials → probabilities (test trials, taxels)
 
 PRIORS = (1.0, 10.0, 100.0, 1000.0, 1e9)
 _FOLDS = 8

@@ -11,8 +11,7 @@ from pps_vision.app.report.figures import draw_landscape
 from pps_vision.experiments.charts import panels
 from pps_vision.types import Array
 
-FINE = MemoryParams(bins=(120, 60))
-"""Bins of 2.5 mm and 50 ms, in which the ridge is measured."""
+FINE = MemoryParams(bins=(120, 60))  # bins of 2.5 mm and 50 ms, in which the ridge is measured
 
 
 def orthogonal_line(x: ArrayLike, y: ArrayLike, weights: ArrayLike) -> tuple[float, float]:

@@ -31,22 +31,15 @@ class ErrorSources:
     R names the sources and their sum, several centimetres; the shares are ours.
     """
 
-    link_m: float = 0.002
-    """Position of each joint frame: mismatch of the CAD model."""
-    link_rad: float = float(np.deg2rad(0.2))
-    """Orientation of each joint frame: mismatch of the CAD model."""
-    joint_rad: float = float(np.deg2rad(1.0))
-    """Constant offset of each encoder: joint calibration."""
+    link_m: float = 0.002  # position of each joint frame: mismatch of the CAD model
+    link_rad: float = float(np.deg2rad(0.2))  # orientation of each joint frame: mismatch of the CAD model
+    joint_rad: float = float(np.deg2rad(1.0))  # constant offset of each encoder: joint calibration
     slack_rad: float = float(np.deg2rad(0.3))
     """Offset of each joint drawn anew for every trial: backlash and elasticity, which cannot be learned."""
-    taxel_m: float = 0.004
-    """Position of each taxel."""
-    taxel_rad: float = float(np.deg2rad(5.0))
-    """Direction of each taxel's normal."""
-    focal: float = 0.01
-    """Relative error of a camera's focal length."""
-    principal_px: float = 1.5
-    """Error of a camera's principal point, each axis."""
+    taxel_m: float = 0.004  # position of each taxel
+    taxel_rad: float = float(np.deg2rad(5.0))  # direction of each taxel's normal
+    focal: float = 0.01  # relative error of a camera's focal length
+    principal_px: float = 1.5  # error of a camera's principal point, each axis
 
 
 SOURCES = {

@@ -25,8 +25,7 @@ from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
-FOLDER = Path("build") / "pps"
-"""Default folder of the rendered trials, which several studies share."""
+FOLDER = Path("build") / "pps"  # default folder of the rendered trials, which several studies share
 _PROCESSES = 2
 _KIND = "touch trial"
 _VERSION = 1
@@ -37,10 +36,8 @@ _TRACKED = ("joints_rad", "positions", "velocities", "velocity_covs", "radius_m"
 class SessionStudy(PartsStudy, SeededStudy):
     """Base of the studies of R's sessions."""
 
-    trials: Path = FOLDER
-    """Folder of the rendered trials."""
-    share: float = 1.0
-    """Share of the trials of every session."""
+    trials: Path = FOLDER  # folder of the rendered trials
+    share: float = 1.0  # share of the trials of every session
 
     def size(self, n: int) -> int:
         """Return the share of `n` trials."""

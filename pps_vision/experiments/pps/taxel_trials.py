@@ -19,8 +19,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin, SkinPart, icub_skin, taxel_frame
 from pps_vision.types import Array, Mask
 
-HORIZON_S = 0.15
-"""A prediction uses samples up to this time before a trial's end."""
+HORIZON_S = 0.15  # A prediction uses samples up to this time before a trial's end
 FOREARM = "left_forearm"
 _SAMPLE_PERIOD_S = 0.1  # the released positions and velocities are resampled
 _ARRAYS = ("position_m", "velocity_m_s", "offsets", "outcome")
@@ -31,18 +30,12 @@ _EPS_S = 1e-6
 class Trial:
     """One approach to n taxels, T samples; NaN while the object is unknown."""
 
-    stamps_s: Array
-    """(T,)"""
-    d_m: Array
-    """(T, n, 3) displacement from taxel to object in the taxel's frame, z along its normal."""
-    v_m_s: Array
-    """(T, n, 3) velocity of the object relative to the taxel, in the taxel's frame."""
-    touched: Mask
-    """(n,) taxels touched at the end."""
-    radius_m: float = 0.0
-    """Radius of the object."""
-    velocity_covs: Array | None = None
-    """(T, n, 3, 3) m²/s², covariance of `v_m_s`; None where it is not known."""
+    stamps_s: Array  # (T,)
+    d_m: Array  # (T, n, 3) displacement from taxel to object in the taxel's frame, z along its normal
+    v_m_s: Array  # (T, n, 3) velocity of the object relative to the taxel, in the taxel's frame
+    touched: Mask  # (n,) taxels touched at the end
+    radius_m: float = 0.0  # radius of the object
+    velocity_covs: Array | None = None  # (T, n, 3, 3) m²/s², covariance of `v_m_s`; None where it is not known
 
 
 def load_trials(path: Path) -> tuple[Trial, ...]:
@@ -134,8 +127,7 @@ class Session:
     """Trials of one of R's sessions as the part of the skin aimed at perceives them."""
 
     part: SkinPart
-    aimed: tuple[int, ...]
-    """Indices of the taxels aimed at."""
+    aimed: tuple[int, ...]  # indices of the taxels aimed at
     trials: tuple[Trial, ...]
 
     @classmethod

@@ -23,13 +23,10 @@ class ReachKinematics(SampledStudy, PartsStudy):
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200), "n_lwpr": 1, "lwpr_share": 0.05}
 
-    n: int = 3
-    """Sets of babbled postures, each with its own test set."""
+    n: int = 3  # sets of babbled postures, each with its own test set
     sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, 4400)
     """Fixated postures after which each forward model is judged; of robots with deviations, the last one only."""
-    n_lwpr: int = 5
-    """LWPR models of the cross function per setting."""
-    lwpr_share: float = 1.0
-    """Share of their training samples."""
+    n_lwpr: int = 5  # LWPR models of the cross function per setting
+    lwpr_share: float = 1.0  # share of their training samples
     official_models: tuple[str, ...] = ("iCubLisboa01", "iCubGazeboV2_5")
     """Official iCub models: of version 1, as ours, and of version 2.5."""

@@ -20,10 +20,8 @@ class Setting(NamedTuple):
     """Parameters of LWPR, and the results of five seeds of the authors' C library, lowest and highest."""
 
     params: LWPRParams
-    library_fields: tuple[int, int] | None
-    """Receptive fields."""
-    library_nmse: tuple[float, float]
-    """Normalized mean squared error."""
+    library_fields: tuple[int, int] | None  # receptive fields
+    library_nmse: tuple[float, float]  # normalized mean squared error
 
 
 SETTINGS = {

@@ -37,8 +37,7 @@ _TILT_RAD = np.deg2rad(5)
 _PRECISE = IKParams(tolerance=1e-9, max_steps=40)
 _H = 1e-6  # rad, of finite differences
 
-Bend = Callable[[Chain, Array], Array]
-"""Arm and encoders (N, 4) rad to the true joint angles."""
+Bend = Callable[[Chain, Array], Array]  # arm and encoders (N, 4) rad to the true joint angles
 
 
 def _ideal(_: Chain, q: Array) -> Array:

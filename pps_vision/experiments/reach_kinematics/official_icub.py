@@ -17,16 +17,11 @@ from pps_vision.types import Array
 class JointDifference:
     """Difference of a joint's axis from ours, in the root frame."""
 
-    joint: str
-    """Our name."""
-    angle_deg: float
-    """Angle between the axes."""
-    offset_m: float
-    """Distance of the origin of our joint from the official axis."""
-    limits_deg: tuple[float, float]
-    """Limits of the official model."""
-    our_limits_deg: tuple[float, float]
-    """Limits of ours."""
+    joint: str  # our name
+    angle_deg: float  # angle between the axes
+    offset_m: float  # distance of the origin of our joint from the official axis
+    limits_deg: tuple[float, float]  # limits of the official model
+    our_limits_deg: tuple[float, float]  # limits of ours
 
 
 def run(names: Sequence[str]) -> dict[str, Any]:

@@ -36,14 +36,10 @@ _PLANES = {"seen from above, Y 0.85 m": (0, 2), "seen from the side, X 0 m": (2,
 class Plane(NamedTuple):
     """Plane on which maps are sampled."""
 
-    x: Array
-    """(w,) values of the horizontal axis."""
-    y: Array
-    """(h,) values of the vertical axis."""
-    gaze_rad: Array
-    """(h·w, 3) gaze postures, NaN where a location cannot be fixated."""
-    babbled: Array
-    """(N, 2) babbled postures near the plane."""
+    x: Array  # (w,) values of the horizontal axis
+    y: Array  # (h,) values of the vertical axis
+    gaze_rad: Array  # (h·w, 3) gaze postures, NaN where a location cannot be fixated
+    babbled: Array  # (N, 2) babbled postures near the plane
 
 
 def sample_planes(maps: Mapping[str, MapQuery], robot: Robot, babbled: Babbled) -> dict[str, Any]:

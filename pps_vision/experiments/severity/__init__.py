@@ -33,11 +33,7 @@ class Severity(PartsStudy, TrackingStudy):
         "reach_disturbances": ("labels flipped",),
     }
 
-    tracking_disturbances: tuple[str, ...] = ()
-    """Of tracking: disturbances (default: all)."""
-    n_labels: int = 1000
-    """Of reach: inverse-kinematics solutions per map."""
-    n_test: int = 4000
-    """Of reach: gaze postures at which maps are judged."""
-    reach_disturbances: tuple[str, ...] = ()
-    """Of reach: disturbances (default: all)."""
+    tracking_disturbances: tuple[str, ...] = ()  # of tracking: disturbances (default: all)
+    n_labels: int = 1000  # of reach: inverse-kinematics solutions per map
+    n_test: int = 4000  # of reach: gaze postures at which maps are judged
+    reach_disturbances: tuple[str, ...] = ()  # of reach: disturbances (default: all)

@@ -41,12 +41,9 @@ class Disturbed:
 
     training: Simulation = PATCH
     test: Simulation = PATCH
-    wrong_touches: float = 0.0
-    """Share of training trials that report the touches of another trial."""
-    missing: float = 0.0
-    """Share of samples that are missing."""
-    trials: int = 200
-    """Number of training trials."""
+    wrong_touches: float = 0.0  # share of training trials that report the touches of another trial
+    missing: float = 0.0  # share of samples that are missing
+    trials: int = 200  # number of training trials
 
 
 def _noisy(mm: float) -> Simulation:

@@ -45,24 +45,18 @@ _MAP_PARAMS = MapParams(
     inverse=TwoStageParams(IKParams(tolerance=1e-4, max_steps=40, min_step_rad=3e-4), WalkParams(steps=0, finer=1)),
 )  # no second stage: JE does not depend on the degree
 
-Disturb = Callable[[Babbled, float, np.random.Generator], Babbled]
-"""Samples and a severity to disturbed samples."""
-Oracle = Callable[[Array], Labels]
-"""Gaze postures (N, 3) to labels."""
+Disturb = Callable[[Babbled, float, np.random.Generator], Babbled]  # samples and a severity to disturbed samples
+Oracle = Callable[[Array], Labels]  # gaze postures (N, 3) to labels
 
 
 @dataclass(frozen=True)
 class Training:
     """Training data of a map, and the truth for it."""
 
-    babbled: Babbled
-    """Samples of arm and gaze posture."""
-    flipped: float
-    """Share of labels reported as their opposite."""
-    gaze_rad: Array
-    """(N, 3) gaze postures without disturbance."""
-    reachable: Mask
-    """(N,) whether the true arm reaches their fixation points."""
+    babbled: Babbled  # samples of arm and gaze posture
+    flipped: float  # share of labels reported as their opposite
+    gaze_rad: Array  # (N, 3) gaze postures without disturbance
+    reachable: Mask  # (N,) whether the true arm reaches their fixation points
 
 
 def _noise(babbled: Babbled, sigma_deg: float, rng: np.random.Generator) -> Babbled:

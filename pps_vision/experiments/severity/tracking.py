@@ -26,8 +26,7 @@ from rendering.scene import PropPose
 from rendering.shapes import Part, board, sphere
 from rendering.stimuli import BLUE, RED, make_stimulus
 
-FINE = 5
-"""Frames of a fine recording for each of the usual 20 a second."""
+FINE = 5  # frames of a fine recording for each of the usual 20 a second
 _BREAK = Break("near_percent", 90.0, above=False)
 _RADIUS_M = 0.035
 _FAR_M = 0.42
@@ -44,8 +43,7 @@ METHODS: dict[str, Method] = {
     **{name: baseline(name) for name in ("two CSRT", "two KCF", "two CamShift")},
 }
 
-Disturb = Callable[[SceneSource, int, float], Footage]
-"""Scene source, seed and severity to a recording."""
+Disturb = Callable[[SceneSource, int, float], Footage]  # scene source, seed and severity to a recording
 
 
 def run(seeds: Sequence[int], sources: Sequence[SceneSource], names: Sequence[str]) -> dict[str, Any]:

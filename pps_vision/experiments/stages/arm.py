@@ -27,8 +27,7 @@ from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, JointVelocity
 
 OURS = "quadratic programme"
-SCENARIOS = {"alone": False, "behind the last stage": True}
-"""Whether the command passes through the last stage."""
+SCENARIOS = {"alone": False, "behind the last stage": True}  # whether the command passes through the last stage
 _DT_S = 0.05
 _STEPS = 30  # out; as many back
 _SPEED_M_S = 0.1
@@ -52,16 +51,12 @@ class Task:
     bodies: SelfCollision
     side: str
     frame: str
-    point: Array
-    """(3,) in `frame`, m."""
-    start_rad: Array
-    """(n_joints,)."""
-    velocity: Array
-    """(3,) m/s."""
+    point: Array  # (3,) in `frame`, m
+    start_rad: Array  # (n_joints,)
+    velocity: Array  # (3,) m/s
 
 
-Solver = Callable[[Posture, Task], Array]
-"""Returns joint rates (n_joints,)."""
+Solver = Callable[[Posture, Task], Array]  # returns joint rates (n_joints,)
 
 
 def _quadratic(posture: Posture, task: Task) -> Array:

@@ -48,28 +48,17 @@ _METRICS = {
 class Measurements:
     """Input of a filter and the truth; arrays have one row a measurement."""
 
-    stamps_s: Array
-    """(n,)"""
-    positions: Array
-    """(n, 3) m, measured."""
-    covs: Array
-    """(n, 3, 3) m² of them."""
-    path: Array
-    """(n, 3) m, true."""
-    velocity: Array
-    """(n, 3) m/s, true; NaN where it is unknown."""
-    distance_m: float
-    """Distance from the eyes at the beginning."""
-    counts: Mask
-    """(n,) where a filter is judged."""
-    touched: Array
-    """(3,) point that is touched at the end; NaN if none."""
-    ttc_s: Array
-    """(n,) time until then; NaN if it is not touched."""
-    radius_m: float = 0.0
-    """The object's."""
-    white_share: float = KalmanParams().white_share
-    """Share of the measured variance that is new with every frame."""
+    stamps_s: Array  # (n,)
+    positions: Array  # (n, 3) m, measured
+    covs: Array  # (n, 3, 3) m² of them
+    path: Array  # (n, 3) m, true
+    velocity: Array  # (n, 3) m/s, true; NaN where it is unknown
+    distance_m: float  # distance from the eyes at the beginning
+    counts: Mask  # (n,) where a filter is judged
+    touched: Array  # (3,) point that is touched at the end; NaN if none
+    ttc_s: Array  # (n,) time until then; NaN if it is not touched
+    radius_m: float = 0.0  # the object's
+    white_share: float = KalmanParams().white_share  # share of the measured variance that is new with every frame
 
     def params(self, order: int = DEFAULT_ORDER) -> KalmanParams:
         """Return the filter's defaults of an order for these measurements."""

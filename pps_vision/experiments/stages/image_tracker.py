@@ -35,8 +35,7 @@ from tracking.outline import Optics
 from tracking.track2d import ColorTracker, assumed_optics
 
 DEFAULT = f"{ImageTrackerParams().particles} particles"
-COUNTS = (2, ImageTrackerParams().particles, 1000)
-"""Numbers of particles."""
+COUNTS = (2, ImageTrackerParams().particles, 1000)  # numbers of particles
 BASELINES: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
 _MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
 _FAST: dict[str, Any] = {"speed": 0.6, "head": "sway"}

@@ -26,8 +26,7 @@ from pps_vision.robot.two_stage import TwoStage, two_stage
 from pps_vision.types import Array
 
 DEFAULT = "batched, 2 starts"
-ERRORS = ("wrong verdicts (%)", "RMS optimality lost")
-"""Against the arm in closed form."""
+ERRORS = ("wrong verdicts (%)", "RMS optimality lost")  # against the arm in closed form
 
 
 def run(study: StageParameters) -> dict[str, Any]:

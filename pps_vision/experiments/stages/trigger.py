@@ -28,8 +28,7 @@ from tracking.motion_trigger import MotionTrigger, TriggerParams
 
 DEFAULT = "ours"
 OURS = {DEFAULT: TriggerParams(), "ours, without flow": TriggerParams(flow=False)}
-HEAD_DEG_S = 20.0
-"""Fastest turn of the head."""
+HEAD_DEG_S = 20.0  # fastest turn of the head
 OBJECTS = {
     "nothing": (0.030, 0.0),
     "ball, 5 px": (0.035, 5.0),
@@ -37,12 +36,9 @@ OBJECTS = {
     "ball, 1 px": (0.035, 1.0),
 }
 """Objects that start to move: radius in m, and px per frame."""
-STARTS = 20
-"""Frame at which the object starts to move, after every method has processed a second of images."""
-AFTER = 12
-"""Frames of motion."""
-MISSED = AFTER + 1.0
-"""Delay in frames that stands for a missed object."""
+STARTS = 20  # frame at which the object starts to move, after every method has processed a second of images
+AFTER = 12  # frames of motion
+MISSED = AFTER + 1.0  # delay in frames that stands for a missed object
 _CALM_S = 10.0
 _NEAR_PX = 4.0  # largest distance between a region and the ball's path
 _OWN_SHARE = 0.3  # share of a region on the robot itself above which it is no alarm

@@ -15,8 +15,7 @@ from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array, Status, Track3D
 
 QUANTITIES = ("position", "velocity", "distance", "time to contact")
-GOALS = {68: 5.0, 95: 3.0}
-"""Largest difference between stated and measured coverage (points), by stated coverage (%)."""
+GOALS = {68: 5.0, 95: 3.0}  # largest difference between stated and measured coverage (points), by stated coverage (%)
 _SETTLED = 10  # frames before a tracker is judged
 _SIGMAS = {68: float(norm.ppf(0.84)), 95: float(norm.ppf(0.975))}
 _LATE_S = (0.02, 0.5)  # before the touch, where the error of the time to contact counts

@@ -16,10 +16,8 @@ from pps_vision.types import Array, Track3D
 
 OURS = {"ours, generic": "generic", "ours, marker": "marker"}
 BASELINES: tuple[StereoPipelineName, ...] = get_args(StereoPipelineName)
-GOAL_MS = {"ours, generic": 4.5, "ours, marker": 0.8}
-"""Largest median time of a pair with the object of `MEANT_FOR`."""
-MEANT_FOR = {"ball": "ours, generic", "marker": "ours, marker"}
-"""Our pipeline for each object."""
+GOAL_MS = {"ours, generic": 4.5, "ours, marker": 0.8}  # largest median time of a pair with the object of `MEANT_FOR`
+MEANT_FOR = {"ball": "ours, generic", "marker": "ours, marker"}  # our pipeline for each object
 _SPEEDS_M_S = (0.05, 0.30)
 _FARTHEST_M = 0.30  # largest distance from the start of an approach to its end
 _LAST_S = (0.04, 0.5)  # before the touch, where the time to contact counts
