@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.experiments.baselines.image_trackers import sphere_box
+from pps_vision.experiments.baselines.image_trackers import middle, sphere_box
 from pps_vision.experiments.baselines.stereo_pipelines import (
     FilteredPipeline,
     StereoPipelineName,
-    meet,
+    intersection,
     stereo_pipeline,
 )
 from pps_vision.experiments.films.recordings import Footage, moving
@@ -30,9 +30,9 @@ def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, 
     left, right = film.boxes[0]
     assert left is not None
     assert right is not None
-    pipeline = FilteredPipeline(stereo_pipeline(name, film.rig), film.rig)
-    first = pipeline.start(film.frames[0], (left, right))
-    assert np.linalg.norm(first.position - film.position[0]) < 0.002
+    start = (film.rig, film.frames[0], (left, right))
+    pipeline = FilteredPipeline(stereo_pipeline(name, *start), *start)
+    assert np.linalg.norm(pipeline.first.position - film.position[0]) < 0.002
     track = pipeline.step(film.frames[1])
     assert track.status == Status.TRACKING
     assert np.linalg.norm(track.position - film.position[1]) < 0.02
@@ -40,17 +40,10 @@ def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, 
 
 
 def test_a_pipeline_without_points_coasts_and_is_lost(film: Footage) -> None:
-    class Blind:
-        def start(self, frame: object, boxes: object) -> None: ...
-
-        def step(self, frame: object) -> None:
-            return None
-
     left, right = film.boxes[0]
     assert left is not None
     assert right is not None
-    pipeline = FilteredPipeline(Blind(), film.rig, lost_after_s=0.12)
-    pipeline.start(film.frames[0], (left, right))
+    pipeline = FilteredPipeline(lambda _: None, film.rig, film.frames[0], (left, right), lost_after_s=0.12)
     tracks = [pipeline.step(frame) for frame in film.frames[1:4]]
     assert [track.status for track in tracks] == [Status.COASTING, Status.COASTING, Status.LOST]
     widths = [np.trace(track.cov[:3, :3]) for track in tracks[:2]]
@@ -63,7 +56,7 @@ def test_true_boxes_meet_in_the_ball(film: Footage) -> None:
         left, right = (sphere_box(eye, position, film.radius_m) for eye in (view.left, view.right))
         assert left is not None
         assert right is not None
-        point = meet(view, left, right)
+        point = intersection(view, middle(left), middle(right))
         assert point is not None
         assert np.linalg.norm(point - position) < 0.003
 
@@ -81,14 +74,11 @@ def test_where_nothing_has_the_hues_of_the_object_there_is_no_point(name: Stereo
     frame, (left, right) = film.frames[0], film.boxes[0]
     assert left is not None
     assert right is not None
-    pipeline = stereo_pipeline(name, film.rig)
-    with pytest.raises(ValueError, match="before start"):
-        pipeline.step(frame)
-    pipeline.start(frame, (left, right))
-    assert pipeline.step(frame) is not None
-    assert pipeline.step(replace(frame, left=0 * frame.left, right=0 * frame.right)) is None
+    pipeline = stereo_pipeline(name, film.rig, frame, (left, right))
+    assert pipeline(frame) is not None
+    assert pipeline(replace(frame, left=0 * frame.left, right=0 * frame.right)) is None
 
 
 def test_bad_use_is_named(film: Footage) -> None:
     with pytest.raises(ValueError, match=r"three CSRT.*two CSRT"):
-        stereo_pipeline("three CSRT", film.rig)  # type: ignore[arg-type]
+        stereo_pipeline("three CSRT", film.rig, film.frames[0], film.boxes[0])  # type: ignore[arg-type]

@@ -1,10 +1,10 @@
-"""Baselines of the image tracker: OpenCV's trackers and CamShift.
+"""Baselines of the image tracker: OpenCV's trackers and CamShift, given the true box in the first image.
 
-Images are RGB; what wants BGR or grey gets it converted, which is part of its time.  All are told the
-true box in the first frame, which our tracker finds by itself in the pipeline.
+Images are RGB; the conversion to BGR or grey is part of a tracker's time.
 """
 
-from typing import Literal, Protocol, get_args
+from collections.abc import Callable
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -16,47 +16,35 @@ from pps_vision.types import Array, Image
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 ImageTrackerName = Literal["CamShift", "MOSSE", "KCF", "CSRT"]
+ImageTracker = Callable[[Image], BoxPx | None]  # the object's box in the next image; None where it is lost
+Likelihood = Callable[[Image], NDArray[np.uint8]]  # an image to (H, W) 0–255
 _RANGES = (0.0, 180.0, 0.0, 256.0)  # of hue and saturation
-
-
-class ImageTracker(Protocol):
-    """Follows one object in one camera's images."""
-
-    def start(self, image: Image, box: BoxPx) -> None:
-        """Learn what is in the box."""
-
-    def step(self, image: Image) -> BoxPx | None:
-        """Its box in the next image; None where the tracker says that it has lost it."""
-        ...
-
-
 _SHARES = {"MOSSE": 2.0, "KCF": 1.5, "CSRT": 1.5}
 
 
-class OpenCVTracker:
-    """MOSSE, KCF or CSRT with its default parameters, in the interface that takes boxes of fractions of a pixel.
+def image_tracker(name: ImageTrackerName, image: Image, box: BoxPx) -> ImageTracker:
+    """Return a tracker of the object in the box; ValueError for an unknown name."""
+    if name not in get_args(ImageTrackerName):
+        raise ValueError(f"image tracker {name!r}; expected one of {', '.join(get_args(ImageTrackerName))}")
+    return _camshift(image, box) if name == "CamShift" else _opencv_tracker(name, image, box)
 
-    Each is given more than the box, because a plain object alone leaves little to correlate with; the middle of what it
-    finds is the object.
+
+def _opencv_tracker(name: Literal["MOSSE", "KCF", "CSRT"], image: Image, box: BoxPx) -> ImageTracker:
+    """MOSSE, KCF or CSRT with default parameters, in the interface for boxes of fractions of a pixel.
+
+    Each is given more than the box, because a plain object alone leaves little to correlate with; the object is in the
+    middle of the tracked box.
     """
+    share = _SHARES[name]
+    code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
+    tracker: cv2.legacy.Tracker = getattr(cv2.legacy, f"Tracker{name}").create()
+    tracker.init(cv2.cvtColor(image, code), _grown(box, share))
 
-    def __init__(self, name: Literal["MOSSE", "KCF", "CSRT"]) -> None:
-        self._name = name
-        self._share = _SHARES[name]
-        self._code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
-        self._tracker: cv2.legacy.Tracker | None = None
+    def step(image: Image) -> BoxPx | None:
+        is_tracked, (x, y, w, h) = tracker.update(cv2.cvtColor(image, code))
+        return _grown((x, y, w, h), 1 / share) if is_tracked else None
 
-    def start(self, image: Image, box: BoxPx) -> None:
-        """Learn what is in the box."""
-        self._tracker = _opencv(self._name)
-        self._tracker.init(cv2.cvtColor(image, self._code), _grown(box, self._share))
-
-    def step(self, image: Image) -> BoxPx | None:
-        """ValueError before `start`."""
-        if self._tracker is None:
-            raise ValueError("step before start; the tracker needs a first image and box")
-        found, (x, y, w, h) = self._tracker.update(cv2.cvtColor(image, self._code))
-        return _grown((x, y, w, h), 1 / self._share) if found else None
+    return step
 
 
 def _grown(box: BoxPx, share: float) -> BoxPx:
@@ -65,66 +53,51 @@ def _grown(box: BoxPx, share: float) -> BoxPx:
     return x - (share - 1) * w / 2, y - (share - 1) * h / 2, share * w, share * h
 
 
-def _opencv(name: Literal["MOSSE", "KCF", "CSRT"]) -> cv2.legacy.Tracker:
-    if name == "MOSSE":
-        return cv2.legacy.TrackerMOSSE.create()
-    return cv2.legacy.TrackerKCF.create() if name == "KCF" else cv2.legacy.TrackerCSRT.create()
+def hue_likelihood(image: Image, box: BoxPx) -> Likelihood:
+    """Return the likelihood of the hues in a box's ellipse: a ratio histogram (Swain and Ballard, IJCV 1991).
 
+    It is the share of each hue and saturation, 30×32 bins, that lies in the ellipse. CamShift does better with it than
+    with the histogram of OpenCV's example.
+    """
+    x, y, w, h = (round(value) for value in box)
+    crop = np.ascontiguousarray(image[max(y, 0) : y + h, max(x, 0) : x + w])
+    ellipse = cv2.resize(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (64, 64)), crop.shape[1::-1])
+    counts, everywhere = (
+        np.asarray(cv2.calcHist([cv2.cvtColor(part, cv2.COLOR_RGB2HSV)], [0, 1], mask, [30, 32], _RANGES))
+        for part, mask in ((crop, ellipse), (image, None))
+    )
+    hues = (255 * counts / np.maximum(everywhere, 1)).astype(np.float32)
 
-class HueModel:
-    """Share of each hue and saturation, 30×32 bins, that lies in a box's ellipse: a ratio histogram (Swain and Ballard,
-    IJCV 1991), with which CamShift does better than with the histogram of OpenCV's example."""
-
-    def __init__(self, image: Image, box: BoxPx) -> None:
-        x, y, w, h = (round(value) for value in box)
-        crop = np.ascontiguousarray(image[max(y, 0) : y + h, max(x, 0) : x + w])
-        inside = cv2.resize(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (64, 64)), crop.shape[1::-1])
-        counts, everywhere = (
-            np.asarray(cv2.calcHist([cv2.cvtColor(part, cv2.COLOR_RGB2HSV)], [0, 1], mask, [30, 32], _RANGES))
-            for part, mask in ((crop, inside), (image, None))
-        )
-        self._hues = (255 * counts / np.maximum(everywhere, 1)).astype(np.float32)
-
-    def likelihood(self, image: Image) -> NDArray[np.uint8]:
-        """(H, W) 0–255."""
+    def likelihood(image: Image) -> NDArray[np.uint8]:
         hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
-        return np.asarray(cv2.calcBackProject([hsv], [0, 1], self._hues, _RANGES, 1), dtype=np.uint8)
+        return np.asarray(cv2.calcBackProject([hsv], [0, 1], hues, _RANGES, 1), dtype=np.uint8)
+
+    return likelihood
 
 
-class CamShift:
-    """Bradski's, hue back-projection of the whole image, then the window's climb."""
+def _camshift(image: Image, box: BoxPx) -> ImageTracker:
+    """Bradski's: hue back-projection of the whole image, then the window climbs.
 
-    def __init__(self) -> None:
-        self._model: HueModel | None = None
-        self._window = (0, 0, 0, 0)
+    The box has the blob's centre and the sides of its ellipse turned upright.
+    """
+    likelihood = hue_likelihood(image, box)
+    window = (round(box[0]), round(box[1]), round(box[2]), round(box[3]))
+    enough = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 1.0)
 
-    def start(self, image: Image, box: BoxPx) -> None:
-        """Learn the hues in the box."""
-        self._model = HueModel(image, box)
-        self._window = (round(box[0]), round(box[1]), round(box[2]), round(box[3]))
-
-    def step(self, image: Image) -> BoxPx | None:
-        """The blob's centre, with the sides of its ellipse turned upright; None where the window holds nothing."""
-        if self._model is None:
-            raise ValueError("step before start; the tracker needs a first image and box")
-        enough = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 1.0)
-        blob, window = cv2.CamShift(self._model.likelihood(image), self._window, enough)
-        if min(window[2:]) <= 0 or min(blob[1]) <= 0:
+    def step(image: Image) -> BoxPx | None:
+        nonlocal window
+        blob, moved = cv2.CamShift(likelihood(image), window, enough)
+        if min(moved[2:]) <= 0 or min(blob[1]) <= 0:
             return None
-        self._window = (window[0], window[1], window[2], window[3])
+        window = (moved[0], moved[1], moved[2], moved[3])
         (x, y), (a, b), angle = blob
-        c, s = abs(np.cos(np.deg2rad(angle))), abs(np.sin(np.deg2rad(angle)))
-        w, h = float(np.hypot(a * c, b * s)), float(np.hypot(a * s, b * c))
+        c = abs(np.cos(np.deg2rad(angle)))
+        s = abs(np.sin(np.deg2rad(angle)))
+        w = float(np.hypot(a * c, b * s))
+        h = float(np.hypot(a * s, b * c))
         return x - (w - 1) / 2, y - (h - 1) / 2, w, h
 
-
-def image_tracker(name: ImageTrackerName) -> ImageTracker:
-    """A fresh tracker; ValueError for another name."""
-    if name == "CamShift":
-        return CamShift()
-    if name not in get_args(ImageTrackerName):
-        raise ValueError(f"image tracker {name!r}; expected one of {', '.join(get_args(ImageTrackerName))}")
-    return OpenCVTracker(name)
+    return step
 
 
 def middle(box: BoxPx) -> Array:

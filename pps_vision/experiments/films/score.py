@@ -6,12 +6,14 @@ from typing import get_args
 
 import numpy as np
 
+from pps_vision.experiments.baselines.image_trackers import BoxPx
 from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, stereo_pipeline
 from pps_vision.experiments.films.cases import Case
 from pps_vision.experiments.films.recordings import EYES_M, Footage, tracker_params
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
 from pps_vision.experiments.timing import timed, timed_steps
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
@@ -56,11 +58,16 @@ def tracker(mode: str | None = None) -> Method:
 def baseline_tracks(recording: Footage, name: StereoPipelineName) -> tuple[list[Track3D], list[float]]:
     """Return tracks and times (ms) of a baseline that gets the true boxes of the first frame with the object."""
     first, boxes = recording.first_boxes
-    pipeline = FilteredPipeline(stereo_pipeline(name, recording.rig), recording.rig)
-    tracks = [Track3D.unknown(frame.stamp_s) for frame in recording.frames[:first]]
-    tracks.append(pipeline.start(recording.frames[first], boxes))
+    pipeline = _started(name, recording.rig, recording.frames[first], boxes)
+    tracks = [*(Track3D.unknown(frame.stamp_s) for frame in recording.frames[:first]), pipeline.first]
     later, ms = timed_steps(pipeline.step, recording.frames[first + 1 :])
     return tracks + later, ms
+
+
+def _started(
+    name: StereoPipelineName, rig: StereoRig, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]
+) -> FilteredPipeline:
+    return FilteredPipeline(stereo_pipeline(name, rig, frame, boxes), rig, frame, boxes)
 
 
 def baseline(name: StereoPipelineName) -> Method:
@@ -122,7 +129,8 @@ class InitializedBaseline:
     """A baseline that gets the object's true boxes in the first frame that shows all of it to both eyes."""
 
     def __init__(self, name: StereoPipelineName, film: Film) -> None:
-        self._pipeline = FilteredPipeline(stereo_pipeline(name, film.rig), film.rig)
+        self._start = partial(_started, name, film.rig)
+        self._pipeline: FilteredPipeline | None = None
         self._frames_left, self._boxes = film.first_boxes
 
     def step(self, frame: StereoFrame) -> Track3D:
@@ -130,7 +138,10 @@ class InitializedBaseline:
         self._frames_left -= 1
         if self._frames_left >= 0:
             return Track3D.unknown(frame.stamp_s)
-        return self._pipeline.start(frame, self._boxes) if self._frames_left == -1 else self._pipeline.step(frame)
+        if self._pipeline is not None:
+            return self._pipeline.step(frame)
+        self._pipeline = self._start(frame, self._boxes)
+        return self._pipeline.first
 
 
 def _scored(case: Case, film: Film, frames: Iterable[StereoFrame], steps: Mapping[str, Step]) -> dict[str, Scores]:

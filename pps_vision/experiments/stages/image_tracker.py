@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, get_args
+from typing import Any, get_args
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from pps_vision.experiments.baselines.image_trackers import (
     BoxPx,
+    ImageTracker,
     ImageTrackerName,
     image_tracker,
     intersection_over_union,
@@ -31,7 +32,6 @@ from pps_vision.types import Image
 from rendering.names import MotionName
 from tracking.image_tracker import ImageTrackerParams
 from tracking.marker import MarkerParams, find_markers
-from tracking.outline import Optics
 from tracking.track2d import ColorTracker, assumed_optics
 
 DEFAULT = f"{ImageTrackerParams().particles} particles"
@@ -104,78 +104,57 @@ REAL: dict[str, Callable[[Path], BoxedFilm]] = {
 """Real films by the name of their folder."""
 
 
-class _OneEye(Protocol):
-    def start(self, image: Image, box: BoxPx) -> None: ...
+def particle_tracker(count: int, seed: int, image: Image, box: BoxPx) -> ImageTracker:
+    """Return our particle filter with the interface of the baselines."""
+    tracker = ColorTracker(image, box, ImageTrackerParams(particles=count), np.random.default_rng(seed))
 
-    def step(self, image: Image) -> BoxPx | None: ...
-
-
-class ParticleTracker:
-    """Our particle filter with the interface of the baselines."""
-
-    def __init__(self, count: int, seed: int) -> None:
-        self._params = ImageTrackerParams(particles=count)
-        self._rng = np.random.default_rng(seed)
-        self._tracker: ColorTracker | None = None
-
-    def start(self, image: Image, box: BoxPx) -> None:
-        """Learn the colours in the box."""
-        self._tracker = ColorTracker(image, box, self._params, self._rng)
-
-    def step(self, image: Image) -> BoxPx | None:
-        """Return the box; None where the object is not detected."""
-        if self._tracker is None:
-            raise ValueError("step before start; the tracker needs a first image and box")
-        detection = self._tracker.step(image)
+    def step(image: Image) -> BoxPx | None:
+        detection = tracker.step(image)
         return detection.box_px if detection.score > 0 else None
 
+    return step
 
-@dataclass
-class HueBlob:
-    """Our marker detector with a given hue: the blob nearest to the last place, anywhere when there is none."""
 
-    hue_deg: float
-    last: BoxPx | None = None
-    optics: Optics | None = None
+def hue_blob(hue_deg: float, image: Image, box: BoxPx) -> ImageTracker:
+    """Return our marker detector with a given hue.
 
-    def start(self, image: Image, box: BoxPx) -> None:
-        """Store the place."""
-        self.last = box
-        self.optics = assumed_optics(image.shape[1], image.shape[0])
+    The box is that of the disc with the area of the blob nearest to the last place, or of any blob without one.
+    """
+    last: BoxPx | None = box
+    optics = assumed_optics(image.shape[1], image.shape[0])
 
-    def step(self, image: Image) -> BoxPx | None:
-        """Return the box of the disc with the blob's area."""
-        if self.optics is None:
-            raise ValueError("step before start; the tracker needs a first image and box")
+    def step(image: Image) -> BoxPx | None:
+        nonlocal last
         near = None
-        if self.last is not None:
-            x, y = middle(self.last)
-            near = float(x), float(y), max(self.last[2:]) + 3
-        blobs = find_markers(MarkerParams(hue_deg=self.hue_deg), image, self.optics, near)
-        self.last = None
+        if last is not None:
+            x, y = middle(last)
+            near = float(x), float(y), max(last[2:]) + 3
+        blobs = find_markers(MarkerParams(hue_deg=hue_deg), image, optics, near)
+        last = None
         if blobs:
             side = 2 * float(np.sqrt(blobs[0].area_px / np.pi))
             x, y = blobs[0].center_px - (side - 1) / 2
-            self.last = float(x), float(y), side, side
-        return self.last
+            last = float(x), float(y), side, side
+        return last
+
+    return step
 
 
 def methods() -> dict[str, Method]:
     """Return all trackers by name."""
-    ours: dict[str, Method] = {
-        f"{n} particles": partial(_run, lambda _, seed, n=n: ParticleTracker(n, seed)) for n in COUNTS
+    return {
+        **{f"{n} particles": partial(_run, lambda _, *start, n=n: particle_tracker(n, *start)) for n in COUNTS},
+        "marker blob": partial(_run, lambda hue_deg, _, *start: hue_blob(hue_deg, *start)),
+        **{name: partial(_run, lambda _, __, *start, name=name: image_tracker(name, *start)) for name in BASELINES},
     }
-    blob: dict[str, Method] = {"marker blob": partial(_run, lambda film, _: HueBlob(film.hue_deg))}
-    return ours | blob | {name: partial(_run, lambda _, __, n=name: image_tracker(n)) for name in BASELINES}
 
 
-def _run(make: Any, film: BoxedFilm, seed: int) -> Values:
+def _run(make: Callable[[float, int, Image, BoxPx], ImageTracker], film: BoxedFilm, seed: int) -> Values:
     """Return overlap (0 where lost), whether there is any, and the centre error where there is, of every frame."""
-    tracker: _OneEye = make(film, seed)
     if film.boxes[0] is None:
         raise ValueError("the object is not in view of the first frame; expected a box to start with")
-    tracker.start(film.images[0], film.boxes[0])
-    boxes, ms = timed_steps(tracker.step, film.images[1:])
+    tracker = make(film.hue_deg, seed, film.images[0], film.boxes[0])
+    boxes, ms = timed_steps(tracker, film.images[1:])
     iou: list[float] = []
     center_px: list[float] = []
     for box, true in zip(boxes, film.boxes[1:], strict=True):

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from matplotlib.figure import Figure
 
-from pps_vision.experiments.baselines import disparity
+from pps_vision.experiments.baselines.stereo_pipelines import intersection, rectified
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.films.score import steps_of
@@ -35,6 +35,8 @@ BASELINES = ("midpoint", "linear (OpenCV)", "whole BM", "whole SGBM")
 _SECONDS = 1.5
 _SETTLED = 10  # first frame that counts
 _DISTANCE_M = 0.4
+_RANGE_PX = 96  # disparities that are searched: at 0.2 m an iCub's rectified eyes have 91
+_NEARER = 0.92  # of its radius: distance from the centre of a ball to the middle of its visible surface
 _METRICS = {"rms_mm": Metric("error_mm", rms), "found_percent": Metric("found", percent)}
 
 
@@ -84,16 +86,55 @@ def methods() -> dict[str, Method]:
     def pixels(triangulation: Callable[[StereoView, Array, Array], Array | None]) -> Method:
         return partial(_run, lambda pair: triangulation(pair.view, pair.left.center_px, pair.right.center_px))
 
-    def whole(make: Callable[[], cv2.StereoMatcher]) -> Method:
-        return partial(_run, lambda pair: disparity.in_whole_image(make, pair.frame, pair.view, pair.p, BALL_M))
-
     return {
         OURS: partial(_run, _ours),
-        "midpoint": pixels(disparity.midpoint),
-        "linear (OpenCV)": pixels(disparity.linear),
-        "whole BM": whole(disparity.block_matching),
-        "whole SGBM": whole(disparity.semi_global),
+        "midpoint": pixels(intersection),
+        "linear (OpenCV)": pixels(_linear),
+        "whole BM": partial(_run, partial(_in_whole_image, lambda: cv2.StereoBM.create(_RANGE_PX, 15))),
+        "whole SGBM": partial(_run, partial(_in_whole_image, _semi_global)),
     }
+
+
+def _semi_global() -> cv2.StereoMatcher:
+    return cv2.StereoSGBM.create(0, _RANGE_PX, 5, P1=8 * 25, P2=32 * 25, uniquenessRatio=5)
+
+
+def _linear(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
+    """OpenCV's direct linear transformation (3,)."""
+    normalised = []
+    for camera, px in ((view.left.camera, left_px), (view.right.camera, right_px)):
+        point = cv2.undistortPoints(np.asarray(px).reshape(1, 1, 2), camera.K, np.array(camera.distortion))
+        normalised.append(np.asarray(point, dtype=float).reshape(2, 1))
+    projections = view.left.T_camera_root[:3], view.right.T_camera_root[:3]
+    homogeneous = cv2.triangulatePoints(*projections, *normalised)[:, 0]
+    return np.asarray(homogeneous[:3] / homogeneous[3])
+
+
+def _in_whole_image(make: Callable[[], cv2.StereoMatcher], pair: Pair) -> Array | None:
+    """Centre (3,) of the ball from the median disparity of its middle in a map of the whole image.
+
+    The ball's direction, taken from its true position, replaces an image tracker's.
+    """
+    left, right, R_root_rect, Q = rectified(pair.view, pair.frame)
+    grey = [
+        cv2.copyMakeBorder(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), 0, 0, _RANGE_PX, 0, cv2.BORDER_REPLICATE)
+        for image in (left, right)
+    ]
+    disparity = np.asarray(make().compute(*grey), dtype=float)[:, _RANGE_PX:] / 16
+    focal = Q[2, 3]
+    baseline = float(np.linalg.norm(pair.view.right.center - pair.view.left.center))
+    line = pair.p - pair.view.left.center
+    toward = R_root_rect.T @ line
+    distance = float(np.linalg.norm(toward))
+    u, v = focal * toward[:2] / toward[2] - Q[:2, 3]
+    rows, columns = np.mgrid[: disparity.shape[0], : disparity.shape[1]]
+    disc = (columns - u) ** 2 + (rows - v) ** 2 <= (0.5 * BALL_M / distance * focal) ** 2
+    valid = disparity[disc & (disparity > 0)]
+    if len(valid) < max(0.3 * np.count_nonzero(disc), 5):
+        return None
+    depth = focal * baseline / float(np.median(valid))
+    center: Array = pair.view.left.center + line * depth / toward[2] / (1 - _NEARER * BALL_M / distance)
+    return center
 
 
 def _ours(pair: Pair) -> Array | None:
