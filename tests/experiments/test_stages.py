@@ -11,7 +11,6 @@ from data import SEED
 from pps_vision.app.render import record
 from pps_vision.app.render_params import RenderParams
 from pps_vision.errors import InputError
-from pps_vision.experiments.baselines.filters import FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.baselines.image_trackers import image_tracker
 from pps_vision.experiments.films.recordings import FPS, Footage
 from pps_vision.experiments.stages import Stages, arm, batches, filter, rendering, stereo, trigger
@@ -138,11 +137,11 @@ def test_without_adaptation_all_filters_agree() -> None:
     data = approach(5)
     params = replace(data.params(), adaptation_rate=0)
     belief = data.first(params)
-    baselines = OpenCVFilter(params, belief), FilterPyFilter(params, belief)
+    baselines = filter.opencv_filter(data), filter.filterpy_filter(data)
     for stamp_s, position, cov in data.later():
         belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
         for baseline in baselines:
-            np.testing.assert_allclose(baseline.step(stamp_s, position, cov), belief.mean, atol=1e-9)
+            np.testing.assert_allclose(baseline(stamp_s, position, cov), belief.mean, atol=1e-9)
 
 
 def test_smoothing_reduces_errors_and_a_high_order_increases_them() -> None:

@@ -13,11 +13,10 @@ from typing import Any
 
 import cv2
 import numpy as np
+from filterpy.kalman import KalmanFilter
 from matplotlib.figure import Figure
 
 from pps_vision.errors import InputError
-from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
-from pps_vision.experiments.baselines.filters import FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
@@ -29,7 +28,7 @@ from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Mask
 from tracking import DEFAULT_ORDER, kalman
-from tracking.kalman import Belief, KalmanParams
+from tracking.kalman import Belief, KalmanParams, discretise
 from tracking.smoother import Measurement, follow, smooth
 
 DEFAULT = f"order {DEFAULT_ORDER}"
@@ -42,6 +41,7 @@ _METRICS = {
     "velocity_mm_s": Metric("velocity_mm_s", rms),
     "ttc_percent": Metric("ttc_percent", median),
 }
+Filter = Callable[[float, Array, Array], Array]  # stamp, position (3,) m and covariance (3, 3) to the state (order, 3)
 
 
 @dataclass(frozen=True)
@@ -127,13 +127,9 @@ def measurements(recording: Footage, seed: int) -> Measurements:
 
 def methods() -> dict[str, Method]:
     """Return the filters and smoothers by name."""
-    ours = {f"order {order}": partial(_online, partial(_Ours, order)) for order in (1, 2, 3, 4)}
+    ours = {f"order {order}": partial(_online, partial(our_filter, order)) for order in (1, 2, 3, 4)}
     smoothed = {f"order {order}, RTS": partial(_smoothed, order) for order in (2, 3, 4)}
-    libraries: dict[str, Callable[[KalmanParams, Belief], OnlineFilter]] = {
-        "cv2": OpenCVFilter,
-        "filterpy": FilterPyFilter,
-    }
-    baselines = {name: partial(_online, partial(_baseline, make)) for name, make in libraries.items()}
+    baselines = {"cv2": partial(_online, opencv_filter), "filterpy": partial(_online, filterpy_filter)}
     return {name: partial(_per_update, run) for name, run in {**ours, **smoothed, **baselines}.items()}
 
 
@@ -143,27 +139,84 @@ def _per_update(run: Method, data: Measurements, seed: int) -> Values:
     return {**values, "ms": [ms / len(data.stamps_s)]}
 
 
-class _Ours:
-    """Our filter of an order with the interface of the baselines."""
+def our_filter(order: int, data: Measurements) -> Filter:
+    """Return our filter of an order."""
+    params = data.params(order)
+    belief = data.first(params)
 
-    def __init__(self, order: int, data: Measurements) -> None:
-        self.params = data.params(order)
-        self.belief = data.first(self.params)
+    def step(stamp_s: float, position: Array, cov: Array) -> Array:
+        nonlocal belief
+        belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
+        return belief.mean
 
-    def step(self, stamp_s: float, position: Array, cov: Array) -> Array:
-        """Predict and update."""
-        self.belief = kalman.update(self.params, kalman.predict(self.params, self.belief, stamp_s), position, cov)
-        return self.belief.mean
-
-
-def _baseline(make: Callable[[KalmanParams, Belief], OnlineFilter], data: Measurements) -> OnlineFilter:
-    return make(data.params(), data.first(data.params()))
+    return step
 
 
-def _online(make: Callable[[Measurements], OnlineFilter], data: Measurements, seed: int) -> Values:
-    online = make(data)
+def opencv_filter(data: Measurements) -> Filter:
+    """Return OpenCV's filter with our filter's model."""
+    params = data.params()
+    first = data.first(params)
+    n = first.mean.size
+    kf = cv2.KalmanFilter(n, 3, 0, cv2.CV_64F)
+    kf.measurementMatrix = np.eye(3, n)
+    kf.statePost = first.mean.reshape(n, 1).copy()
+    kf.errorCovPost = first.cov.copy()  # it writes into them
+    changed_matrices = _matrices(params, first.stamp_s)
+
+    def step(stamp_s: float, position: Array, cov: Array) -> Array:
+        if changed := changed_matrices(stamp_s):
+            kf.transitionMatrix, kf.processNoiseCov = changed
+        kf.measurementNoiseCov = params.white_share * cov
+        kf.predict()
+        return np.asarray(kf.correct(position.reshape(3, 1)), dtype=float).reshape(-1, 3)
+
+    return step
+
+
+def filterpy_filter(data: Measurements) -> Filter:
+    """Return filterpy's filter with our filter's model."""
+    params = data.params()
+    first = data.first(params)
+    kf = KalmanFilter(dim_x=first.mean.size, dim_z=3)
+    kf.H = np.eye(3, first.mean.size)
+    kf.x = first.mean.reshape(-1, 1)
+    kf.P = first.cov.copy()
+    changed_matrices = _matrices(params, first.stamp_s)
+
+    def step(stamp_s: float, position: Array, cov: Array) -> Array:
+        if changed := changed_matrices(stamp_s):
+            kf.F, kf.Q = changed
+        kf.predict()
+        kf.update(position.reshape(3, 1), R=params.white_share * cov)
+        return np.asarray(kf.x, dtype=float).reshape(-1, 3)
+
+    return step
+
+
+def _matrices(params: KalmanParams, stamp_s: float) -> Callable[[float], tuple[Array, Array] | None]:
+    """Transition and process noise (3·order, 3·order) of our model for the step to the next stamp.
+
+    None where the step has not changed: as in an application, the matrices are computed only where it does.
+    """
+    dt_s = np.nan
+
+    def advance(next_s: float) -> tuple[Array, Array] | None:
+        nonlocal stamp_s, dt_s
+        dt = next_s - stamp_s
+        stamp_s = next_s
+        if abs(dt - dt_s) <= 1e-6:
+            return None
+        dt_s = dt
+        A, Q = discretise(params.order, dt, params.decay_s)
+        return np.kron(A, np.eye(3)), np.kron(params.noise_density * Q, np.eye(3))
+
+    return advance
+
+
+def _online(make: Callable[[Measurements], Filter], data: Measurements, seed: int) -> Values:
+    step = make(data)
     first = data.first(data.params())
-    states = [first.mean[:1], *(online.step(*row).copy() for row in data.later())]
+    states = [first.mean[:1], *(step(*row).copy() for row in data.later())]
     return errors(data, states)
 
 

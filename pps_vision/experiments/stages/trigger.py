@@ -144,7 +144,7 @@ def _ours(params: TriggerParams, camera: Camera, recording: Footage) -> Watcher:
 
 def _baseline(name: str, level: float, camera: Camera, recording: Footage) -> Watcher:
     method = TRIGGERS[name].make(camera, level)
-    return lambda image, view, _stamp_s, _joints_rad: method.step(image, view)
+    return lambda image, view, _stamp_s, _joints_rad: method(image, view)
 
 
 def watch(make: Callable[[Camera, Footage], Watcher], recording: Footage, seed: int) -> Values:
