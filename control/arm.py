@@ -21,47 +21,33 @@ _DEG = np.pi / 180
 class ArmParams:
     """Limits and damping of an arm's joint rates."""
 
-    max_rate_rad_s: float = 60 * _DEG
-    """Rate limit of each joint."""
-    damping_m: float = 0.003
-    """Damping that keeps rates finite at singular postures."""
-    posture_per_s: float = 1.0
-    """Rate at which joints that the task does not need return to the rest posture."""
+    max_rate_rad_s: float = 60 * _DEG  # rate limit of each joint
+    damping_m: float = 0.003  # damping that keeps rates finite at singular postures
+    posture_per_s: float = 1.0  # rate at which joints that the task does not need return to the rest posture
     clearance_m: float = 0.025
     """Smallest self-collision distance that the arm approaches; above that of `LimitParams`, which stops it."""
-    resting: int = 0
-    """Number of the arm's last joints that stay at rest (R: 3, the wrist)."""
-    near_m: float = 0.1
-    """Bodies farther apart than this are ignored."""
+    resting: int = 0  # number of the arm's last joints that stay at rest (R: 3, the wrist)
+    near_m: float = 0.1  # bodies farther apart than this are ignored
 
 
 class MovingPoint(NamedTuple):
     """A point of the arm and its commanded velocity."""
 
-    frame: str
-    """Name of the frame that carries it."""
-    point: ArrayLike
-    """(3,) m in `frame`."""
-    velocity_root: ArrayLike
-    """(3,) m/s."""
-    weight: float = 1.0
-    """Weight of its squared error."""
-    free_across: bool = False
-    """Whether only the speed along `velocity_root` counts; the motion across is free."""
+    frame: str  # name of the frame that carries it
+    point: ArrayLike  # (3,) m in `frame`
+    velocity_root: ArrayLike  # (3,) m/s
+    weight: float = 1.0  # weight of its squared error
+    free_across: bool = False  # whether only the speed along `velocity_root` counts; the motion across is free
 
 
 @dataclass(frozen=True)
 class KeepIn:
     """A sphere that the origin of a frame must not leave."""
 
-    frame: str
-    """Name of the frame."""
-    center_root: Array
-    """(3,) m."""
-    radius_m: float
-    """Radius of the sphere."""
-    approach_per_s: float = 5.0
-    """Largest rate of approach to the surface, per distance from it."""
+    frame: str  # name of the frame
+    center_root: Array  # (3,) m
+    radius_m: float  # radius of the sphere
+    approach_per_s: float = 5.0  # largest rate of approach to the surface, per distance from it
 
     def row(self, posture: Posture, columns: list[int]) -> tuple[Array, float]:
         """The frame's outward speed per joint rate (k,) m/rad, and the largest one allowed (m/s)."""
@@ -74,16 +60,11 @@ class KeepIn:
 class ArmConstraints(NamedTuple):
     """Constraints of the rates of an arm's k joints in one control step."""
 
-    columns: list[int]
-    """Where the joints are in the configuration vector."""
-    limits: tuple[Array, Array]
-    """Lowest and highest rates (k,), rad/s."""
-    preferred: Array
-    """(k,) rad/s towards the rest posture, for joints that the task does not need."""
-    rows: Array
-    """(m, k) inequalities: rows @ rates ≤ most."""
-    most: Array
-    """(m,) their right sides."""
+    columns: list[int]  # where the joints are in the configuration vector
+    limits: tuple[Array, Array]  # lowest and highest rates (k,), rad/s
+    preferred: Array  # (k,) rad/s towards the rest posture, for joints that the task does not need
+    rows: Array  # (m, k) inequalities: rows @ rates ≤ most
+    most: Array  # (m,) their right sides
 
 
 def arm_constraints(

@@ -20,8 +20,7 @@ from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, JointVelocity, Track3D
 
-HORIZON_S = 3.0
-"""Prediction horizon of the object's motion: R's longest time to contact."""
+HORIZON_S = 3.0  # prediction horizon of the object's motion: R's longest time to contact
 _HISTORY_S = 0.5  # duration of the object's position history
 _LOST_WAIT_S = 1.0  # the arm holds still for this time after the object is lost, then returns home
 _UNBLOCKED_M = 0.05  # an object that interrupted the return must move by this before the arm returns again
@@ -100,22 +99,14 @@ class AvoidanceParams(ResponseParams):
 class ArmInput:
     """Input of one control step of an arm."""
 
-    stamp_s: float
-    """Stamp of the command."""
-    posture: Posture
-    """The robot when the command takes effect."""
-    skin: Skin
-    """The n taxels that the arm carries."""
-    activations: Array
-    """(n,) predicted touch, in [0, 1]."""
-    track: Track3D
-    """The attended object, or an unknown track."""
-    hold_s: float = MAX_HOLD_S
-    """Time for which the command may be held."""
-    self_collision: SelfCollision | None = None
-    """Distances between the robot's bodies; None: they are not limited."""
-    bare_links: BareLinks | None = None
-    """Links of the arm without taxels; None: they do not keep clear."""
+    stamp_s: float  # stamp of the command
+    posture: Posture  # the robot when the command takes effect
+    skin: Skin  # the n taxels that the arm carries
+    activations: Array  # (n,) predicted touch, in [0, 1]
+    track: Track3D  # the attended object, or an unknown track
+    hold_s: float = MAX_HOLD_S  # time for which the command may be held
+    self_collision: SelfCollision | None = None  # distances between the robot's bodies; None: they are not limited
+    bare_links: BareLinks | None = None  # links of the arm without taxels; None: they do not keep clear
 
     @property
     def object_radius_m(self) -> float:
@@ -128,22 +119,14 @@ class ArmState:
     """State of an arm that avoids or reaches."""
 
     mode: Mode = "idle"
-    since_s: float = 0.0
-    """Stamp of the last activation responded to, or of the begin of a hold or return."""
-    active_since_s: float = np.inf
-    """Begin of the uninterrupted activation of any taxel; inf without one."""
-    points: tuple[MovingPoint, ...] = ()
-    """Control points with their commanded velocities, the most activated first."""
-    blocked_by: Array | None = None
-    """(3,) m, position of the object that interrupted the return."""
-    escape_direction: Array | None = None
-    """(3,) direction across the object's path in which the control points move; None: against the normals."""
-    target_taxel: int | None = None
-    """Number of the taxel that the object's path passes nearest, for an arm that reaches."""
-    positions: tuple[tuple[float, Array], ...] = ()
-    """Stamps and positions (3,) m of the object in the last half second."""
-    stamp_s: float = -np.inf
-    """Stamp of the last step."""
+    since_s: float = 0.0  # stamp of the last activation responded to, or of the begin of a hold or return
+    active_since_s: float = np.inf  # begin of the uninterrupted activation of any taxel; inf without one
+    points: tuple[MovingPoint, ...] = ()  # control points with their commanded velocities, the most activated first
+    blocked_by: Array | None = None  # (3,) m, position of the object that interrupted the return
+    escape_direction: Array | None = None  # (3,) across the object's path, of all points; None: against the normals
+    target_taxel: int | None = None  # of reaching: number of the taxel that the object's path passes nearest
+    positions: tuple[tuple[float, Array], ...] = ()  # stamps and positions (3,) m of the object in the last half second
+    stamp_s: float = -np.inf  # stamp of the last step
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +134,9 @@ class Response:
     """Output of one control step of an arm."""
 
     mode: Mode
-    command: JointVelocity
-    """Rates of the arm's joints."""
-    velocity_root: Array
-    """(3,) m/s, velocity of the most activated control point; zero unless the arm avoids or reaches."""
-    point_root: Array
-    """(3,) m, that control point; NaN unless the arm avoids or reaches."""
+    command: JointVelocity  # rates of the arm's joints
+    velocity_root: Array  # (3,) m/s of the most activated control point; zero unless the arm avoids or reaches
+    point_root: Array  # (3,) m, that control point; NaN unless the arm avoids or reaches
 
 
 def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmState, Response]:
@@ -192,12 +172,9 @@ def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmSt
 class ControlPoint(NamedTuple):
     """P and N of R eq. 6."""
 
-    frame: str
-    """The frame that carries P: that of the body part with the largest Σ a."""
-    point: Array
-    """(3,) P in `frame`, m."""
-    direction: Array
-    """(3,) N in the root frame; its length is the mean activation where the normals agree."""
+    frame: str  # the frame that carries P: that of the body part with the largest Σ a
+    point: Array  # (3,) P in `frame`, m
+    direction: Array  # (3,) N in the root frame; its length is the mean activation where the normals agree
 
 
 def control_point(threshold: float, posture: Posture, skin: Skin, activations: Array) -> ControlPoint | None:

@@ -34,32 +34,22 @@ _IK = IKParams(tolerance=1e-5, max_steps=40)
 class DoubleTouchParams:
     """How the fingertip and the arms move."""
 
-    start_m: float = 0.22
-    """Distance of the fingertip from the taxel at the start."""
-    start_aside_m: float = 0.06
-    """Largest distance from the taxel's normal at the start."""
-    peak_m_s: tuple[float, float] = (0.10, 0.16)
-    """Range of the peak speed."""
-    press_m: float = 0.03
-    """Depth under the skin at which the movement is planned to end."""
-    step_s: float = 0.05
-    """Sampling period."""
-    spread_rad: float = np.deg2rad(25.0)
-    """Standard deviation of the arms' joints about home, where the search for a posture starts."""
-    max_rate_rad_s: float = np.deg2rad(60.0)
-    """Rate limit of the joints."""
-    clearance_m: float = 0.005
-    """Smallest self-collision distance."""
+    start_m: float = 0.22  # distance of the fingertip from the taxel at the start
+    start_aside_m: float = 0.06  # largest distance from the taxel's normal at the start
+    peak_m_s: tuple[float, float] = (0.10, 0.16)  # range of the peak speed
+    press_m: float = 0.03  # depth under the skin at which the movement is planned to end
+    step_s: float = 0.05  # sampling period
+    spread_rad: float = np.deg2rad(25.0)  # standard deviation about home of the postures that the search starts from
+    max_rate_rad_s: float = np.deg2rad(60.0)  # rate limit of the joints
+    clearance_m: float = 0.005  # smallest self-collision distance
 
 
 @dataclass(frozen=True, slots=True)
 class DoubleTouch:
     """A movement that ends with the touch."""
 
-    stamps_s: Array
-    """(T,), the last is the touch's."""
-    joints_rad: Array
-    """(T, n_joints)."""
+    stamps_s: Array  # (T,), the last is the touch's
+    joints_rad: Array  # (T, n_joints)
 
 
 Infeasible = Literal["out of reach", "limits on the way", "too fast", "self-collision"]

@@ -21,12 +21,9 @@ _WEIGHTS = np.array([1e-3, 1e-3, 0.05, 1e-3])
 class FixationParams:
     """Gains and limits of the fixation controller."""
 
-    gain_per_s: float = 8.0
-    """k of G = k·(∂x/∂q)⁻¹ (J IV.1); stable below 2 by the time between two commands."""
-    tilt_return_per_s: float = 2.0
-    """Rate at which the tilt returns to zero as the neck takes over."""
-    limits: HeadLimits = field(default_factory=HeadLimits)
-    """Range and speed of the head."""
+    gain_per_s: float = 8.0  # k of G = k·(∂x/∂q)⁻¹ (J IV.1); stable below 2 by the time between two commands
+    tilt_return_per_s: float = 2.0  # rate at which the tilt returns to zero as the neck takes over
+    limits: HeadLimits = field(default_factory=HeadLimits)  # range and speed of the head
 
 
 _WHOLE_STEP = FixationParams(0.8, 0.5, HeadLimits(neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6))  # of `gaze_at`

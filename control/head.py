@@ -19,12 +19,9 @@ _DEG = np.pi / 180
 class HeadLimits:
     """Range and speed of the head."""
 
-    gaze: GazeLimits = field(default_factory=GazeLimits)
-    """J's gaze range; the robot's own limits narrow it."""
-    neck_rad_s: float = 60 * _DEG
-    """Rate limit of each neck joint."""
-    eyes_rad_s: float = 180 * _DEG
-    """Rate limit of each eye joint."""
+    gaze: GazeLimits = field(default_factory=GazeLimits)  # J's gaze range; the robot's own limits narrow it
+    neck_rad_s: float = 60 * _DEG  # rate limit of each neck joint
+    eyes_rad_s: float = 180 * _DEG  # rate limit of each eye joint
 
     @property
     def max_rate(self) -> Array:

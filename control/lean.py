@@ -24,10 +24,8 @@ LeanStatus = Literal["within reach", "leaning", "out of reach"]
 class LeanParams:
     """Motion of the torso."""
 
-    torso_rad_s: float = 15 * _DEG
-    """Speed of the torso."""
-    spacing_rad: float = 4 * _DEG
-    """Spacing of the torso postures that are compared."""
+    torso_rad_s: float = 15 * _DEG  # speed of the torso
+    spacing_rad: float = 4 * _DEG  # spacing of the torso postures that are compared
 
 
 def step(

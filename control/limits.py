@@ -12,8 +12,7 @@ from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.types import Array, JointVelocity
 
-MAX_HOLD_S = 0.5
-"""Longest time for which a command may be held."""
+MAX_HOLD_S = 0.5  # longest time for which a command may be held
 _DEG = np.pi / 180
 _MARGIN_RAD = 1e-9  # distance at which joints stop before their limits, against rounding
 _NEGLIGIBLE_RAD_S = 1e-6  # a smaller excess is clipped, so that a joint at its limit does not stop the others

@@ -56,12 +56,9 @@ class ReachingParams(ResponseParams):
 class TaxelMotion(NamedTuple):
     """A motion of one taxel to the object."""
 
-    contact_s: float
-    """Time to the touch at the present speed."""
-    point: MovingPoint
-    """The taxel."""
-    dq: Array
-    """(n_joints,) rad/s."""
+    contact_s: float  # time to the touch at the present speed
+    point: MovingPoint  # the taxel
+    dq: Array  # (n_joints,) rad/s
 
 
 def step(params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: bool) -> tuple[ArmState, Response]:

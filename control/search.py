@@ -21,25 +21,23 @@ _DEG = np.pi / 180
 
 @dataclass(frozen=True)
 class SearchParams:
-    """Range and speed of the search."""
+    """Range and speed of the search.
+
+    Covering: all gaze directions in turn, the nearest first, alternating the vergence; random: random turns about the
+    centre, at its vergence (J).
+    """
 
     pattern: Literal["covering", "random"] = "covering"
-    """Covering: all gaze directions in turn, the nearest first, alternating the vergence; random: random turns about
-    the centre, at its vergence (J)."""
-    spacing_rad: tuple[float, float] = (40 * _DEG, 30 * _DEG)
-    """Covering: largest distance of the grid's points in yaw and in pitch."""
-    vergence_rad: tuple[float, float] = (20 * _DEG, 60 * _DEG)
-    """Covering: alternating vergences."""
-    yaw_rad: float = 30 * _DEG
-    """Random: largest turn to the left and right of the centre."""
-    pitch_rad: float = 20 * _DEG
-    """Random: largest turn up and down from the centre."""
-    gain_per_s: float = 8.0
-    """Rate of the head towards a goal, per remaining angle."""
+    spacing_rad: tuple[float, float] = (
+        40 * _DEG,
+        30 * _DEG,
+    )  # covering: of the grid's points in yaw and pitch, at most
+    vergence_rad: tuple[float, float] = (20 * _DEG, 60 * _DEG)  # covering: alternating vergences
+    yaw_rad: float = 30 * _DEG  # random: largest turn to the left and right of the centre
+    pitch_rad: float = 20 * _DEG  # random: largest turn up and down from the centre
+    gain_per_s: float = 8.0  # rate of the head towards a goal, per remaining angle
     limits: HeadLimits = field(default_factory=lambda: HeadLimits(neck_rad_s=30 * _DEG, eyes_rad_s=30 * _DEG))
-    """Range and speed of the head."""
-    arrived_rad: float = 1 * _DEG
-    """Largest angle from a goal that counts as having reached it."""
+    arrived_rad: float = 1 * _DEG  # largest angle from a goal that counts as having reached it
 
     def __post_init__(self) -> None:
         if self.pattern not in ("covering", "random") or not min(self.spacing_rad) > 0:
@@ -52,14 +50,10 @@ class SearchParams:
 class SearchState:
     """A search under way."""
 
-    center: Array
-    """(4,) rad, the gaze to search around (`head.gaze_of`)."""
-    goal: Array | None = None
-    """(4,) rad, the gaze that the head turns to; None before the first step."""
-    unvisited: Array = field(default_factory=lambda: np.empty((0, 4)))
-    """(k, 4) rad, unvisited goals of the covering search at this vergence."""
-    visits: int = 0
-    """Number of visits to the whole grid that have begun."""
+    center: Array  # (4,) rad, the gaze to search around (`head.gaze_of`)
+    goal: Array | None = None  # (4,) rad, the gaze that the head turns to; None before the first step
+    unvisited: Array = field(default_factory=lambda: np.empty((0, 4)))  # (k, 4) rad, covering: goals at this vergence
+    visits: int = 0  # number of visits to the whole grid that have begun
 
 
 def step(

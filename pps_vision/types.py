@@ -18,14 +18,17 @@ Mask = NDArray[np.bool_]
 CameraName = Literal["left", "right"]
 
 
-def _read_only(message: object, *names: str) -> None:
-    """Replace the named arrays of a message by read-only views; None stays."""
-    for name in names:
-        array = getattr(message, name)
-        if array is not None:
-            view = array.view()
-            view.flags.writeable = False
-            object.__setattr__(message, name, view)
+class _Message:
+    """Replaces its arrays by read-only views."""
+
+    __slots__: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if isinstance(array := getattr(self, name), np.ndarray):
+                view = array.view()
+                view.flags.writeable = False
+                object.__setattr__(self, name, view)
 
 
 class Status(StrEnum):
@@ -38,7 +41,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class StereoFrame:
+class StereoFrame(_Message):
     """One image per eye, each with its own stamp and the robot's joints at that stamp.
 
     Images are (height, width, 3) uint8 RGB.  Joints are the robot model's configuration
@@ -52,9 +55,6 @@ class StereoFrame:
     joints_left_rad: Array | None = None
     joints_right_rad: Array | None = None
 
-    def __post_init__(self) -> None:
-        _read_only(self, "left", "right", "joints_left_rad", "joints_right_rad")
-
     @property
     def stamp_s(self) -> float:
         """Mean stamp of the pair; results of both eyes carry it."""
@@ -62,7 +62,7 @@ class StereoFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Detection2D:
+class Detection2D(_Message):
     """The object in one eye's image.
 
     `center_px` (2,) is the projection of the object's centre, lens distortion included;
@@ -78,12 +78,9 @@ class Detection2D:
     angular_radius_rad: float
     box_px: tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 
-    def __post_init__(self) -> None:
-        _read_only(self, "center_px", "cov_px")
-
 
 @dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(_Message):
     """The true position of a rendered object at one stamp.
 
     `position` m, `velocity` m/s (3,) in the root frame; `left_px`, `right_px` (2,) projections of its
@@ -100,12 +97,9 @@ class Truth:
     visible_left: bool
     visible_right: bool
 
-    def __post_init__(self) -> None:
-        _read_only(self, "position", "velocity", "left_px", "right_px")
-
 
 @dataclass(frozen=True, slots=True)
-class Observation3D:
+class Observation3D(_Message):
     """A triangulated position in the root frame: `p_root` (3,), `cov_root` (3, 3), m and m².
 
     `correlated_cov_root` (3, 3) m² is the part of `cov_root` whose error is correlated from frame to frame: errors of
@@ -120,12 +114,9 @@ class Observation3D:
     residual_px: float  # RMS reprojection error in both images
     correlated_cov_root: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
-    def __post_init__(self) -> None:
-        _read_only(self, "p_root", "cov_root", "correlated_cov_root")
-
 
 @dataclass(frozen=True, slots=True)
-class Track3D:
+class Track3D(_Message):
     """The filtered object: position, velocity, acceleration and jerk in the root frame.
 
     `mean` (4, 3): row k is the k-th time derivative of position; `cov` (12, 12) in the order
@@ -139,9 +130,6 @@ class Track3D:
     radius_m: float
     radius_var_m2: float
     status: Status
-
-    def __post_init__(self) -> None:
-        _read_only(self, "mean", "cov")
 
     @property
     def position(self) -> Array:
@@ -165,7 +153,7 @@ class Track3D:
 
 
 @dataclass(frozen=True, slots=True)
-class TaxelEvents:
+class TaxelEvents(_Message):
     """Distance, time to contact and touch of every taxel at one stamp.
 
     `taxel_ids` (n,) are names "part:id"; `distance_m` D and `ttc_s` TTC (n,) follow R eqs 1
@@ -178,20 +166,14 @@ class TaxelEvents:
     ttc_s: Array
     touched: Mask
 
-    def __post_init__(self) -> None:
-        _read_only(self, "distance_m", "ttc_s", "touched")
-
 
 @dataclass(frozen=True, slots=True)
-class Activation:
+class Activation(_Message):
     """Predicted touch of every taxel at one stamp: `probability` (n,) for the taxels `taxel_ids` (R eqs 3–5)."""
 
     stamp_s: float
     taxel_ids: tuple[str, ...]
     probability: Array
-
-    def __post_init__(self) -> None:
-        _read_only(self, "probability")
 
 
 class ReachStatus(StrEnum):
@@ -204,7 +186,7 @@ class ReachStatus(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Reachability:
+class Reachability(_Message):
     """Whether the hand can reach the tracked object, at one stamp.
 
     `gaze_rad` (3,) is the gaze posture (neck yaw, neck pitch, vergence) that fixates it; `probability` that it is
@@ -218,9 +200,6 @@ class Reachability:
     degree: float
     status: ReachStatus
 
-    def __post_init__(self) -> None:
-        _read_only(self, "gaze_rad")
-
     @property
     def is_reachable(self) -> bool:
         """Whether the hand may be sent there."""
@@ -233,7 +212,7 @@ class Reachability:
 
 
 @dataclass(frozen=True, slots=True)
-class JointVelocity:
+class JointVelocity(_Message):
     """A velocity command for the whole robot, `dq_rad_s` (n_joints,) rad/s in the model's joint order.
 
     It may be held for `hold_s` from its stamp; then the robot has to stop.
@@ -242,6 +221,3 @@ class JointVelocity:
     stamp_s: float
     dq_rad_s: Array
     hold_s: float
-
-    def __post_init__(self) -> None:
-        _read_only(self, "dq_rad_s")

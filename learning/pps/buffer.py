@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Array, TaxelEvents
 
-LENGTH_S = 3.0
-"""How far back the buffer reaches (R)."""
-STEP_S = 0.05
-"""Time step of the resampled series (R)."""
+LENGTH_S = 3.0  # how far back the buffer reaches (R)
+STEP_S = 0.05  # time step of the resampled series (R)
 _MAX_GAP_S = 0.15  # longest gap that is interpolated: three steps, our choice
 
 
@@ -18,8 +16,7 @@ _MAX_GAP_S = 0.15  # longest gap that is interpolated: three steps, our choice
 class EventBuffer:
     """Samples in order of time."""
 
-    samples: tuple[TaxelEvents, ...] = ()
-    """All samples of the last `LENGTH_S`, oldest first."""
+    samples: tuple[TaxelEvents, ...] = ()  # all samples of the last `LENGTH_S`, oldest first
 
 
 def push(buffer: EventBuffer, events: TaxelEvents) -> EventBuffer:

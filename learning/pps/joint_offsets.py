@@ -33,12 +33,9 @@ _GRID = 24  # positions along each axis: about 5 mm apart, as a taxel's own erro
 class JointOffsets:
     """Result of the calibration from k touches."""
 
-    offsets_rad: Array
-    """(n_joints,) to be added to the encoders' angles."""
-    before_m: Array
-    """(k,) distance between the felt and the seen position of a touch."""
-    after_m: Array
-    """(k,) the same with the offsets added."""
+    offsets_rad: Array  # (n_joints,) to be added to the encoders' angles
+    before_m: Array  # (k,) distance between the felt and the seen position of a touch
+    after_m: Array  # (k,) the same with the offsets added
 
 
 @dataclass(frozen=True)

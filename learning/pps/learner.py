@@ -15,28 +15,20 @@ _CONTACT_S = 0.6  # how long after its first touch a contact may reach further t
 class Contact:
     """A contact that has not ended."""
 
-    since_s: float
-    """Stamp of its first touch."""
-    touched: Mask
-    """(n,) taxels it has reached."""
-    learned: bool = False
-    """Whether it was learned from."""
+    since_s: float  # stamp of its first touch
+    touched: Mask  # (n,) taxels it has reached
+    learned: bool = False  # whether it was learned from
 
 
 @dataclass(frozen=True)
 class LearnerState:
     """State of online learning."""
 
-    memory: PPSMemory
-    """The learned memory."""
-    buffer: EventBuffer
-    """Samples before the contact; it takes no more while a contact lasts."""
-    contact: Contact | None = None
-    """The contact that lasts; None without a touch."""
-    stale: int = 0
-    """Samples rejected because their stamp is not finite or does not advance."""
-    unseen: int = 0
-    """Contacts without a perceived sample before them, from which nothing was learned."""
+    memory: PPSMemory  # the learned memory
+    buffer: EventBuffer  # samples before the contact; it takes no more while a contact lasts
+    contact: Contact | None = None  # the contact that lasts; None without a touch
+    stale: int = 0  # samples rejected because their stamp is not finite or does not advance
+    unseen: int = 0  # contacts without a perceived sample before them, from which nothing was learned
 
 
 def step(state: LearnerState, events: TaxelEvents) -> LearnerState:

@@ -16,9 +16,7 @@ from pps_vision.jit import njit
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, Mask
 
-MOST_COUNTS = 2**53
-"""Largest count of a bin: every whole number up to it is a float, and sums of all bins fit in 64 bits."""
-
+MOST_COUNTS = 2**53  # of a bin: a float holds every whole number up to it, and 64 bits the sums of all bins
 _KIND = "PPS memory"
 _VERSION = 3  # up to version 2, D was to the centre of the object
 _LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keeps divisions finite
@@ -64,16 +62,11 @@ class MemoryParams:
 class PPSMemory:
     """Counts of touch and no touch of n taxels."""
 
-    taxel_ids: tuple[str, ...]
-    """Names of the taxels, "part:id"."""
-    part_index: NDArray[np.intp]
-    """(n,) body part of each taxel."""
-    counts: Counts
-    """(n, D bins, TTC bins, 2) positive and negative samples."""
-    params: MemoryParams
-    """Bins and smoothing of the counts."""
-    written_by: str = ""
-    """Version of this package that wrote the file it was read from."""
+    taxel_ids: tuple[str, ...]  # names of the taxels, "part:id"
+    part_index: NDArray[np.intp]  # (n,) body part of each taxel
+    counts: Counts  # (n, D bins, TTC bins, 2) positive and negative samples
+    params: MemoryParams  # bins and smoothing of the counts
+    written_by: str = ""  # version of this package that wrote the file it was read from
 
     def __post_init__(self) -> None:
         n = len(self.taxel_ids)

@@ -18,17 +18,11 @@ _QUANTILES: Array = ndtri((np.arange(8) + 0.5) / 8)  # of equal probability, in 
 class ReceptiveField:
     """Truncated cone along the outward normal of a taxel, its apex behind the skin (R, "Receptive field")."""
 
-    half_angle_rad: float = float(np.arccos(0.75))
-    """Half opening angle of the cone (the authors' code)."""
-    base_radius_m: float = 0.07
-    """Radius of the cone at the skin (the authors' code)."""
-    length_m: float = 0.20
-    """Greatest perceived distance (R)."""
-    distance_to: Literal["centre", "surface"] = "centre"
-    """Point of the stimulus whose D and TTC are perceived: its centre (R), or its surface, which is at 0 at the touch
-    whatever the stimulus's size."""
-    min_closing_sigmas: float = 1.0
-    """Smallest closing speed of a sample that is learned from, in standard deviations of the velocity estimate."""
+    half_angle_rad: float = float(np.arccos(0.75))  # half opening angle of the cone (the authors' code)
+    base_radius_m: float = 0.07  # radius of the cone at the skin (the authors' code)
+    length_m: float = 0.20  # greatest perceived distance (R)
+    distance_to: Literal["centre", "surface"] = "centre"  # of the stimulus: R's centre, or its surface (0 at a touch)
+    min_closing_sigmas: float = 1.0  # smallest closing speed with a TTC, in standard deviations of the velocity
 
     def __post_init__(self) -> None:
         if self.distance_to not in ("centre", "surface"):
@@ -142,38 +136,3 @@ def _within_reach(
         else:
             perceived[1, i] = math.inf
     return perceived
-
-
-def distance_and_ttc_variance(
-    field: ReceptiveField,
-    d: ArrayLike,
-    normals: ArrayLike,
-    v: ArrayLike,
-    cov: ArrayLike,
-    radius_m: float = 0.0,
-    radius_var_m2: float = 0.0,
-    posture_std_m: float = 0.0,
-) -> tuple[Array, Array]:
-    """Variances of D in m² and TTC in s² to first order, (…) each; arguments as of `distance_and_ttc`.
-
-    `cov` (…, 6, 6) is that of (d, v); `posture_std_m` the standard deviation of each coordinate of the taxel's own
-    position (kinematics, calibration); `radius_var_m2` counts where the radius is subtracted.  The variance of TTC
-    is inf where the stimulus neither approaches nor recedes, NaN where the input is.
-    """
-    d, v, z, cov = (np.asarray(a, dtype=float) for a in (d, v, normals, cov))
-    distance = np.sqrt(np.einsum("...i,...i->...", d, d))[..., None]
-    u = np.where(distance > 0, d / np.where(distance > 0, distance, 1.0), z)  # on the taxel: along its normal
-    closing = -np.einsum("...i,...i->...", u, v)[..., None]
-    shell, shell_var = (radius_m, radius_var_m2) if field.distance_to == "surface" else (0.0, 0.0)
-    gap = np.maximum(distance - shell, 0.0)
-    across = v + closing * u
-    moves = closing != 0
-    closing = np.where(moves, closing, 1.0)
-    turning = np.where(distance > 0, gap / np.where(distance > 0, distance, 1.0), 0.0)  # d turns u, and so the closing
-    by_d = u / closing + turning * across / closing**2
-    by_v = gap * u / closing**2
-    J = np.concatenate([by_d, by_v], axis=-1)
-    cov = cov + posture_std_m**2 * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    var_distance = np.einsum("...i,...ij,...j->...", u, cov[..., :3, :3], u) + shell_var
-    var_ttc = np.einsum("...i,...ij,...j->...", J, cov, J) + shell_var / closing[..., 0] ** 2
-    return np.maximum(var_distance, 0.0), np.where(moves[..., 0], np.maximum(var_ttc, 0.0), np.inf)

@@ -14,12 +14,9 @@ from pps_vision.types import Array
 class Babbled:
     """Postures whose hand was fixated."""
 
-    arm_rad: Array
-    """(N, 4)"""
-    gaze_rad: Array
-    """(N, 3)"""
-    n_tried: int
-    """Number of arm postures tried, fixated or not."""
+    arm_rad: Array  # (N, 4)
+    gaze_rad: Array  # (N, 3)
+    n_tried: int  # number of arm postures tried, fixated or not
 
 
 def babble(

@@ -29,17 +29,11 @@ _FAR_M = 0.1  # a point farther than this from the nearest of all babbled hands 
 class Labels:
     """Answers of inverse kinematics for n gaze postures."""
 
-    gaze_rad: Array
-    """(n, 3)"""
-    reachable: Mask
-    """(n,) whether the hand reaches the fixation point."""
-    error_m: Array
-    """(n,) distance left between hand and fixation point; NaN where inverse kinematics did not converge, which says
-    nothing about reach."""
-    optimality: Array
-    """(n,) of the best posture; NaN where out of reach."""
-    border_rad: Array
-    """(n, 3) gaze posture of the nearest point that the hand does reach; NaN where there is none."""
+    gaze_rad: Array  # (n, 3)
+    reachable: Mask  # (n,) whether the hand reaches the fixation point
+    error_m: Array  # (n,) distance left from hand to fixation point; NaN: not converged, which tells nothing of reach
+    optimality: Array  # (n,) of the best posture; NaN where out of reach
+    border_rad: Array  # (n, 3) gaze posture of the nearest point that the hand does reach; NaN where there is none
 
     def __post_init__(self) -> None:
         n = len(self.gaze_rad)
@@ -66,16 +60,11 @@ class Labels:
 class HandModel:
     """Kinematics that inverse kinematics needs, in any frame common to all fields."""
 
-    forward: ForwardModel
-    """Arm joints (N, k) → positions of the hand (N, 3) and Jacobians (N, 3, k)."""
-    points: Callable[[Array], Array]
-    """Gaze postures (N, 3) → the points (N, 3) that they fixate."""
-    gaze: Callable[[Array, GazeLimits], Array]
-    """Points (N, 3), limits → the gaze postures (N, 3) that fixate them; NaN where the limits forbid it."""
-    tried: Array | None = None
-    """(n, k) arm postures to start from; None: random ones."""
-    normals: Callable[[Array], Array] | None = None
-    """Arm joints (N, k) → directions (N, 3) that the hand faces, for `DirectionCoverage`."""
+    forward: ForwardModel  # arm joints (N, k) → positions of the hand (N, 3) and Jacobians (N, 3, k)
+    points: Callable[[Array], Array]  # gaze postures (N, 3) → the points (N, 3) that they fixate
+    gaze: Callable[[Array, GazeLimits], Array]  # points (N, 3), limits → gaze postures (N, 3), NaN beyond the limits
+    tried: Array | None = None  # (n, k) arm postures to start from; None: random ones
+    normals: Callable[[Array], Array] | None = None  # arm joints (N, k) → directions (N, 3) that the hand faces
 
     @classmethod
     def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":

@@ -33,14 +33,10 @@ _TORCH_ROWS = 1 << 18  # gaze postures at a time on a torch device, which take a
 class MapPrediction:
     """Prediction for N gaze postures."""
 
-    within_limits: Mask
-    """(N,) whether the posture is within the map's limits; elsewhere `reachable` is False and the rest NaN."""
-    reachable: Mask
-    """(N,) whether the probability exceeds the threshold of the query."""
-    probability: Array
-    """(N,) of being reachable."""
-    degree: Array
-    """(N,) degree of reachability R in [0, 1], above 0.5 where reachable (J IV.6–IV.7)."""
+    within_limits: Mask  # (N,) whether the map covers the posture; elsewhere `reachable` is False and the rest NaN
+    reachable: Mask  # (N,) whether the probability exceeds the threshold of the query
+    probability: Array  # (N,) of being reachable
+    degree: Array  # (N,) degree of reachability R in [0, 1], above 0.5 where reachable (J IV.6–IV.7)
 
 
 @dataclass(frozen=True)

@@ -32,12 +32,9 @@ _ROUNDING = 1e-11  # added to the diagonal, of its mean
 class Residual:
     """A smooth function of x (N, k): f(x) = Σ exp(−½|(x − z)/`lengths`|²) α over the m points z."""
 
-    lengths: Array
-    """(k,) length scales."""
-    points: Array
-    """(m, k) z over `lengths`."""
-    weights: Array
-    """(m, 3) α."""
+    lengths: Array  # (k,) length scales
+    points: Array  # (m, k) z over `lengths`
+    weights: Array  # (m, 3) α
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         """Values (N, 3) at x (N, k), and Jacobians (N, 3, k)."""

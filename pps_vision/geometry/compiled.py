@@ -16,8 +16,7 @@ Lens = tuple[float, float, float, float, float, float, float, float, float, floa
 """fx, fy, cx, cy px; k1, k2, p1, p2, k3 as OpenCV's; the squared radius (of x = X/Z, y = Y/Z) where it folds back."""
 Pose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """The first three rows of `T_root_camera`."""
-Linearised = tuple[float, float, Vector, Vector]
-"""A pixel u, v, and the gradients of u and v by the point (px/m)."""
+Linearised = tuple[float, float, Vector, Vector]  # a pixel u, v, and the gradients of u and v by the point (px/m)
 Sighting = tuple[Pose, Lens, float, float, float, float, float]
 """Pose and lens of a camera, the measured pixel u, v, and its covariance uu, uv, vv (px²)."""
 

@@ -12,7 +12,7 @@ from learning.pps import learner
 from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc_variance, perceive
+from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import TaxelEvents
 
@@ -160,15 +160,6 @@ def test_gaps_and_stale_samples_cost_samples_but_nothing_else():
     stale = run(broken, tracks, touched_at=(28,))
     assert stale.stale == 3
     assert 0 < stale.memory.counts.sum() <= whole.memory.counts.sum()
-
-
-def test_variances_never_get_negative_or_lost():
-    rng = np.random.default_rng(SEED)
-    half = rng.normal(size=(6, 6)) * 10.0 ** rng.uniform(-9, 0, (200, 1, 1))
-    d = rng.normal(0, 0.1, (200, 3))
-    v = rng.normal(0, 0.1, (200, 3))
-    var_D, var_TTC = distance_and_ttc_variance(ReceptiveField(), d, UP, v, half @ half.swapaxes(1, 2))
-    assert np.all(np.isfinite(var_D) & (var_D >= 0) & (var_TTC >= 0))
 
 
 def test_a_memory_of_other_taxels_is_refused():

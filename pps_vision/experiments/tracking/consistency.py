@@ -5,9 +5,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import approx_fprime
 from scipy.stats import norm
 
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import Metric, SceneSource, Values, mean, measure, median, percent, summarize
@@ -100,11 +102,13 @@ def judge_covariances(recording: Footage, tracks: Sequence[Track3D]) -> dict[str
 def contact(track: Track3D, point: Array) -> tuple[float, float, float, float]:
     """Return the distance (m) from the track's surface to a point (3,), the time to contact (s), and their standard
     deviations."""
-    d = (track.position - point)[None]
-    normal = d / np.linalg.norm(d)
-    means = distance_and_ttc(_FIELD, d, normal, track.velocity, track.radius_m)
-    variances = distance_and_ttc_variance(
-        _FIELD, d, normal, track.velocity, track.cov[:6, :6], track.radius_m, track.radius_var_m2
-    )
-    distance, ttc, distance_var, ttc_var = (float(values[0]) for values in (*means, *variances))
-    return distance, ttc, distance_var**0.5, ttc_var**0.5
+
+    def perceive(x: Array) -> Array:
+        normal = x[:3] / np.linalg.norm(x[:3])
+        return np.ravel(distance_and_ttc(_FIELD, x[None, :3], normal, x[3:6], float(x[6])))
+
+    estimate = np.concatenate([track.position - point, track.velocity, [track.radius_m]])
+    J = approx_fprime(estimate, perceive, 1e-7)
+    variances = np.einsum("ij,jk,ik->i", J, block_diag(track.cov[:6, :6], track.radius_var_m2), J)
+    means = perceive(estimate)
+    return float(means[0]), float(means[1]), float(variances[0] ** 0.5), float(variances[1] ** 0.5)

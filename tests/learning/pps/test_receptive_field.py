@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from learning.pps.receptive_field import (
     ReceptiveField,
     distance_and_ttc,
-    distance_and_ttc_variance,
     likely_velocities,
     perceive,
 )
@@ -152,39 +151,6 @@ def test_all_times_at_once_equal_one_at_a_time():
 def test_an_impossible_cone_is_refused(wrong):
     with pytest.raises(ValueError, match="angle between 0 and 90"):
         ReceptiveField(**wrong)
-
-
-@pytest.mark.parametrize("surface", [False, True])
-def test_variances_of_distance_and_time_to_contact_agree_with_sampling(surface):
-    """Many draws of position, velocity (correlated, as a filter leaves them), radius and taxel."""
-    rng = np.random.default_rng(7)
-    field = ReceptiveField(distance_to="surface" if surface else "centre", min_closing_sigmas=0.0)
-    half = rng.normal(size=(6, 6)) * np.repeat([0.0005, 0.001], 3)[:, None]
-    cov = half @ half.T
-    posture_std = 0.0007
-    radius = 0.03
-    radius_std = 0.0005
-    for d, v in (
-        ((0.02, 0.01, 0.12), (0.01, -0.02, -0.10)),
-        ((0.0, 0.05, 0.06), (0.03, 0.02, 0.08)),
-        ((0.0, 0.0, 0.06), (0.3, 0.0, -0.1)),  # mostly across: the closing speed turns with d
-    ):
-        variances = distance_and_ttc_variance(field, d, UP, v, cov, radius, radius_std**2, posture_std)
-        draws = rng.multivariate_normal([*d, *v], cov, 200_000)
-        draws[:, :3] += rng.normal(0, posture_std, (len(draws), 3))
-        u = draws[:, :3] / np.linalg.norm(draws[:, :3], axis=1, keepdims=True)
-        D = np.linalg.norm(draws[:, :3], axis=1) - surface * rng.normal(radius, radius_std, len(draws))
-        TTC = -D / np.einsum("ki,ki->k", u, draws[:, 3:])
-        np.testing.assert_allclose(variances, (D.var(), TTC.var()), rtol=0.05)
-
-
-def test_variances_where_first_order_ends():
-    cov = np.diag([1e-6] * 3 + [1e-4] * 3)
-    on = distance_and_ttc_variance(FIELD, (0, 0, 0), UP, (0, 0, -0.1), cov)
-    assert on == pytest.approx((1e-6, 1e-4))  # along the normal: 1 mm over 10 cm/s
-    beside = distance_and_ttc_variance(FIELD, (0, 0, 0.1), UP, (0.1, 0, 0), cov)
-    assert beside == pytest.approx((1e-6, np.inf))  # tangential: it never comes
-    assert np.isnan(distance_and_ttc_variance(FIELD, (np.nan, 0, 0), UP, (0, 0, -0.1), cov)).any()
 
 
 def test_a_whole_skin_perceives_as_its_taxels_do_alone():
