@@ -216,11 +216,7 @@ class Jerk:
 
 
 def make_motion(
-    kind: MotionName,
-    rng: np.random.Generator,
-    center: ArrayLike,
-    speed_m_s: float,
-    target: Target | None = None,
+    kind: MotionName, rng: np.random.Generator, center: ArrayLike, speed_m_s: float, target: Target | None = None
 ) -> Motion:
     """Draw a random motion of a kind.
 

@@ -121,10 +121,7 @@ _SURFACES: tuple[tuple[Painter, Array], ...] = (
         lambda rng: _plaster(rng, (185, 185, 178), 0),
         np.array([[_BACK, -_WALL, _CEILING], [_BACK, _WALL, _CEILING], [_FRONT, -_WALL, _CEILING]]),
     ),
-    (
-        _tabletop,
-        np.array([[-1.15, -0.75, _TABLE], [-1.15, 0.75, _TABLE], [-0.12, -0.75, _TABLE]]),
-    ),
+    (_tabletop, np.array([[-1.15, -0.75, _TABLE], [-1.15, 0.75, _TABLE], [-0.12, -0.75, _TABLE]])),
 )
 
 

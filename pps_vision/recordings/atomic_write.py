@@ -25,7 +25,6 @@ from pps_vision.errors import InputError, first_line
 BUSY = "another run is writing to it; expected one at a time"
 """Why an output is refused while it is being written."""
 
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _unfinished: set[Path] = set()  # lock files and temporary folders of the outputs that this process is writing
 
 
@@ -73,12 +72,11 @@ def whole_file(file: Path, inputs: Iterable[Path | None] = ()) -> Iterator[Path]
     final = _resolved(file)
     if final.is_dir():
         raise InputError(file, "is a folder; expected a file to write to")
-    if final.exists():
-        if not final.is_file():
-            raise InputError(file, "is no regular file; expected a file to write to")
-        for source in filter(None, inputs):
-            if source.exists() and (final.samefile(source) or source.resolve() in final.parents):
-                raise InputError(file, f"belongs to {source}, which is read; expected another file to write to")
+    if final.exists() and not final.is_file():
+        raise InputError(file, "is no regular file; expected a file to write to")
+    for source in filter(Path.exists, filter(None, inputs)):
+        if final.exists() and (final.samefile(source) or source.resolve() in final.parents):
+            raise InputError(file, f"belongs to {source}, which is read; expected another file to write to")
     with _temporary_folder(file, final.name, final.parent) as folder:
         yield folder / final.name
         _rename(folder / final.name, final, file)
@@ -90,19 +88,11 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
     InputError if another holds it, or the folder cannot be written.
     """
-    lock = _resolved(folder) / ".lock"
-    if lock.parent.exists() and not lock.parent.is_dir():
+    place = _resolved(folder)
+    if place.exists() and not place.is_dir():
         raise InputError(folder, "is no folder; expected a folder to write to")
-    try:
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        held = _lock(lock, folder)
-    except OSError as error:
-        raise InputError(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
-    try:
+    with _locked(place / ".lock", folder):
         yield
-    finally:
-        lock.unlink(missing_ok=True)
-        os.close(held)
 
 
 def _is_replaceable(folder: Path) -> bool:
@@ -131,13 +121,15 @@ def remove_unfinished() -> None:
 def _resolved(path: Path) -> Path:
     try:
         final = path.resolve()
-        if final.is_symlink():
-            raise OSError(
-                errno.ELOOP, os.strerror(errno.ELOOP)
-            )  # from Python 3.13 on `resolve` leaves a loop unresolved
+        if final.is_symlink():  # from Python 3.13 on `resolve` leaves a loop unresolved
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
     except (OSError, RuntimeError) as error:  # up to Python 3.12 it is a RuntimeError
-        raise InputError(path, f"cannot be written: {first_line(error)}; expected a writable place") from error
+        raise _not_writable(path, error) from error
     return final
+
+
+def _not_writable(output: Path, error: Exception, expected: str = "a writable place") -> InputError:
+    return InputError(output, f"cannot be written: {first_line(error)}; expected {expected}")
 
 
 @contextmanager
@@ -147,26 +139,22 @@ def _temporary_folder(output: Path, name: str, place: Path) -> Iterator[Path]:
     partial = place / f".{name}.{secrets.token_hex(4)}.partial"
     new = [folder for folder in (place, *place.parents) if not folder.exists()]
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        held = _lock(lock, output)
+        with _locked(lock, output):
+            _unfinished.update((lock, partial))
+            try:
+                for file in list(place.iterdir()):
+                    if file != lock and _is_ours(file.name, name):  # left by a killed run: we hold the lock
+                        shutil.rmtree(file, ignore_errors=True)
+                partial.mkdir()
+                yield partial
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
+                _unfinished.difference_update((lock, partial))
     except OSError as error:
-        raise InputError(output, f"cannot be written: {first_line(error)}; expected a writable place") from error
-    try:
-        _unfinished.update((lock, partial))
-        for file in list(place.iterdir()):
-            if file != lock and _is_ours(file.name, name):  # left by a killed run: we hold the lock
-                shutil.rmtree(file, ignore_errors=True)
-        partial.mkdir()
-        yield partial
-    except OSError as error:
-        if error.errno in _NO_ROOM:
-            raise InputError(output, f"cannot be written: {first_line(error)}; expected free space") from error
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise _not_writable(output, error, "free space") from error
         raise
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        lock.unlink(missing_ok=True)
-        _unfinished.difference_update((lock, partial))
-        os.close(held)
         with suppress(OSError):
             for folder in new:
                 folder.rmdir()  # which fails, as it should, where there is a result
@@ -177,19 +165,36 @@ def _is_ours(file: str, name: str) -> bool:
     return re.fullmatch(rf"\.{re.escape(name)}\.(lock|[0-9a-f]+\.partial)", file) is not None
 
 
-def _lock(lock: Path, output: Path) -> int:
-    """The descriptor of a lock file that this process holds.  The system frees it even after kill -9."""
+@contextmanager
+def _locked(lock: Path, output: Path) -> Iterator[None]:
+    """Hold a lock file, in a folder that is made if it is not there; the system frees it even after kill -9."""
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        held = _lock(lock)
+    except BlockingIOError as error:
+        raise InputError(output, BUSY) from error
+    except OSError as error:
+        raise _not_writable(output, error) from error
+    try:
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(held)
+
+
+def _lock(lock: Path) -> int:
+    """The descriptor of a lock file that this process holds; BlockingIOError if another does."""
     while True:
         held = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.path.samestat(os.fstat(held), lock.stat()):
                 return held
-        except BlockingIOError as error:
-            os.close(held)
-            raise InputError(output, BUSY) from error
         except FileNotFoundError:  # its holder has just ended and removed it: lock a new one
             pass
+        except BlockingIOError:
+            os.close(held)
+            raise
         os.close(held)
 
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import TemporaryFile
@@ -32,30 +33,21 @@ _POINT = "object"  # name of the object in Anipose's columns and COCO's category
 _ANIPOSE = (
     *(f"{_POINT}_{name}" for name in ("x", "y", "z", "error", "ncams", "score")),
     *(f"M_{row}{column}" for row in range(3) for column in range(3)),
-    *(f"center_{axis}" for axis in range(3)),
-    "fnum",
+    *("center_0", "center_1", "center_2", "fnum"),
 )
 _WRITER = f"pps-vision {version('pps-vision')}"
 _TUM_HEADER = f"# {_WRITER}: stamp_s x_m y_m z_m qx qy qz qw\n"
 _CAMERAS = "left", "right"
-_NO_ROTATION = (*np.eye(3).ravel().tolist(), 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedPair:
-    """What tracking gave for one stereo pair.
+    """Result of tracking for one stereo pair."""
 
-    Attributes:
-        images: Files of the left and the right image.
-        track: The track.
-        detections: In either image.
-        residual_px: RMS reprojection error of the two detections; NaN without both.
-    """
-
-    images: tuple[Path, Path]
+    images: tuple[Path, Path]  # files of the left and the right image
     track: Track3D
-    detections: tuple[Detection2D, ...]
-    residual_px: float = np.nan
+    detections: tuple[Detection2D, ...]  # in either image
+    residual_px: float = np.nan  # RMS reprojection error of the two detections; NaN without both
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,39 +60,23 @@ class SeenBox:
     score: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Numbered:
-    """A pair, its frame, counted from 1, and the number of its track."""
-
-    pair: TrackedPair
-    frame: int
-    track: int
-
-    def boxes(self, camera: str) -> list[SeenBox]:
-        """The boxes of one camera's detections."""
-        camera_detections = [detection for detection in self.pair.detections if detection.camera == camera]
-        return [
-            SeenBox(self.frame, self.track, camera_detection.box_px, camera_detection.score)
-            for camera_detection in camera_detections
-        ]
-
-
-_Add = Callable[[_Numbered], object]
+_Add = Callable[[TrackedPair, int, int], object]
+"""Add a pair, its frame, counted from 1, and the number of its track."""
 
 
 @contextmanager
 def open_forms(folder: Path, forms: Iterable[Form], size: tuple[int, int]) -> Iterator[Callable[[TrackedPair], None]]:
     """A function that adds the next pair to the files of these forms in a folder; `size` is width and height."""
-    frame = 0
+    frames = count(1)
     track = 1
     with ExitStack() as stack:
         adds: list[_Add] = [stack.enter_context(_WRITERS[form](folder, size)) for form in dict.fromkeys(forms)]
 
         def add(pair: TrackedPair) -> None:
-            nonlocal frame, track
-            frame += 1
+            nonlocal track
+            frame = next(frames)
             for write in adds:
-                write(_Numbered(pair, frame, track))
+                write(pair, frame, track)
             track += pair.track.status == Status.LOST
 
         yield add
@@ -111,19 +87,12 @@ def _tum(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     """TUM's form, "stamp x y z qx qy qz qw", of the known positions; a tracked point has no rotation."""
     with (folder / "trajectory.tum").open("w") as stream:
         stream.write(_TUM_HEADER)
-
-        def add(camera_detection: _Numbered) -> None:
-            track = camera_detection.pair.track
-            if track.is_known:
-                stream.write(_tum_row(track.stamp_s, track.position))
-
-        yield add
+        yield lambda pair, *_: pair.track.is_known and stream.write(_tum_row(pair.track.stamp_s, pair.track.position))
 
 
 def write_tum_rows(file: Path, stamps_s: Iterable[float], positions: Iterable[Array]) -> None:
     """Write stamps and positions (3,) in TUM's form."""
-    rows = map(_tum_row, stamps_s, positions)
-    file.write_text(_TUM_HEADER + "".join(rows))
+    file.write_text(_TUM_HEADER + "".join(map(_tum_row, stamps_s, positions)))
 
 
 def _tum_row(stamp_s: float, position: Array) -> str:
@@ -135,20 +104,11 @@ def _anipose(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     """The table that Anipose's triangulation makes, with one point "object"; score is that of the worse image."""
     with open_table(folder / "trajectory_anipose.csv", _ANIPOSE) as write:
 
-        def add(camera_detection: _Numbered) -> None:
-            pair = camera_detection.pair
-            camera_detections = pair.detections if pair.track.is_known else ()
-            score = min((float(detection.score) for detection in camera_detections), default=0.0)
-            write(
-                (
-                    *pair.track.position,
-                    pair.residual_px,
-                    len(camera_detections),
-                    score,
-                    *_NO_ROTATION,
-                    camera_detection.frame - 1,
-                )
-            )
+        def add(pair: TrackedPair, frame: int, _: int) -> None:
+            detections = pair.detections if pair.track.is_known else ()
+            score = min((float(detection.score) for detection in detections), default=0.0)
+            row = (*pair.track.position, pair.residual_px, len(detections), score)
+            write((*row, *np.eye(3).ravel(), *np.zeros(3), frame - 1))  # no rotation, no offset
 
         yield add
 
@@ -165,23 +125,20 @@ def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
         raise InputError(bag_folder, "needs the extra ros: pip install 'pps-vision[ros]'") from error
     store = get_typestore(Stores.ROS2_JAZZY)
     kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
-    known_pairs: Any = {name.rsplit("/", 1)[-1]: make for name, make in store.types.items()}
+    make: Any = {name.rsplit("/", 1)[-1]: message for name, message in store.types.items()}
     with Writer(bag_folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         connection = bag.add_connection(f"/{_POINT}", kind, typestore=store)
 
-        def add(camera_detection: _Numbered) -> None:
-            track = camera_detection.pair.track
-            if not track.is_known:
+        def add(pair: TrackedPair, *_: int) -> None:
+            if not pair.track.is_known:
                 return
-            nanoseconds = round(1e9 * track.stamp_s)
-            stamp = known_pairs["Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-            x, y, z = track.position.tolist()
-            pose = known_pairs["Pose"](known_pairs["Point"](x, y, z), known_pairs["Quaternion"](0.0, 0.0, 0.0, 1.0))
+            nanoseconds = round(1e9 * pair.track.stamp_s)
+            header = make["Header"](make["Time"](nanoseconds // 10**9, nanoseconds % 10**9), "root")
+            point = make["Point"](*pair.track.position.tolist())
+            pose = make["Pose"](point, make["Quaternion"](0.0, 0.0, 0.0, 1.0))
             cov = np.diag([0.0, 0, 0, -1, -1, -1])
-            cov[:3, :3] = track.cov[:3, :3]
-            message = known_pairs["PoseWithCovarianceStamped"](
-                known_pairs["Header"](stamp, "root"), known_pairs["PoseWithCovariance"](pose, cov.ravel())
-            )
+            cov[:3, :3] = pair.track.cov[:3, :3]
+            message = make["PoseWithCovarianceStamped"](header, make["PoseWithCovariance"](pose, cov.ravel()))
             bag.write(connection, nanoseconds, store.serialize_cdr(message, kind))
 
         yield add
@@ -191,32 +148,27 @@ def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
 def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     with ExitStack() as stack:
         files = {camera: stack.enter_context((folder / f"mot_{camera}.txt").open("w")) for camera in _CAMERAS}
-
-        def add(camera_detection: _Numbered) -> None:
-            for camera, file in files.items():
-                file.writelines(map(_mot_row, camera_detection.boxes(camera)))
-
-        yield add
+        yield lambda *pair: [file.writelines(map(_mot_row, _boxes(*pair, camera))) for camera, file in files.items()]
 
 
 @contextmanager
 def _coco(folder: Path, size: tuple[int, int]) -> Iterator[_Add]:
     with open_coco(folder / "coco.json", size) as add_image:
 
-        def add(camera_detection: _Numbered) -> None:
-            for camera, image in zip(_CAMERAS, camera_detection.pair.images, strict=True):
-                add_image(camera, camera_detection.frame, image, camera_detection.boxes(camera))
+        def add(pair: TrackedPair, frame: int, track: int) -> None:
+            for camera, image in zip(_CAMERAS, pair.images, strict=True):
+                add_image(camera, frame, image, _boxes(pair, frame, track, camera))
 
         yield add
 
 
-_WRITERS: Mapping[Form, Callable[[Path, tuple[int, int]], AbstractContextManager[_Add]]] = {
-    "tum": _tum,
-    "anipose": _anipose,
-    "mot": _mot,
-    "coco": _coco,
-    "ros2": _ros2,
-}
+def _boxes(pair: TrackedPair, frame: int, track: int, camera: str) -> list[SeenBox]:
+    """The boxes of one camera's detections."""
+    return [SeenBox(frame, track, item.box_px, item.score) for item in pair.detections if item.camera == camera]
+
+
+_WRITERS: Mapping[Form, Callable[[Path, tuple[int, int]], AbstractContextManager[_Add]]]
+_WRITERS = {"tum": _tum, "anipose": _anipose, "mot": _mot, "coco": _coco, "ros2": _ros2}
 
 
 def write_mot(file: Path, boxes: Iterable[SeenBox]) -> None:
@@ -243,17 +195,12 @@ def open_coco(file: Path, size: tuple[int, int]) -> Iterator[Callable[[str, int,
 
         def add(camera: str, frame: int, path: Path, boxes: Iterable[SeenBox]) -> None:
             nonlocal images, annotations
-            where = {"id": images + 1, "file_name": str(path), "width": size[0], "height": size[1]}
-            stream.write(", " * (images > 0) + json.dumps(where | {"frame_id": frame, "camera": camera}))
+            image = {"file_name": str(path), "width": size[0], "height": size[1], "frame_id": frame, "camera": camera}
+            stream.write(", " * (images > 0) + json.dumps({"id": images + 1} | image))
             images += 1
             for seen_box in boxes:
                 x, y, w, h = map(float, seen_box.box_px)
-                identity = {
-                    "id": annotations + 1,
-                    "image_id": images,
-                    "category_id": 1,
-                    "track_id": seen_box.track,
-                }
+                identity = {"id": annotations + 1, "image_id": images, "category_id": 1, "track_id": seen_box.track}
                 box = {"bbox": [x, y, w, h], "area": w * h, "iscrowd": 0, "score": float(seen_box.score)}
                 waiting.write(", " * (annotations > 0) + json.dumps(identity | box))
                 annotations += 1

@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 
@@ -31,6 +31,7 @@ class ImageFile:
     joints_rad: Array | None = None
     log: Path | None = None
     line: int | None = None
+    index: int = field(default=-1, kw_only=True)  # its place in a video or a bag, from 0
 
     @property
     def cited(self) -> Path:
@@ -39,8 +40,8 @@ class ImageFile:
 
     @property
     def number(self) -> int | None:
-        """The last number in the file's name."""
-        return number_in(self.path)
+        """Its place in a video or a bag, or the last number in the file's name."""
+        return number_in(self.path) if self.index < 0 else self.index
 
     @property
     def title(self) -> str:

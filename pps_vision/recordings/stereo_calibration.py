@@ -129,10 +129,7 @@ def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:
 def _required(names: str, entries: Mapping[str, Entry], key: str, shape: tuple[int, ...]) -> Entry:
     """The matrix of a key, reshaped."""
     if key not in entries:
-        raise InputError(
-            names,
-            f"no {key}; expected K1, D1, K2, D2, R and T, or two cameras with their poses",
-        )
+        raise InputError(names, f"no {key}; expected K1, D1, K2, D2, R and T, or two cameras with their poses")
     file, matrix = entries[key]
     if matrix.size != np.prod(shape):
         raise InputError(file, f"{key} has {matrix.size} numbers; expected {np.prod(shape)}")

@@ -18,12 +18,7 @@ _KEYS = ("modality", "size", "nTaxels", "ext", "binsNum", "Mapping")
 _LIMITS = {"1D": 2, "2D": 4}  # numbers in ext
 _LARGEST = 2**53  # as in the memory that they are converted to
 
-OUR_NAMES = {
-    "l_hand": "left_palm",
-    "r_hand": "right_palm",
-    "l_forearm": "left_forearm",
-    "r_forearm": "right_forearm",
-}
+OUR_NAMES = {"l_hand": "left_palm", "r_hand": "right_palm", "l_forearm": "left_forearm", "r_forearm": "right_forearm"}
 """Of the parts that the robot calls otherwise."""
 
 

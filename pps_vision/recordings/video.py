@@ -110,13 +110,7 @@ class VideoFrame(ImageFile):
     """One frame of a video, or one half of it."""
 
     video: Video = field(repr=False, compare=False, kw_only=True)
-    index: int = field(kw_only=True)
     part: str = field(default="whole", kw_only=True)
-
-    @property
-    def number(self) -> int:
-        """Its place in the video, from 0."""
-        return self.index
 
     @property
     def title(self) -> str:

@@ -28,8 +28,7 @@ class Problem:
     file: Path
     line: int | None
     message: str
-    count: int = 1
-    """How many were skipped, the first of which is named."""
+    count: int = 1  # how many were skipped, the first of which is named
 
     def __str__(self) -> str:
         return cite(self.file, self.line, self.message)

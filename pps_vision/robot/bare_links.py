@@ -15,14 +15,10 @@ _MAX_DISTANCE_M = 0.5  # from the middle of a body; the distance of an object fa
 class NearestPoint(NamedTuple):
     """The point of a body nearest to an object."""
 
-    frame: str
-    """The link."""
-    point_root: Array
-    """(3,) m."""
-    normal: Array
-    """(3,) unit vector from the body to the object."""
-    distance_m: float
-    """Negative where they overlap."""
+    frame: str  # the link
+    point_root: Array  # (3,) m
+    normal: Array  # (3,) unit vector from the body to the object
+    distance_m: float  # negative where they overlap
 
 
 class BareLinks:

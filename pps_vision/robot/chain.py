@@ -22,14 +22,10 @@ Vector = tuple[float, float, float]
 class Chain:
     """Joints that move one frame of a robot."""
 
-    joints: tuple[str, ...]
-    """Names of the k joints; postures have one column each."""
-    order: tuple[int, ...]
-    """The columns from root to tip."""
-    screws: Array
-    """(k, 6) (v, ω) of each joint in the root frame with the chain's joints at zero."""
-    T_root_frame: Array
-    """(4, 4) pose of the frame with the chain's joints at zero."""
+    joints: tuple[str, ...]  # names of the k joints; postures have one column each
+    order: tuple[int, ...]  # the columns from root to tip
+    screws: Array  # (k, 6) (v, ω) of each joint in the root frame with the chain's joints at zero
+    T_root_frame: Array  # (4, 4) pose of the frame with the chain's joints at zero
 
     def frames(self, q_rad: ArrayLike) -> tuple[Array, Array]:
         """Rotations (N, 3, 3) and origins (N, 3) in m of the frame at postures `q_rad` (N, k)."""

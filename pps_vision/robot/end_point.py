@@ -15,14 +15,10 @@ from pps_vision.types import Array
 class EndPoint:
     """A point of the frame that a chain moves."""
 
-    name: str
-    """Either "palm" or a taxel such as "left_forearm:27"."""
-    chain: Chain
-    """The arm."""
-    point: Array
-    """(3,) in the chain's frame, m."""
-    normal: Array
-    """(3,) unit normal of the skin there, in the chain's frame."""
+    name: str  # either "palm" or a taxel such as "left_forearm:27"
+    chain: Chain  # the arm
+    point: Array  # (3,) in the chain's frame, m
+    normal: Array  # (3,) unit normal of the skin there, in the chain's frame
 
     @classmethod
     def of(cls, robot: Robot, side: str, name: str, n_joints: int, skin: Skin | None = None) -> "EndPoint":

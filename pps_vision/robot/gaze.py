@@ -25,12 +25,9 @@ _ROUNDING_RAD = 1e-9  # a gaze this far beyond a limit counts as at the limit
 class GazeLimits:
     """(lower, upper) of each gaze joint in rad; defaults from J."""
 
-    yaw_rad: tuple[float, float] = (-55 * _DEG, 55 * _DEG)
-    """Neck yaw."""
-    pitch_rad: tuple[float, float] = (-40 * _DEG, 40 * _DEG)
-    """Neck pitch."""
-    vergence_rad: tuple[float, float] = (5 * _DEG, 90 * _DEG)
-    """Vergence, above 0."""
+    yaw_rad: tuple[float, float] = (-55 * _DEG, 55 * _DEG)  # neck yaw
+    pitch_rad: tuple[float, float] = (-40 * _DEG, 40 * _DEG)  # neck pitch
+    vergence_rad: tuple[float, float] = (5 * _DEG, 90 * _DEG)  # vergence, above 0
 
     def __post_init__(self) -> None:
         if not np.all(self.lower < self.upper) or self.lower[2] <= 0:

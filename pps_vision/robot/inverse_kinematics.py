@@ -21,26 +21,19 @@ ForwardModel = Callable[[Array], tuple[Array, Array]]
 class IKParams:
     """Termination criteria and initial damping."""
 
-    tolerance: float = 1e-6
-    """Largest error of a solution, in units of x."""
-    max_steps: int = 60
-    """Steps per start."""
-    min_step_rad: float = 1e-7
-    """Stop at a shorter step."""
-    initial_damping: float = 1e-4
-    """λ of the first step, in units of x² per rad²."""
+    tolerance: float = 1e-6  # largest error of a solution, in units of x
+    max_steps: int = 60  # steps per start
+    min_step_rad: float = 1e-7  # stop at a shorter step
+    initial_damping: float = 1e-4  # λ of the first step, in units of x² per rad²
 
 
 @dataclass(frozen=True)
 class IKSolution:
     """The best posture found for each of N targets."""
 
-    q_rad: Array
-    """(N, k)."""
-    error: Array
-    """(N,) remaining distance ‖target − x‖."""
-    converged: Mask
-    """(N,) whether the error is within tolerance."""
+    q_rad: Array  # (N, k)
+    error: Array  # (N,) remaining distance ‖target − x‖
+    converged: Mask  # (N,) whether the error is within tolerance
 
 
 def solve_ik(

@@ -27,25 +27,14 @@ _ARM = (
 class FrameNames:
     """Names of a URDF's links and joints by their function; another robot is used by naming its own."""
 
-    left_eye: str = "left_eye"
-    """Link with the axes of the left camera."""
-    right_eye: str = "right_eye"
-    """Link with the axes of the right camera."""
-    palms: tuple[str, str] = ("left_palm", "right_palm")
-    """Links of the palms."""
-    index_tips: tuple[str, str] = ("left_index_tip", "right_index_tip")
-    """Links at the tips of the index fingers."""
-    gaze_joints: tuple[str, ...] = (
-        "neck_yaw",
-        "neck_pitch",
-        "eyes_tilt",
-        "left_eye_pan",
-        "right_eye_pan",
-    )
+    left_eye: str = "left_eye"  # link with the axes of the left camera
+    right_eye: str = "right_eye"  # link with the axes of the right camera
+    palms: tuple[str, str] = ("left_palm", "right_palm")  # links of the palms
+    index_tips: tuple[str, str] = ("left_index_tip", "right_index_tip")  # links at the tips of the index fingers
+    gaze_joints: tuple[str, ...] = ("neck_yaw", "neck_pitch", "eyes_tilt", "left_eye_pan", "right_eye_pan")
     """Neck yaw, neck pitch, eyes tilt, and the pans of the eyes in the same sense; vergence is left minus right.
     Empty: cameras that do not turn towards anything."""
-    torso: tuple[str, ...] = ("torso_yaw", "torso_pitch")
-    """Yaw and pitch of the torso."""
+    torso: tuple[str, ...] = ("torso_yaw", "torso_pitch")  # yaw and pitch of the torso
     left_arm: tuple[str, ...] = tuple(f"left_{joint}" for joint in _ARM)
     """Joints of the left arm from shoulder to wrist."""
     right_arm: tuple[str, ...] = tuple(f"right_{joint}" for joint in _ARM)
@@ -71,18 +60,12 @@ def _number_of(side: str) -> int:
 class Body:
     """A rigid body of the robot."""
 
-    name: str
-    """Name of its link and its number there, "left_palm_0"."""
-    frame: str
-    """Its link."""
-    shape: Literal["sphere", "cylinder", "box"]
-    """A cylinder's axis is z."""
-    size_m: tuple[float, ...]
-    """(radius,) of a sphere, (radius, length) of a cylinder, the three sides of a box."""
-    T_frame_body: Array
-    """(4, 4) pose in the link."""
-    color: tuple[float, float, float]
-    """RGB, 0–1."""
+    name: str  # name of its link and its number there, "left_palm_0"
+    frame: str  # its link
+    shape: Literal["sphere", "cylinder", "box"]  # a cylinder's axis is z
+    size_m: tuple[float, ...]  # (radius,) of a sphere, (radius, length) of a cylinder, the three sides of a box
+    T_frame_body: Array  # (4, 4) pose in the link
+    color: tuple[float, float, float]  # RGB, 0–1
 
 
 class Robot:

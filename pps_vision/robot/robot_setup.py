@@ -18,19 +18,14 @@ from pps_vision.types import Array
 class RobotSetup:
     """The iCub (`icub.icub_setup`), or a robot described by a robot.toml (`recordings.robot_file.read_robot`)."""
 
-    robot: Robot
-    """Kinematics and bodies."""
-    rig: StereoRig
-    """The cameras."""
-    skin: Skin
-    """All taxels."""
-    home_rad: Array
-    """(n_joints,) posture at rest."""
+    robot: Robot  # kinematics and bodies
+    rig: StereoRig  # the cameras
+    skin: Skin  # all taxels
+    home_rad: Array  # (n_joints,) posture at rest
     ports: Mapping[str, tuple[str, ...]]
     """The joints in the order of each port's encoders; also "version" and "vergence" of eyes that pan (their mean and
     their difference), and "-" for encoders without a joint in the model."""
-    required: tuple[str, ...]
-    """Ports that a recording must have; the others read 0 where they were not recorded."""
+    required: tuple[str, ...]  # ports that a recording must have; the others read 0 where they were not recorded
 
     @property
     def side(self) -> Literal["left", "right"]:

@@ -217,10 +217,8 @@ class _Pair(NamedTuple):
 
     first: int
     second: int
-    carrier: int
-    """The last joint that moves both."""
-    turn: Mask
-    """(n_joints,) whether a joint moves one against the other."""
+    carrier: int  # the last joint that moves both
+    turn: Mask  # (n_joints,) whether a joint moves one against the other
 
 
 def _extent(body: Body, direction: Array) -> float:

@@ -24,14 +24,10 @@ Measure = Callable[[Array, Array], Array]
 class WalkParams:
     """Sampling of the self-motion manifold."""
 
-    step_rad: float = 0.3
-    """Length of a step along the curve."""
-    steps: int = 16
-    """Steps in each direction."""
-    tolerance: float = 1e-4
-    """Largest distance of the hand from its target, in units of x."""
-    finer: int = 8
-    """Factor by which the steps of the second search, around the best posture, are smaller."""
+    step_rad: float = 0.3  # length of a step along the curve
+    steps: int = 16  # steps in each direction
+    tolerance: float = 1e-4  # largest distance of the hand from its target, in units of x
+    finer: int = 8  # factor by which the steps of the second search, around the best posture, are smaller
 
 
 def walk(
@@ -111,10 +107,8 @@ def _visited(
 class FarFromLimits:
     """1 − M of J IV.5: M the mean squared distance of the joints from the middle of their ranges, of half a range."""
 
-    lower_rad: Array
-    """(k,) lower joint limits."""
-    upper_rad: Array
-    """(k,) upper joint limits."""
+    lower_rad: Array  # (k,) lower joint limits
+    upper_rad: Array  # (k,) upper joint limits
 
     def __call__(self, q: Array, J: Array) -> Array:
         """(N,) of postures (N, k)."""
@@ -128,10 +122,8 @@ class FarFromLimits:
 class Manipulability:
     """Yoshikawa's manipulability √det(JJᵀ), or the isotropy of the Jacobian."""
 
-    largest: float = 1.0
-    """Manipulability that counts as 1 (m³ for a position)."""
-    isotropy: bool = False
-    """Use the smallest singular value of J over the largest instead: 0 at a singular posture."""
+    largest: float = 1.0  # manipulability that counts as 1 (m³ for a position)
+    isotropy: bool = False  # use the smallest singular value of J over the largest instead: 0 at a singular posture
 
     def __call__(self, q: Array, J: Array) -> Array:
         """(N,) of Jacobians (N, m, k)."""
@@ -147,10 +139,8 @@ class DirectionCoverage:
     Over all postures that reach the place, so it is no `Measure` of one posture.
     """
 
-    n: int = 200
-    """Directions, spread evenly over the sphere."""
-    within_rad: float = np.deg2rad(20)
-    """Largest angle between a covered direction and the hand's normal."""
+    n: int = 200  # directions, spread evenly over the sphere
+    within_rad: float = np.deg2rad(20)  # largest angle between a covered direction and the hand's normal
 
     @property
     def directions(self) -> Array:

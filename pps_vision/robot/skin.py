@@ -43,16 +43,11 @@ _PALM = {
 class SkinPart:
     """The virtual taxels of one body part."""
 
-    name: str
-    """Such as "left_forearm"."""
-    frame: str
-    """The robot's frame that carries it."""
-    ids: tuple[int, ...]
-    """n numbers of taxels."""
-    positions_m: Array
-    """(n, 3) in `frame`."""
-    normals: Array
-    """(n, 3) unit normals in `frame`."""
+    name: str  # such as "left_forearm"
+    frame: str  # the robot's frame that carries it
+    ids: tuple[int, ...]  # n numbers of taxels
+    positions_m: Array  # (n, 3) in `frame`
+    normals: Array  # (n, 3) unit normals in `frame`
 
     def __post_init__(self) -> None:
         if self.positions_m.shape != (len(self.ids), 3) or self.normals.shape != (len(self.ids), 3):
@@ -66,8 +61,7 @@ class SkinPart:
 class Skin:
     """All body parts; arrays of taxels are in the order of `parts`."""
 
-    parts: tuple[SkinPart, ...]
-    """The body parts."""
+    parts: tuple[SkinPart, ...]  # the body parts
 
     @cached_property
     def taxel_ids(self) -> tuple[str, ...]:

@@ -21,22 +21,17 @@ class TwoStageParams:
 
     reach: IKParams = IKParams(tolerance=1e-4, max_steps=100, min_step_rad=3e-4)
     """First stage; its tolerance (m) is J's ε."""
-    improve: WalkParams = field(default_factory=WalkParams)
-    """Second stage."""
+    improve: WalkParams = field(default_factory=WalkParams)  # second stage
 
 
 @dataclass(frozen=True)
 class TwoStage:
     """The best posture for each of N targets."""
 
-    q_rad: Array
-    """(N, k)."""
-    error: Array
-    """(N,) smallest distance between hand and target, m."""
-    reachable: Mask
-    """(N,) whether a posture reaches the target."""
-    quality: Array
-    """(N,) quality of the best posture, NaN out of reach."""
+    q_rad: Array  # (N, k)
+    error: Array  # (N,) smallest distance between hand and target, m
+    reachable: Mask  # (N,) whether a posture reaches the target
+    quality: Array  # (N,) quality of the best posture, NaN out of reach
 
 
 def two_stage(

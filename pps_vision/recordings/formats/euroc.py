@@ -1,9 +1,10 @@
 """EuRoC's and other ASL folders: mav0/cam0 and cam1, each with data.csv, sensor.yaml and its images in data."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import fixed_rig, refuse_robot_options
+from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, usual_size
 from pps_vision.recordings.times import read_times
@@ -29,13 +30,11 @@ def open_source(source: Source) -> Recording:
     left, right = (_images(camera) for camera in cameras)
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(folder, pairs, problems)
-    calib = source.calib or [camera / "sensor.yaml" for camera in cameras]
-    missing = [file for file in calib if not (source.calib or file.exists())]
-    if missing:
-        return Recording(str(folder), pairs, size, problems, calibration_at=f"{missing[0]}, or two by --calib")
-    warnings: list[str] = []
-    rig = fixed_rig(calib, size, source.unit_m, warnings=warnings)
-    return Recording(str(folder), pairs, size, problems, rig=rig, warnings=tuple(warnings))
+    recording = Recording(str(folder), pairs, size, problems)
+    own = [camera / "sensor.yaml" for camera in cameras]
+    if not source.calib and (missing := [file for file in own if not file.exists()]):
+        return replace(recording, calibration_at=f"{missing[0]}, or two by --calib")
+    return with_calibration(recording, source.calib or own, source)
 
 
 def _cameras(folder: Path) -> list[Path]:

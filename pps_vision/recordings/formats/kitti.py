@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import check_options, fixed_rig, open_stereo_images
+from pps_vision.recordings.formats.stereo_images import check_options, open_stereo_images, with_calibration
 from pps_vision.recordings.recording import Recording, Source
 from pps_vision.recordings.times import read_times
 
@@ -33,6 +33,4 @@ def open_source(source: Source) -> Recording:
     recording = replace(recording, name=str(folder), warnings=(*recording.warnings, *replaced))
     if not (source.calib or own.exists()):
         return replace(recording, calibration_at=f"{own}, or one by --calib")
-    warnings = list(recording.warnings)
-    rig = fixed_rig(source.calib or [own], recording.image_size, source.unit_m, cameras, warnings)
-    return replace(recording, rig=rig, warnings=tuple(warnings))
+    return with_calibration(recording, source.calib or [own], source, cameras)

@@ -3,6 +3,7 @@
 import re
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +12,8 @@ import cv2
 import numpy as np
 
 from pps_vision.errors import InputError, first_line
-from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.calibration_files import Matrices, ros_matrices
-from pps_vision.recordings.formats.stereo_images import fixed_rig, refuse_robot_options, rig_of
+from pps_vision.recordings.formats.stereo_images import refuse_robot_options, rig_of, with_calibration
 from pps_vision.recordings.formats.yarp import with_joints
 from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode_bytes
 from pps_vision.recordings.recording import Recording, Source, distinct_stamps, pair_by_stamp, usual_size
@@ -29,8 +29,6 @@ FORMAT = "a ROS bag (.bag, .mcap, .db3, or a folder with metadata.yaml)"
 TAKES_TOPICS = True  # as `left` and `right`
 HAS_STAMPS = True
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-# Seconds and nanoseconds of a header, behind the sequence number of ROS 1 or the four bytes of CDR's own header.
-_STAMP = struct.Struct("<4xII")
 _CONVERSIONS = {  # of ROS's encodings to RGB, and their channels; OpenCV names Bayer patterns by another pixel
     "rgb8": (None, 3),
     "bgr8": (cv2.COLOR_BGR2RGB, 3),
@@ -71,32 +69,28 @@ def open_source(source: Source) -> Recording:
     left, right = (distinct_stamps(bag.images(topic), problems) for topic in topics)
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(file, pairs, problems)
-    rig = None
-    calibration_at = ""
-    warnings = list[str]()
+    recording = Recording(str(file), pairs, size, problems)
     if source.calib:
-        rig = fixed_rig(source.calib, size, source.unit_m, warnings=warnings)
+        recording = with_calibration(recording, source.calib, source)
     elif missing := [topic for topic in topics if bag.info_topic(topic) is None]:
-        calibration_at = f"{missing[0].rsplit('/', 1)[0]}/camera_info, or one by --calib"
+        place = f"{missing[0].rsplit('/', 1)[0]}/camera_info, or one by --calib"
+        recording = replace(recording, calibration_at=place)
     else:
-        infos = [(file, bag.camera_info(topic)) for topic in topics]
-        rig = rig_of(cameras_of(infos, size, warnings=warnings), file)
-    recording = Recording(
-        str(file), pairs, size, problems, rig=rig, warnings=tuple(warnings), calibration_at=calibration_at
-    )
+        warnings = list[str]()
+        cameras = cameras_of([(file, bag.camera_info(topic)) for topic in topics], size, warnings=warnings)
+        recording = replace(recording, rig=rig_of(cameras, file), warnings=tuple(warnings))
     if source.robot is None:
         refuse_robot_options(source)
         return recording
     if source.taxels:
         raise InputError("recording", f"taxels {source.taxels} with a ROS bag; expected it with an iCub's folder REC")
-    joints = bag.joints(source.robot)
     setup = source.robot
     offsets_rad = read_joint_offsets(source.joints, setup.robot.joint_names) if source.joints else 0.0
-    posed = with_joints(pairs, joints, problems, setup, offsets_rad)
+    posed = with_joints(pairs, bag.joints(setup), problems, setup, offsets_rad)
     if not posed:
         raise InputError(file, f"no pair has joints; {problems[-1]}")
-    moving = StereoRig(rig.left, rig.right, setup.robot.eye_poses) if rig else None
-    return replace(recording, pairs=posed, robot=setup.robot, rig=moving)
+    rig = recording.rig and replace(recording.rig, eye_poses=setup.robot.eye_poses)
+    return replace(recording, pairs=posed, robot=setup.robot, rig=rig)
 
 
 class Bag:
@@ -113,9 +107,16 @@ class Bag:
             self.reader = AnyReader([file], default_typestore=get_typestore(Stores.LATEST))
             self.reader.open()
 
-    def reading(self) -> "_Reading":
-        """A block in which whatever rosbags raises means that the bag is damaged."""
-        return _Reading(self.file)
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """A block in which whatever rosbags raises, which is of many kinds, means that the bag is damaged."""
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:
+            reason = f"cannot be read: {type(error).__name__} {first_line(error)}"
+            raise InputError(self.file, f"{reason}; expected a ROS bag") from error
 
     def topics(self, kinds: tuple[str, ...]) -> dict[str, Any]:
         """The connections of message types, by topic."""
@@ -137,8 +138,7 @@ class Bag:
         stamps = []
         with self.reading():
             for _, _, data in self.reader.messages([messages.connection]):
-                seconds, nanoseconds = _STAMP.unpack_from(data)
-                stamps.append(seconds + 1e-9 * nanoseconds)
+                stamps.append(_stamp_s(data))
         return [BagImage(self.file, stamp_s, messages=messages, index=index) for index, stamp_s in enumerate(stamps)]
 
     def info_topic(self, topic: str) -> Any | None:
@@ -150,24 +150,19 @@ class Bag:
     def camera_info(self, topic: str) -> Matrices:
         """The calibration in the CameraInfo beside an image topic, which is there."""
         message = self.first(self.info_topic(topic))
-        K, D, R, P = (
-            np.asarray(getattr(message, key if self.reader.is2 else key.upper()), dtype=float) for key in "kdrp"
-        )
+        keys = "kdrp" if self.reader.is2 else "KDRP"
+        K, D, R, P = (np.asarray(getattr(message, key), dtype=float).ravel().tolist() for key in keys)
+        if any("rect" in re.split(r"[_\W]", part) for part in topic.lower().split("/")[-2:]):
+            K, D, R = [*P[:3], *P[4:7], *P[8:11]], [], np.eye(3).ravel().tolist()
         content = {
             "image_width": message.width,
             "image_height": message.height,
-            "camera_matrix": K.ravel().tolist(),
+            "camera_matrix": K,
             "distortion_model": message.distortion_model or "none",
-            "distortion_coefficients": D.ravel().tolist(),
-            "rectification_matrix": R.ravel().tolist(),
-            "projection_matrix": P.ravel().tolist(),
+            "distortion_coefficients": D,
+            "rectification_matrix": R,
+            "projection_matrix": P,
         }
-        if any("rect" in re.split(r"[_\W]", part) for part in topic.lower().split("/")[-2:]):
-            content |= {
-                "camera_matrix": np.reshape(P, (3, 4))[:, :3].ravel().tolist(),
-                "distortion_coefficients": [],
-                "rectification_matrix": np.eye(3).ravel().tolist(),
-            }
         return ros_matrices(self.file, content)
 
     def first(self, connection: Any) -> Any:
@@ -178,49 +173,24 @@ class Bag:
 
     def joints(self, setup: "RobotSetup") -> dict[str, tuple[Array, Array]]:
         """For each port stamps (n,) and encoder readings (n, joints) in degrees, of complete messages."""
-        stamps: dict[str, list[float]] = {port: [] for port in setup.ports}
-        rows: dict[str, list[Array]] = {port: [] for port in setup.ports}
+        rows: dict[str, dict[float, list[float]]] = {port: {} for port in setup.ports}
         states = list(self.topics(("sensor_msgs/msg/JointState",)).values())
+        eyes = setup.robot.names.gaze_joints[3:]
         with self.reading():
             for connection, _, data in self.reader.messages(states) if states else ():
                 message: Any = self.reader.deserialize(data, connection.msgtype)
                 angle = {"-": 0.0, **dict(zip(message.name, np.rad2deg(message.position).tolist(), strict=False))}
-                eyes = setup.robot.names.gaze_joints[3:]
                 if eyes and all(eye in angle for eye in eyes):
-                    angle |= {
-                        "version": sum(angle[eye] for eye in eyes) / 2,
-                        "vergence": angle[eyes[0]] - angle[eyes[1]],
-                    }
-                seconds, nanoseconds = _STAMP.unpack_from(data)
+                    left, right = (angle[eye] for eye in eyes)
+                    angle |= {"version": (left + right) / 2, "vergence": left - right}
                 for port, names in setup.ports.items():
                     if all(name in angle for name in names):
-                        stamps[port].append(seconds + 1e-9 * nanoseconds)
-                        rows[port].append(np.array([angle[name] for name in names]))
-        if missing := [port for port in setup.required if not stamps[port]]:
+                        rows[port].setdefault(_stamp_s(data), [angle[name] for name in names])
+        if missing := [port for port in setup.required if not rows[port]]:
             wanted = ", ".join(setup.ports[missing[0]])
             raise InputError(self.file, f"no JointState with all joints of {missing[0]}; expected {wanted}")
-        logs = {}
-        for port in setup.ports:
-            if stamps[port]:
-                order, order_first = np.unique(stamps[port], return_index=True)
-                logs[port] = (order, np.array(rows[port])[order_first])
-        return logs
-
-
-@dataclass(frozen=True)
-class _Reading:
-    """Turns what rosbags raises on a damaged bag, which is of many kinds, into InputError."""
-
-    file: Path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, InputError) or not isinstance(error, Exception):
-            return
-        image_topics = f"cannot be read: {type(error).__name__} {first_line(error)}"
-        raise InputError(self.file, f"{image_topics}; expected a ROS bag") from error
+        logs = {port: sorted(samples.items()) for port, samples in rows.items() if samples}
+        return {port: (np.array([t for t, _ in log]), np.array([q for _, q in log])) for port, log in logs.items()}
 
 
 class Messages:
@@ -251,12 +221,6 @@ class BagImage(ImageFile):
     """An image in a bag."""
 
     messages: Messages = field(repr=False, compare=False, kw_only=True)
-    index: int = field(kw_only=True)
-
-    @property
-    def number(self) -> int:
-        """Its place in the topic, from 0."""
-        return self.index
 
     @property
     def title(self) -> str:
@@ -270,9 +234,13 @@ class BagImage(ImageFile):
                 message = self.messages.message(self.index)
         except InputError as error:
             return error.args[1]
-        if not hasattr(message, "encoding"):
-            return decode_bytes(bytes(message.data))
-        return _pixels(message)
+        return _pixels(message) if hasattr(message, "encoding") else decode_bytes(bytes(message.data))
+
+
+def _stamp_s(data: bytes) -> float:
+    """The stamp of a header, behind the sequence number of ROS 1 or the four bytes of CDR's own header."""
+    seconds, nanoseconds = struct.unpack_from("<4xII", data)
+    return float(seconds + 1e-9 * nanoseconds)
 
 
 def _pixels(message: Any) -> Image | str:

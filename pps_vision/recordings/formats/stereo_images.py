@@ -44,8 +44,15 @@ def open_source(source: Source) -> Recording:
     check_options(source)
     times = read_times(source.times) if source.times else None
     recording = open_stereo_images(source.left, source.right, source.fps, times, source.max_skew_s)
+    return with_calibration(recording, source.calib, source)
+
+
+def with_calibration(
+    recording: Recording, calib: Sequence[Path], source: Source, kitti: tuple[int, int] = (0, 1)
+) -> Recording:
+    """The recording with the cameras of a calibration, if one is given; a warning where it is for another size."""
     warnings = list(recording.warnings)
-    rig = fixed_rig(source.calib, recording.image_size, source.unit_m, warnings=warnings) if source.calib else None
+    rig = fixed_rig(calib, recording.image_size, source.unit_m, kitti, warnings) if calib else None
     return replace(recording, rig=rig, warnings=tuple(warnings))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import check_options, fixed_rig
+from pps_vision.recordings.formats.stereo_images import check_options, fixed_rig, with_calibration
 from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, replaced_rate, usual_size
 from pps_vision.recordings.times import read_times
 from pps_vision.recordings.video import VideoFrame, is_video, open_halves, open_video
@@ -37,19 +37,17 @@ def open_source(source: Source) -> Recording:
         left, right = (open_video(Path(side[0]), source.fps, times) for side in (source.left, source.right))
     problems: list[Problem] = []
     warnings = list(_ends_early(left, right, source.max_skew_s))
-    own = left[0].video.pts
-    step_s = left[0].video.time_base_s
-    if source.fps and left[0].video.has_stamps:
-        warnings += replaced_rate(source.fps, [step_s * pts for pts in own])
+    video = left[0].video
+    if source.fps and video.has_stamps:
+        warnings += replaced_rate(source.fps, [video.time_base_s * pts for pts in video.pts])
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(name, pairs, problems)
     try:
-        rig = fixed_rig(source.calib, size, source.unit_m, warnings=warnings) if source.calib else None
+        return with_calibration(Recording(name, pairs, size, problems, warnings=tuple(warnings)), source.calib, source)
     except InputError:
         if source.folder is not None:
             _refuse_one_camera(source, (2 * size[0], size[1]))
         raise
-    return Recording(name, pairs, size, problems, rig=rig, warnings=tuple(warnings))
 
 
 def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
