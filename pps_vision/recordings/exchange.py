@@ -148,7 +148,12 @@ def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
 def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     with ExitStack() as stack:
         files = {camera: stack.enter_context((folder / f"mot_{camera}.txt").open("w")) for camera in _CAMERAS}
-        yield lambda *pair: [file.writelines(map(_mot_row, _boxes(*pair, camera))) for camera, file in files.items()]
+
+        def add(pair: TrackedPair, frame: int, track: int) -> None:
+            for camera, file in files.items():
+                file.writelines(map(_mot_row, _boxes(pair, frame, track, camera)))
+
+        yield add
 
 
 @contextmanager
