@@ -17,13 +17,12 @@ CLOTH: Color = (0.30, 0.34, 0.42)
 
 def carrier_parts(name: CarrierName, radius_m: float, fineness: int) -> tuple[Part, ...]:
     """Return the parts that hold an object of `radius_m` at the origin; they extend along z, with y up."""
-    sides = sides_of(fineness)
     if name not in get_args(CarrierName):
         raise ValueError(f"carrier {name!r}; expected one of {', '.join(get_args(CarrierName))}")
     if name == "none":
         return ()
     if name == "stick":
-        return (tube([[0, 0, 0.5 * radius_m], [0, 0, 0.35], [0, 0, 0.7]], 0.005, WOOD, sides),)
+        return (tube([[0, 0, 0.5 * radius_m], [0, 0, 0.35], [0, 0, 0.7]], 0.005, WOOD, sides_of(fineness)),)
     return _hand(radius_m, fineness)
 
 

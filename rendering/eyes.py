@@ -1,7 +1,6 @@
 """Rendered eye views: scene state in, stereo pair and truth out."""
 
 import weakref
-from types import TracebackType
 from typing import Self
 
 import cv2
@@ -55,9 +54,7 @@ class Eyes:
         """Itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Free the graphics memory."""
         self._renderer.release(self._scene.held)
 
@@ -94,15 +91,8 @@ class Eyes:
         left, right = self._views(state)
         self._scene.arrange(state)
         visible = [view.sees(position) and self._is_first(view, position - view.center) for view in (left, right)]
-        return Truth(
-            stamp_s,
-            position,
-            state.velocity,
-            self._stimulus.radius_m,
-            left.project(position),
-            right.project(position),
-            *visible,
-        )
+        pixels = left.project(position), right.project(position)
+        return Truth(stamp_s, position, state.velocity, self._stimulus.radius_m, *pixels, *visible)
 
     def _is_first(self, view: View, sight_root: Array) -> bool:
         """Return whether the line of sight `sight_root` (3,) to the stimulus's centre is free up to its surface.

@@ -20,7 +20,7 @@ EXTENT_M = (0.05, 0.08)  # amplitude of a motion about a centre
 # Standard deviation per axis of a reach's control point, as a share of its length; the path deviates by half of it.
 _BOW = 0.15
 _OVERSHOOT = 8 / 7  # planned length of a reach, as a share of its length to contact
-_ARRIVES = float(brentq(lambda tau: _OVERSHOOT * tau**3 * (10 - 15 * tau + 6 * tau**2) - 1, 0, 1))
+_PEAK = 15 / 8  # peak speed of a minimum-jerk movement, as a share of its mean speed
 
 
 @dataclass(frozen=True)
@@ -47,24 +47,17 @@ class Static:
     position: Array
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """Constant position, zero velocity."""
+        """The same position at all times."""
         return self.position, np.zeros(3)
 
 
-def _along(start: Array, end: Array, distance_m: float, speed_m_s: float) -> tuple[Array, Array]:
-    """Position and velocity `distance_m` from `start` on the straight line to `end`."""
-    ahead = (end - start) / np.linalg.norm(end - start)
-    return start + distance_m * ahead, speed_m_s * ahead
-
-
 @dataclass(frozen=True)
-class Approach:
-    """Straight from `start` to `end` at constant speed, a dwell there, and back along the same path."""
+class Recede:
+    """Straight from `start` to `end` at constant speed; rests there."""
 
     start: Array
     end: Array
     speed_m_s: float
-    dwell_s: float = 0.3
 
     @property
     def contact_s(self) -> float:
@@ -72,13 +65,39 @@ class Approach:
         return float(np.linalg.norm(self.end - self.start)) / self.speed_m_s
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """Approach, dwell, withdrawal, rest at the start."""
-        since_withdrawal = t_s - self.contact_s - self.dwell_s
-        if t_s < self.contact_s:
-            return _along(self.start, self.end, t_s * self.speed_m_s, self.speed_m_s)
-        if since_withdrawal < 0:
+        """On the way, or resting at the end."""
+        if t_s >= self.contact_s:
             return self.end, np.zeros(3)
-        return Recede(self.end, self.start, self.speed_m_s)(since_withdrawal)
+        ahead = (self.end - self.start) / np.linalg.norm(self.end - self.start)
+        return self.start + t_s * self.speed_m_s * ahead, self.speed_m_s * ahead
+
+
+@dataclass(frozen=True)
+class Approach(Recede):
+    """Straight from `start` to `end` at constant speed, a dwell there, and back along the same path."""
+
+    dwell_s: float = 0.3
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """Approach and dwell, then withdrawal and rest at the start."""
+        since_withdrawal = t_s - self.contact_s - self.dwell_s
+        back = Recede(self.end, self.start, self.speed_m_s)
+        return super().__call__(t_s) if since_withdrawal < 0 else back(since_withdrawal)
+
+
+@dataclass(frozen=True)
+class Linear(Recede):
+    """Back and forth between two points at constant speed."""
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """A triangle wave along the segment."""
+        passes, since = divmod(t_s, self.contact_s)
+        return super().__call__(since) if passes % 2 == 0 else Recede(self.end, self.start, self.speed_m_s)(since)
+
+
+def _minimum_jerk(tau: float) -> tuple[float, float]:
+    """Share of the way at a share τ of the time, 10 τ³ − 15 τ⁴ + 6 τ⁵, and its derivative by τ."""
+    return tau**3 * (10 - 15 * tau + 6 * tau**2), 30 * tau**2 * (1 - tau) ** 2
 
 
 @dataclass(frozen=True)
@@ -96,53 +115,21 @@ class ReachMotion:
 
     @cached_property
     def _whole_s(self) -> float:
-        """Duration of the planned movement; the peak speed of minimum jerk is 15/8 of the mean."""
-        return float(1.875 * _OVERSHOOT * np.linalg.norm(self.end - self.start)) / self.peak_m_s
+        """Duration of the planned movement."""
+        return float(_PEAK * _OVERSHOOT * np.linalg.norm(self.end - self.start)) / self.peak_m_s
 
     @property
     def arrives_s(self) -> float:
         """Time of contact at `end`."""
-        return _ARRIVES * self._whole_s
+        return float(brentq(lambda tau: _OVERSHOOT * _minimum_jerk(tau)[0] - 1, 0, 1)) * self._whole_s
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """At 10 τ³ − 15 τ⁴ + 6 τ⁵ of the planned movement."""
-        tau = t_s / self._whole_s
-        u = _OVERSHOOT * tau**3 * (10 - 15 * tau + 6 * tau**2)
-        du = _OVERSHOOT * 30 * tau**2 * (1 - tau) ** 2 / self._whole_s
+        """Bézier's curve at the share u of the way to `end`."""
+        u, du = _OVERSHOOT * np.array(_minimum_jerk(t_s / self._whole_s))
         leg_1 = self.via - self.start
         leg_2 = self.end - self.via
-        return self.start + u * (2 - u) * leg_1 + u**2 * leg_2, 2 * du * ((1 - u) * leg_1 + u * leg_2)
-
-
-@dataclass(frozen=True)
-class Recede:
-    """Straight from `start` to `end` at constant speed; rests there."""
-
-    start: Array
-    end: Array
-    speed_m_s: float
-
-    def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """Moving or resting at the end."""
-        if t_s * self.speed_m_s >= np.linalg.norm(self.end - self.start):
-            return self.end, np.zeros(3)
-        return _along(self.start, self.end, t_s * self.speed_m_s, self.speed_m_s)
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Back and forth between two points at constant speed."""
-
-    start: Array
-    end: Array
-    speed_m_s: float
-
-    def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """A triangle wave along the segment."""
-        length = float(np.linalg.norm(self.end - self.start))
-        passes, distance = divmod(t_s * self.speed_m_s, length)
-        start, end = (self.start, self.end) if passes % 2 == 0 else (self.end, self.start)
-        return _along(start, end, distance, self.speed_m_s)
+        velocity = 2 * du / self._whole_s * ((1 - u) * leg_1 + u * leg_2)
+        return self.start + u * (2 - u) * leg_1 + u**2 * leg_2, velocity
 
 
 @dataclass(frozen=True)
@@ -200,19 +187,19 @@ class Jerk:
 
     @cached_property
     def _moves(self) -> tuple[Array, Array]:
-        """Vector and duration of the move that leaves each waypoint; the peak speed is 15/8 of the mean."""
+        """Vector and duration of the move that leaves each waypoint."""
         ways = np.roll(self.waypoints, -1, axis=0) - self.waypoints
-        return ways, 1.875 * np.linalg.norm(ways, axis=1) / self.speed_m_s
+        return ways, _PEAK * np.linalg.norm(ways, axis=1) / self.speed_m_s
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """10 τ³ − 15 τ⁴ + 6 τ⁵ of the current move."""
+        """Minimum jerk along the current move, then at rest."""
         ways, durations = self._moves
         ends = np.cumsum(durations + self.pause_s)
         t = (t_s + 0.5 * durations[0]) % ends[-1]
         i = int(np.searchsorted(ends, t, side="right"))
         tau = min((t - (ends[i] - durations[i] - self.pause_s)) / durations[i], 1.0)
-        position = self.waypoints[i] + ways[i] * (tau**3 * (10 - 15 * tau + 6 * tau**2))
-        return position, ways[i] * (30 * tau**2 * (1 - tau) ** 2 / durations[i])
+        share, rate = _minimum_jerk(tau)
+        return self.waypoints[i] + ways[i] * share, ways[i] * (rate / durations[i])
 
 
 def make_motion(

@@ -5,8 +5,8 @@ defined everywhere.
 """
 
 from collections.abc import Callable
-from functools import cache
-from itertools import pairwise
+from functools import cache, partial
+from itertools import pairwise, product
 
 import cv2
 import numpy as np
@@ -17,13 +17,8 @@ from rendering.shapes import Surface
 _TILE = 512  # texels along each side of a surface's picture
 _PER_ROW = 4
 
-# Corners (m, root frame) at the picture's top left, top right and bottom left, seen from inside.
-_FRONT = -1.9
-_BACK = 0.9
-_WALL = 1.5
-_FLOOR = -0.65
-_CEILING = 1.45
-_TABLE = -0.22
+_CORNERS = np.array(list(product((-1.9, 0.9), (-1.5, 1.5), (-0.65, 1.45))))
+"""Of the room, m, root frame: front and back, right and left, floor and ceiling."""
 
 
 def _noise(rng: np.random.Generator, coarsest: int, finest: int, stretch: tuple[int, int] = (1, 1)) -> Array:
@@ -95,42 +90,24 @@ def _tabletop(rng: np.random.Generator) -> Array:
     return table
 
 
-Painter = Callable[[np.random.Generator], Array]
-_SURFACES: tuple[tuple[Painter, Array], ...] = (
-    (
-        lambda rng: _bricks(rng, (165, 135, 118), (150, 148, 140), 24),
-        np.array([[_FRONT, -_WALL, _CEILING], [_FRONT, _WALL, _CEILING], [_FRONT, -_WALL, _FLOOR]]),
-    ),
-    (
-        lambda rng: _plaster(rng, (150, 158, 150), 5),
-        np.array([[_BACK, -_WALL, _CEILING], [_FRONT, -_WALL, _CEILING], [_BACK, -_WALL, _FLOOR]]),
-    ),
-    (
-        lambda rng: _plaster(rng, (160, 152, 138), 6),
-        np.array([[_FRONT, _WALL, _CEILING], [_BACK, _WALL, _CEILING], [_FRONT, _WALL, _FLOOR]]),
-    ),
-    (
-        lambda rng: _plaster(rng, (150, 150, 160), 4),
-        np.array([[_BACK, _WALL, _CEILING], [_BACK, -_WALL, _CEILING], [_BACK, _WALL, _FLOOR]]),
-    ),
-    (
-        lambda rng: _planks(rng, (120, 105, 92), 16),
-        np.array([[_FRONT, -_WALL, _FLOOR], [_FRONT, _WALL, _FLOOR], [_BACK, -_WALL, _FLOOR]]),
-    ),
-    (
-        lambda rng: _plaster(rng, (185, 185, 178), 0),
-        np.array([[_BACK, -_WALL, _CEILING], [_BACK, _WALL, _CEILING], [_FRONT, -_WALL, _CEILING]]),
-    ),
-    (_tabletop, np.array([[-1.15, -0.75, _TABLE], [-1.15, 0.75, _TABLE], [-0.12, -0.75, _TABLE]])),
+# How each picture is painted, and its corners at the top left, top right and bottom left, seen from inside.
+_SURFACES: tuple[tuple[Callable[[np.random.Generator], Array], Array], ...] = (
+    (partial(_bricks, color=(165, 135, 118), mortar=(150, 148, 140), rows=24), _CORNERS[[1, 3, 0]]),
+    (partial(_plaster, color=(150, 158, 150), pictures=5), _CORNERS[[5, 1, 4]]),
+    (partial(_plaster, color=(160, 152, 138), pictures=6), _CORNERS[[3, 7, 2]]),
+    (partial(_plaster, color=(150, 150, 160), pictures=4), _CORNERS[[7, 5, 6]]),
+    (partial(_planks, color=(120, 105, 92), columns=16), _CORNERS[[0, 2, 4]]),
+    (partial(_plaster, color=(185, 185, 178), pictures=0), _CORNERS[[5, 7, 1]]),
+    (_tabletop, np.array([[-1.15, -0.75, -0.22], [-1.15, 0.75, -0.22], [-0.12, -0.75, -0.22]])),
 )
+_ROWS = -(-len(_SURFACES) // _PER_ROW)
 
 
 @cache
 def atlas() -> Image:
     """Return the pictures of all surfaces in one image; always the same."""
     rng = np.random.default_rng(2013)
-    rows = -(-len(_SURFACES) // _PER_ROW)
-    atlas = np.zeros((rows * _TILE, _PER_ROW * _TILE, 3), np.uint8)
+    atlas = np.zeros((_ROWS * _TILE, _PER_ROW * _TILE, 3), np.uint8)
     for i, (paint, _) in enumerate(_SURFACES):
         row, column = divmod(i, _PER_ROW)
         atlas[row * _TILE : (row + 1) * _TILE, column * _TILE : (column + 1) * _TILE] = np.clip(paint(rng), 0, 255)
@@ -158,6 +135,6 @@ def _quad(picture: int, corners: Array) -> tuple[Array, Array, Array]:
     row, column = divmod(picture, _PER_ROW)
     inset = 4 / _TILE  # texels; keeps coarse mipmap levels from mixing neighbouring pictures
     in_atlas = np.array([column, row]) + inset + along * (1 - 2 * inset)
-    u, v = (in_atlas / [_PER_ROW, -(-len(_SURFACES) // _PER_ROW)]).T
+    u, v = (in_atlas / [_PER_ROW, _ROWS]).T
     normals = np.tile(inward / np.linalg.norm(inward), (4, 1))
     return top_left + along @ sides, normals, np.column_stack([u, 1 - v])  # texture coordinates count from the bottom

@@ -42,14 +42,13 @@ class Surface:
 
 def surface_of(parts: Iterable[Part]) -> Surface:
     """Return all parts as one surface with smoothed normals."""
-    colored = [(trimesh.graph.smooth_shade(part.mesh, angle=_SHARP), part.color) for part in parts]
-    first_vertices = np.cumsum([0, *(len(mesh.vertices) for mesh, _ in colored)])
-    return Surface(
-        np.vstack([mesh.vertices for mesh, _ in colored]),
-        np.vstack([mesh.vertex_normals for mesh, _ in colored]),
-        np.vstack([mesh.faces + first for (mesh, _), first in zip(colored, first_vertices, strict=False)]),
-        np.vstack([np.tile(color, (len(mesh.vertices), 1)) for mesh, color in colored]),
-    )
+    parts = list(parts)
+    meshes = [trimesh.graph.smooth_shade(part.mesh, angle=_SHARP) for part in parts]
+    sizes = [len(mesh.vertices) for mesh in meshes]
+    faces = [mesh.faces + first for mesh, first in zip(meshes, np.cumsum([0, *sizes[:-1]]), strict=True)]
+    colors = np.repeat([part.color for part in parts], sizes, axis=0)
+    positions, normals = (np.vstack([getattr(mesh, key) for mesh in meshes]) for key in ("vertices", "vertex_normals"))
+    return Surface(positions, normals, np.vstack(faces), colors)
 
 
 def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fineness: int = 3) -> Part:
@@ -79,9 +78,8 @@ def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int) -> Part:
     for center, radius, axis in rings:
         side = side - (side @ axis) * axis  # carried along the path without twisting
         side /= np.linalg.norm(side)
-        vertices.append(
-            center + radius * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles), np.cross(axis, side)))
-        )
+        circle = np.outer(np.cos(angles), side) + np.outer(np.sin(angles), np.cross(axis, side))
+        vertices.append(center + radius * circle)
     poles = [p[0] - r[0] * ahead[0], p[-1] + r[-1] * ahead[-1]]
     return Part(trimesh.Trimesh(np.vstack([*vertices, *poles]), _tube_faces(len(rings), sides), process=False), color)
 

@@ -27,17 +27,15 @@ def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float, fid
 
 def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> float:
     """Return the largest image motion of anything in view while the shutter is open, px."""
-    opening = state.moved(-blur_s / 2)
-    closing = state.moved(blur_s / 2)
-    views = [rig.view(moment.q_rad) for moment in (opening, closing)]
+    ends = [state.moved(-blur_s / 2), state.moved(blur_s / 2)]  # opening and closing
+    views = [rig.view(end.q_rad) for end in ends]
+    movers = [_movers(robot, end) for end in ends]
     drift = 0.0
-    for first, last in ((views[0].left, views[1].left), (views[0].right, views[1].right)):
-        room = _points_of_room(first)
-        first_px = first.project(np.vstack([room, _movers(robot, opening)]))
-        last_px = last.project(np.vstack([room, _movers(robot, closing)]))
-        inside = [(px >= 0) & (px < (first.camera.width, first.camera.height)) for px in (first_px, last_px)]
-        visible = np.all(inside, axis=(0, 2))
-        drift = max(drift, np.linalg.norm((last_px - first_px)[visible], axis=1).max(initial=0.0))
+    for eyes in ([view.left for view in views], [view.right for view in views]):
+        room = _points_of_room(eyes[0])
+        px = np.array([eye.project(np.vstack([room, points])) for eye, points in zip(eyes, movers, strict=True)])
+        visible = np.all((px >= 0) & (px < (eyes[0].camera.width, eyes[0].camera.height)), axis=(0, 2))
+        drift = max(drift, np.linalg.norm(px[1, visible] - px[0, visible], axis=1).max(initial=0.0))
     return drift
 
 

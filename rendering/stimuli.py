@@ -40,15 +40,11 @@ def make_stimulus(name: StimulusName, radius_m: float | None = None, fineness: i
     radius = _RADIUS_M[name] if radius_m is None else radius_m
     if not (np.isfinite(radius) and radius > 0):
         raise InputError("stimulus", f"radius {radius} m; expected a positive number")
-    if name == "marker":
-        parts: tuple[Part, ...] = (sphere(radius, GREEN, fineness=fineness),)
-    elif name == "ball":
-        parts = (sphere(radius, RED, fineness=fineness),)
-    elif name == "cube":
-        parts = _cube(radius)
-    else:
-        parts = tuple(Part(p.mesh.apply_scale(radius * _OCTOPUS_SCALE), p.color) for p in _octopus(fineness))
-    return Stimulus(name, radius, parts)
+    if name == "cube":
+        return Stimulus(name, radius, _cube(radius))
+    if name == "octopus":
+        return Stimulus(name, radius, tuple(_octopus(radius * _OCTOPUS_SCALE, fineness)))
+    return Stimulus(name, radius, (sphere(radius, GREEN if name == "marker" else RED, fineness=fineness),))
 
 
 def _cube(radius: float) -> tuple[Part, ...]:
@@ -64,12 +60,10 @@ def _cube(radius: float) -> tuple[Part, ...]:
 _OCTOPUS_SCALE = 1.155
 
 
-def _octopus(fineness: int) -> list[Part]:
+def _octopus(scale: float, fineness: int) -> list[Part]:
     """Return a toy octopus: a violet head facing x and eight orange arms below it."""
-    head = sphere(1.0, VIOLET, fineness=fineness).mesh.apply_transform(
-        transform(np.diag([0.56, 0.56, 0.64]), (0, 0, 0.36))
-    )
-    parts = [Part(head, VIOLET)]
+    head = transform(np.diag([0.56, 0.56, 0.64]), (0, 0, 0.36))
+    parts = [Part(sphere(1.0, VIOLET, fineness=fineness).mesh.apply_transform(head), VIOLET)]
     for side in (-1, 1):
         parts.append(sphere(0.15, WHITE, (0.46, 0.22 * side, 0.52), fineness=max(fineness - 2, 0)))
         parts.append(sphere(0.085, BLACK, (0.56, 0.245 * side, 0.54), fineness=max(fineness - 2, 0)))
@@ -80,4 +74,4 @@ def _octopus(fineness: int) -> list[Part]:
         height = -0.04 - 0.42 * np.sin(0.8 * np.pi * t) + 0.25 * t**3
         path = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), height])
         parts.append(tube(path, 0.17 - 0.11 * t, ORANGE, sides_of(fineness)))
-    return parts
+    return [Part(part.mesh.apply_scale(scale), part.color) for part in parts]
