@@ -77,17 +77,10 @@ def arm_constraints(
     self_collision: SelfCollision | None = None,
     more_rows: tuple[Array, Array] | None = None,
 ) -> ArmConstraints:
-    """Constraints of the joint rates of one arm.
+    """Constraints of the joint rates of the arm of one `side`, whose rest posture is `rest_rad` (k,).
 
-    Args:
-        params: Limits and damping.
-        posture: The robot.
-        side: "left" or "right" arm.
-        rest_rad: (k,) the arm's rest posture.
-        keep_in: Sphere that a frame must not leave.
-        hold_s: Time for which the rates may be held; no joint leaves its limits meanwhile.
-        self_collision: The robot's bodies, which the arm keeps clear of; None: not limited.
-        more_rows: Further constraints, rows (m, n_joints) @ rates ≤ most (m,).
+    The rates may be held for `hold_s`: no joint leaves its limits meanwhile.  A frame stays in the sphere `keep_in`,
+    the arm clear of the robot's bodies; `more_rows` are further constraints, rows (m, n_joints) @ rates ≤ most (m,).
     """
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
@@ -133,14 +126,8 @@ def arm_velocity(
             velocity = np.array([speed])
         J.append(np.sqrt(point.weight) * jacobian)
         velocities.append(np.sqrt(point.weight) * velocity)
+    columns, limits, preferred, rows, most = constraints
     dq = np.zeros(posture.robot.n_joints)
-    dq[constraints.columns] = solve_rates(
-        np.concatenate(J),
-        np.concatenate(velocities),
-        constraints.preferred,
-        params.damping_m,
-        constraints.limits,
-        constraints.rows,
-        constraints.most,
-    )
+    task = np.concatenate(J), np.concatenate(velocities)
+    dq[columns] = solve_rates(*task, preferred, params.damping_m, limits, rows, most)
     return dq

@@ -6,11 +6,11 @@ clearance, the taxels leave the object's path sideways.  `control_point` is R eq
 """
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from control.arm import ArmConstraints, ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
+from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points, rotation_to
@@ -159,7 +159,7 @@ def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmSt
     if state.mode == "avoid":
         state = replace(state, points=threats or state.points)
         escape = state.escape_direction if last_mode == "avoid" else None
-        motion = ArmMotion.of(params, arm, clearance)
+        motion = ArmMotion(params, arm, clearance)
         if threats and arm.track.is_known and arm.skin.parts and params.escape_clearance_m > 0:
             escape = _escape_direction(motion, state.points, escape, params.escape_clearance_m)
         state = replace(state, escape_direction=escape, points=_redirected(state.points, escape))
@@ -169,18 +169,13 @@ def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmSt
     return state, response(state, arm, dq)
 
 
-class ControlPoint(NamedTuple):
-    """P and N of R eq. 6."""
-
-    frame: str  # the frame that carries P: that of the body part with the largest Σ a
-    point: Array  # (3,) P in `frame`, m
-    direction: Array  # (3,) N in the root frame; its length is the mean activation where the normals agree
-
-
-def control_point(threshold: float, posture: Posture, skin: Skin, activations: Array) -> ControlPoint | None:
+def control_point(
+    threshold: float, posture: Posture, skin: Skin, activations: Array
+) -> tuple[str, Array, Array] | None:
     """P = Σ aᵢpᵢ / Σ aᵢ and N = Σ aᵢnᵢ / k over the k taxels above `threshold` (R eq. 6); None if k = 0.
 
-    P is divided by Σ aᵢ as in R's code: as printed, divided by k, it is no point of the arm.
+    Returns the frame that carries P, that of the body part with the largest Σ a; P (3,) m in it; and N (3,) in the root
+    frame.  P is divided by Σ aᵢ as in R's code: as printed, divided by k, it is no point of the arm.
     """
     a = np.where(activations > threshold, activations, 0.0)
     if not a.any():
@@ -190,7 +185,7 @@ def control_point(threshold: float, posture: Posture, skin: Skin, activations: A
     frame = skin.parts[int(by_part.argmax())].frame
     T = posture.T_root(frame)
     point = (a @ positions / a.sum() - T[:3, 3]) @ T[:3, :3]
-    return ControlPoint(frame, point, a @ normals / np.count_nonzero(a))
+    return frame, point, a @ normals / np.count_nonzero(a)
 
 
 def observed(state: ArmState, arm: ArmInput) -> ArmState:
@@ -329,30 +324,17 @@ def _link_points(params: AvoidanceParams, arm: ArmInput, links: list[NearestPoin
     )
 
 
-@dataclass(frozen=True)
 class ArmMotion:
     """Joint rates of an arm within its constraints in one control step."""
 
-    params: ResponseParams
-    arm: ArmInput
-    constraints: ArmConstraints
-
-    @classmethod
-    def of(cls, params: ResponseParams, arm: ArmInput, clearance: tuple[Array, Array]) -> "ArmMotion":
+    def __init__(self, params: ResponseParams, arm: ArmInput, clearance: tuple[Array, Array]) -> None:
         """The palm stays within its sphere, rates within the `clearance` rows."""
         palm = arm.posture.robot.names.palm(params.side)
         keep_in = KeepIn(palm, at_home(params, arm.posture).point(palm), params.radius_m)
-        constraints = arm_constraints(
-            params.arm,
-            arm.posture,
-            params.side,
-            params.home_arm_rad,
-            keep_in=keep_in,
-            hold_s=arm.hold_s,
-            self_collision=arm.self_collision,
-            more_rows=clearance,
-        )
-        return cls(params, arm, constraints)
+        limited_by = (keep_in, arm.hold_s, arm.self_collision, clearance)
+        self.params = params
+        self.arm = arm
+        self.constraints = arm_constraints(params.arm, arm.posture, params.side, params.home_arm_rad, *limited_by)
 
     def rates(self, points: tuple[MovingPoint, ...], arm_params: ArmParams | None = None) -> Array:
         """Joint rates (n_joints,) that move control points as commanded, none faster than `speed_m_s`."""
@@ -385,11 +367,8 @@ def _escape_direction(
     """Direction (3,) across the object's path in which control points leave the largest predicted distance, as in the
     dynamic window of Fox et al. (1997); None: against the normals.
 
-    Args:
-        motion: The arm and its constraints.
-        points: Control points that move against the normals.
-        current: The direction of the last step; kept unless another one leaves 1 cm more.
-        clearance_m: No other direction is taken while withdrawal against the normals leaves this much.
+    The `current` direction is kept unless another one leaves 1 cm more; withdrawal against the normals, in which the
+    `points` move, while it leaves `clearance_m`.
     """
     velocity = motion.arm.track.velocity
     speed = float(np.linalg.norm(velocity))
@@ -424,10 +403,8 @@ def _escape_direction(
 def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Array:
     """Smallest distances (m,) m from the object's surface to the taxels' centres while the object moves on.
 
-    Args:
-        arm: The posture, the skin and the object, which moves.
-        columns: Where the k joints of `rates` are in the configuration vector.
-        rates: (m, k) rad/s, each held until a joint limit stops it; taxels follow their Jacobians.
+    `rates` (m, k) rad/s of the joints at `columns` are held until a joint limit stops them; taxels follow their
+    Jacobians.
     """
     posture = arm.posture
     position = arm.track.position

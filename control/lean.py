@@ -41,20 +41,14 @@ def step(
     """Turn the torso straight to the nearest posture from which the object is reachable; rest where it already is.
 
     Args:
-        params: speed of the torso and spacing of its postures.
-        model: gaze kinematics of the robot.
-        limits: gaze limits of the map.
-        reachable: the map's verdict (N,) on gaze postures (N, 3); False for NaN.
-        posture: the robot now.
-        p_root: (3,) position of the object, root frame, m.
-        hold_s: duration of the command, at most 0.5 s.
-        stamp_s: stamp of the command.
-
-    Returns:
-        Status, and the rates of the torso's joints.
-
-    Raises:
-        InputError: the stamp is not finite, or `hold_s` out of (0, 0.5].
+        params: Speed of the torso and spacing of its postures.
+        model: Gaze kinematics of the robot.
+        limits: Gaze limits of the map.
+        reachable: The map's verdict (N,) on gaze postures (N, 3); False for NaN.
+        posture: The robot now.
+        p_root: (3,) m, the object in the root frame.
+        hold_s: Duration of the command, in (0, 0.5] s, else InputError.
+        stamp_s: Stamp of the command; InputError unless it is finite.
     """
     robot = posture.robot
     index = robot.indices(robot.names.torso)

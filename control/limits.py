@@ -52,26 +52,18 @@ def limit(
     last: JointVelocity | None = None,
     last_q_rad: Array | None = None,
 ) -> JointVelocity:
-    """The command nearest to `wanted` that keeps every limit until it expires.
+    """The command nearest to `wanted` that keeps every limit until it expires; the robot is at `posture` at its stamp.
+    stamp.
 
-    Args:
-        params: The limits.
-        self_collision: Distances of this robot's bodies.
-        posture: The robot at the command's stamp.
-        wanted: Command of the controllers.
-        last: The previous command; None: the robot rests.
-        last_q_rad: (n_joints,) posture at the last command's stamp; None: unknown.
+    The change from braking to `wanted` is scaled uniformly, separately for the joints that move bodies and for the
+    head. Braking continues along the `last` command (None: the robot rests) and ends where that would have ended: if
+    the robot is where it was predicted to be from `last_q_rad` (n_joints,) at the last stamp, that path has been
+    checked.  A limit that is already exceeded is not exceeded further: a joint beyond its limit stays or returns, and
+    two bodies that are too near or overlap may only separate.  The self-collision distance takes precedence over the
+    acceleration limit.
 
-    Returns:
-        The command.  The change from braking to `wanted` is scaled uniformly, separately for the joints that move
-        bodies and for the head.  Braking continues along the last command and ends where the last command would have
-        ended: if the robot is where it was predicted to be, that path has been checked.  A limit that is already
-        exceeded is not exceeded further: a joint beyond its limit stays or returns, and two bodies that are too near
-        or overlap may only separate.  The self-collision distance takes precedence over the acceleration limit.
-
-    Raises:
-        InputError: a rate or stamp is not finite, the stamp is before that of the last command, or the command is
-            valid for less than 0 or more than `MAX_HOLD_S`.
+    InputError if a rate or stamp is not finite, the stamp is before that of the last command, or the command is valid
+    for less than 0 or more than `MAX_HOLD_S`.
     """
     check_times("command", wanted.stamp_s, wanted.hold_s, -np.inf if last is None else last.stamp_s)
     robot = posture.robot

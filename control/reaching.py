@@ -78,7 +78,7 @@ def step(params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: b
         target = state.target_taxel if last_mode == "reach" else None
         if target is None or is_active:
             target = target_taxel(params, arm, state)
-        motion = ArmMotion.of(params, arm, clearance_rows(arm, other_parts(arm, target)))
+        motion = ArmMotion(params, arm, clearance_rows(arm, other_parts(arm, target)))
         touch = _fastest_touch(params, motion, target)
         state = replace(state, target_taxel=target, points=(touch.point,))
         dq = touch.dq

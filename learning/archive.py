@@ -48,12 +48,8 @@ def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) ->
 
 
 def read_arrays(path: Path, content: str, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
-    """The named arrays of an .npz file, which should hold `content`.
-
-    Raises:
-        InputError: The file cannot be read, lacks an array, states more than 256 MiB of arrays, or holds others than
-            of real numbers or text.
-    """
+    """The named arrays of an .npz file, which should hold `content`; InputError if it cannot be read, lacks one, states
+    more than 256 MiB of them, or one is not of real numbers or text."""
     arrays = _stored_arrays(path, content, names)
     if missing := [name for name in names if name not in arrays]:
         raise InputError(path, f"no {', '.join(missing)}; expected {content} with {', '.join(names)}")

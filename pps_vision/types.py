@@ -65,9 +65,8 @@ class StereoFrame(_Message):
 class Detection2D(_Message):
     """The object in one eye's image.
 
-    `center_px` (2,) is the projection of the object's centre, lens distortion included;
-    `cov_px` (2, 2) its covariance; `angular_radius_rad` half the angle that the object
-    subtends; `score` in [0, 1] the similarity of its appearance.
+    `center_px` (2,) is the projection of the object's centre, lens distortion included; `cov_px` (2, 2) its covariance;
+    `angular_radius_rad` half the angle that the object subtends; `score` in [0, 1] the similarity of its appearance.
     """
 
     stamp_s: float

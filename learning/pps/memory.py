@@ -97,9 +97,8 @@ class PPSMemory:
 
 
 def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
-    """One learning iteration (R, "Data collection"): the buffer's samples count as positive for the
-    `touched` (n,) taxels and as negative for the others of the same body part; nothing changes
-    on a part that was not touched."""
+    """One learning iteration (R, "Data collection"): the buffer's samples count as positive for the `touched` (n,)
+    taxels and as negative for the others of the same body part; nothing changes on a part that was not touched."""
     return _learned(memory, buffer, touched, _learning(memory, touched))
 
 

@@ -4,9 +4,8 @@ The position of the hand is linear in the products Φ of 1, cos q and sin q of t
 head that the neck carries: the lines of sight cross there but for C(gaze) o, where o holds the constant offsets between
 eyes and neck.  So Φ(arm) W = crossing(gaze) + C(gaze) o is linear in the unknown W and o, which gives a first estimate;
 the noise is in the gaze, so that both are then fitted in its angles.  Outliers (another point fixated, an encoder
-stuck) get little weight.  A neck that yaws first is the same with yaw and pitch exchanged.  The residual
-of such a robot (sag, errors of gears, cross-talk) is left to a Gaussian process of the arm posture,
-`learning/reach/residual.py`.
+stuck) get little weight.  A neck that yaws first is the same with yaw and pitch exchanged.  The residual of such a
+robot (sag, errors of gears, cross-talk) is left to a Gaussian process of the arm posture, `learning/reach/residual.py`.
 """
 
 from typing import NamedTuple

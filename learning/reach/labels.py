@@ -9,12 +9,15 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from learning.reach.params import N_NEAR, MapParams
+from learning.reach import MeasureName
+from learning.reach.params import MAP, N_NEAR, MapParams
 from pps_vision.errors import InputError
+from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, covered_directions
+from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Manipulability, Measure, covered_directions
+from pps_vision.robot.skin import Skin
 from pps_vision.robot.two_stage import TwoStage, two_stage
 from pps_vision.types import Array, Mask
 
@@ -22,6 +25,7 @@ from pps_vision.types import Array, Mask
 # forward models with gaps (tests/stability/test_reachable_space.py).
 _SETTLED = 5e-3
 _EXACT = IKParams(tolerance=1e-6, max_steps=100, min_step_rad=1e-6)  # the tolerance of labels misjudges 0.05 %
+_N_SAMPLED = 20_000  # postures among which the greatest manipulability is looked for
 _FAR_M = 0.1  # a point farther than this from the nearest of all babbled hands is out of reach
 
 
@@ -73,6 +77,31 @@ class HandModel:
         return cls(forward, model.points, model.gaze)
 
 
+def hand_and_params(
+    robot: Robot, side: str, end_point: str, measure: MeasureName, params: MapParams, skin: Skin | None = None
+) -> tuple[HandModel, MapParams]:
+    """Arguments of `train_reachable_map` for an end point ("palm", or a taxel such as "left_forearm:27") and a measure;
+    ValueError for a point that this arm does not carry."""
+    lower, upper = np.array([params.arm_limits.lower_rad, params.arm_limits.upper_rad])
+    point = EndPoint.of(robot, side, end_point, len(lower), skin)
+    hand = replace(HandModel.of(robot, point.positions), normals=point.normals)
+    return hand, replace(params, measure=_measure(measure, point, lower, upper))
+
+
+def _measure(
+    name: MeasureName, point: EndPoint, lower: Array, upper: Array
+) -> Callable[[Array, Array], Measure] | DirectionCoverage:
+    if name == "approach":
+        return DirectionCoverage()
+    if name == "joint-limits":
+        return FarFromLimits
+    if name == "isotropy":
+        return lambda _lower, _upper: Manipulability(isotropy=True)
+    q = np.random.default_rng(0).uniform(lower, upper, (_N_SAMPLED, len(lower)))
+    most = float(Manipulability()(q, point.positions(q)[1]).max())
+    return lambda _lower, _upper: Manipulability(most)
+
+
 class ReachOracle:
     """Answers by inverse kinematics with the given forward model, by default the robot's own."""
 
@@ -81,7 +110,7 @@ class ReachOracle:
     ) -> None:
         """InputError for a side other than left or right."""
         if side not in ("left", "right"):
-            raise InputError("reachable-space map", f"side {side!r}: expected left or right")
+            raise InputError(MAP, f"side {side!r}: expected left or right")
         self.robot = robot
         self.params = params
         self.lower, self.upper = np.array([params.arm_limits.lower_rad, params.arm_limits.upper_rad])

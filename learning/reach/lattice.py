@@ -1,14 +1,17 @@
-"""Gaze space in coordinates that are equally fine in all directions, and values on a lattice in it."""
+"""Gaze space in coordinates that are equally fine in all directions: values on a lattice, and smooth interpolation."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array
 
-_ROWS = 1 << 14  # interpolated at a time: 1 << 20 take half as long again
-_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
+_NEIGHBOURS = 30  # 60 reduce the error on a distance field by 2 %, 15 raise it by 10 %
+_APART = 1e-4  # isotropic coordinates: nodes closer together make the system singular
 
 
 def isotropic(gaze_rad: Array) -> Array:
@@ -41,20 +44,36 @@ class Lattice:
         yaw, pitch, log_tan = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
         return np.stack([yaw, pitch, 2 * np.arctan(np.exp(log_tan))], axis=1)
 
-    def interpolate(self, values: Array, gaze_rad: Array) -> Array:
-        """(N, m) of values (a·b·c, m) at gaze postures (N, 3) within the limits, linear between the eight nearest;
-        cubic splines measured no better."""
+    def interpolate(self, fields: Array, gaze_rad: Array) -> Array:
+        """(m, N) of fields (m, a, b, c) at gaze postures (N, 3) within the limits, linear between the eight nearest
+        values; cubic splines measured no better."""
         low = isotropic(self.limits.lower)
-        cells = np.array(self.shape) - 1
-        per_unit = cells / (isotropic(self.limits.upper) - low)
-        strides = np.array([self.shape[1] * self.shape[2], self.shape[2], 1])
-        between = np.zeros((len(gaze_rad), values.shape[1]))
-        for begin in range(0, len(gaze_rad), _ROWS):
-            at = (isotropic(gaze_rad[begin : begin + _ROWS]) - low) * per_unit
-            cell = np.minimum(at.astype(np.intp), cells - 1)
-            shares = np.stack([1 - (at - cell), at - cell])  # (2, n, 3)
-            first = cell @ strides
-            for corner in _CORNERS:
-                weight = shares[corner[0], :, 0] * shares[corner[1], :, 1] * shares[corner[2], :, 2]
-                between[begin : begin + _ROWS] += weight[:, None] * values[first + corner @ strides]
-        return between
+        at = (isotropic(gaze_rad) - low) / (isotropic(self.limits.upper) - low) * (np.array(self.shape) - 1)
+        return np.stack([map_coordinates(field, at.T, order=1, mode="nearest") for field in fields])
+
+
+class GazeSpline:
+    """Triharmonic spline through values (n,) at gaze postures (n, 3), local to the nearest nodes (Carr et al. 2001).
+
+    Of nodes closer together than `_APART` only the first counts.  The triharmonic spline has no unique solution for
+    fewer than four nodes or nodes on a plane; there the biharmonic one, with a constant, takes its place.
+    """
+
+    def __init__(self, gaze_rad: Array, values: Array) -> None:
+        if len(gaze_rad) == 0:
+            raise ValueError("no gaze postures to interpolate between; expected at least one")
+        at = isotropic(gaze_rad)
+        close = np.unique(cKDTree(at).query_pairs(_APART, output_type="ndarray")[:, 1])
+        self._at = np.delete(at, close, axis=0)
+        self._values = np.delete(values, close)
+
+    def __call__(self, gaze_rad: Array) -> Array:
+        """Values (N,) at gaze postures (N, 3)."""
+        at = isotropic(gaze_rad)
+        nearest = min(_NEIGHBOURS, len(self._at))
+        if len(self._at) >= 4:
+            try:
+                return np.asarray(RBFInterpolator(self._at, self._values, nearest, kernel="cubic", degree=1)(at))
+            except np.linalg.LinAlgError:  # some neighbourhood lies on a plane
+                pass
+        return np.asarray(RBFInterpolator(self._at, self._values, nearest, kernel="linear", degree=0)(at))

@@ -8,6 +8,7 @@ the verdict itself jumps, on a lattice: a query costs no more than eight neighbo
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,15 +17,15 @@ from scipy.special import expit
 from learning.archive import read_archive, write_archive
 from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
+from learning.reach.params import MAP
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
-_KIND = "reachable-space map"
 _VERSION = 5
-_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error", "unanswered")
-_BOUND = "error_bound"
-_NAMES = ("end_point", "measure")
+_TEXTS = ("side", "end_point", "measure")
+_FIELDS = ("signed_distance", "optimality", "error_m")
+_NUMBERS = ("max_error_m", "softness", "expected_error", "unanswered", "error_bound")
 _LABELS = tuple(f.name for f in fields(Labels))
 _TORCH_ROWS = 1 << 18  # gaze postures at a time on a torch device, which take about 100 MB
 
@@ -82,28 +83,28 @@ class ReachableMap:
 
     def save(self, path: Path | str) -> None:
         """Write the map as .npz, whole or not at all."""
-        arrays: dict[str, ArrayLike] = {name: getattr(self, name) for name in ("side", *_NAMES, *_NUMBERS, _BOUND)}
+        arrays: dict[str, ArrayLike] = {name: getattr(self, name) for name in (*_TEXTS, *_FIELDS, *_NUMBERS)}
         arrays["limits_rad"] = np.array([self.limits.yaw_rad, self.limits.pitch_rad, self.limits.vergence_rad])
         arrays |= {f"label_{name}": getattr(self.labels, name) for name in _LABELS}
-        write_archive(Path(path), _KIND, _VERSION, arrays)
+        write_archive(Path(path), MAP, _VERSION, arrays)
 
     @classmethod
     def load(cls, path: Path | str) -> "ReachableMap":
         """Read a map that `pps-vision reach train` or `save` wrote; InputError names the file and the fault."""
-        stored = ("side", *_NAMES, "limits_rad", *_NUMBERS, _BOUND, *(f"label_{name}" for name in _LABELS))
-        data = read_archive(Path(path), _KIND, _VERSION, stored)
+        stored = (*_TEXTS, *_FIELDS, *_NUMBERS, "limits_rad", *(f"label_{name}" for name in _LABELS))
+        data = read_archive(Path(path), MAP, _VERSION, stored)
         try:
             (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).reshape(3, 2).tolist()
             limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
-            signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
-            most, softness, expected, unanswered = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
             label = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
+            values: dict[str, Any] = {name: str(data[name]) for name in _TEXTS}
+            values |= {name: np.asarray(data[name], dtype=float) for name in _FIELDS}
+            values |= {name: float(np.asarray(data[name], dtype=float)) for name in _NUMBERS}
+            values["unanswered"] = int(values["unanswered"])
             labels = Labels(**{**label, "reachable": label["reachable"] > 0})
-            values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
-            bound = float(np.asarray(data[_BOUND], dtype=float))
-            return cls(str(data["side"]), limits, *values, str(data["end_point"]), str(data["measure"]), bound)
+            return cls(limits=limits, labels=labels, **values)
         except (ValueError, TypeError, OverflowError) as error:
-            raise InputError(path, f"{_KIND} that does not fit together: {error}") from error
+            raise InputError(path, f"{MAP} that does not fit together: {error}") from error
 
     @cached_property
     def lattice(self) -> Lattice:
@@ -112,16 +113,15 @@ class ReachableMap:
         return Lattice(self.limits, (a, b, c))
 
     @cached_property
-    def _values(self) -> Array:
-        """(a·b·c, 3) signed distance, optimality, and error relative to the largest."""
-        parts = (self.signed_distance, self.optimality, self.error_m / self.max_error_m)
-        return np.stack([part.ravel() for part in parts], axis=1)
+    def _fields(self) -> Array:
+        """(3, a, b, c) signed distance, optimality, and error relative to the largest."""
+        return np.stack([self.signed_distance, self.optimality, self.error_m / self.max_error_m])
 
     def threshold(self, max_false_positives: float) -> float:
         """Least probability, at least 0.5, above which no more than this share of the unreachable postures is called
         reachable, according to the map's own probabilities."""
         if not 0 < max_false_positives < 1:
-            raise InputError(_KIND, f"a share of {max_false_positives} false positives: expected above 0 and below 1")
+            raise InputError(MAP, f"a share of {max_false_positives} false positives: expected above 0 and below 1")
         probability = np.sort(expit(self.signed_distance.ravel() / self.softness))
         order = np.argsort(self.signed_distance.ravel())
         # weight of a lattice point: its spacing in vergence, since the lattice is densest where the eyes verge least
@@ -141,7 +141,7 @@ class ReachableMap:
         if device is not None and len(gaze):
             probability, degree = self._query_by_torch(gaze, device)
         else:
-            signed, good, bad = self.lattice.interpolate(self._values, gaze).T
+            signed, good, bad = self.lattice.interpolate(self._fields, gaze)
             degree = np.where(signed > 0, 0.5 + 0.5 * good, 0.5 - 0.5 * bad).clip(0, 1)
             probability = expit(signed / self.softness)
         probability[~within] = degree[~within] = np.nan
@@ -156,8 +156,7 @@ class ReachableMap:
             tensor = torch.from_numpy(gaze).to(device)
             return torch.cat([tensor[..., :2], torch.tan(tensor[..., 2:] / 2).log()], dim=-1)
 
-        field = np.stack([self.signed_distance, self.optimality, self.error_m / self.max_error_m])
-        values = torch.from_numpy(field)[None].to(device)
+        values = torch.from_numpy(self._fields)[None].to(device)
         low = isotropic(self.limits.lower)
         high = isotropic(self.limits.upper)
         results = []
@@ -165,7 +164,7 @@ class ReachableMap:
             gaze = isotropic(gaze_rad[start : start + _TORCH_ROWS])
             place = (2 * (gaze - low) / (high - low) - 1).flip(-1).view(1, -1, 1, 1, 3)  # the last axis comes first
             between = functional.grid_sample(values, place, "bilinear", "border", align_corners=True)
-            signed, good, bad = between.view(len(field), -1)
+            signed, good, bad = between.view(3, -1)
             degree = torch.where(signed > 0, 0.5 + 0.5 * good, 0.5 - 0.5 * bad).clamp(0, 1)
             results.append(torch.stack([torch.sigmoid(signed / self.softness), degree]))
         probability, degrees = torch.cat(results, dim=1).cpu().numpy()

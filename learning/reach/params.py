@@ -11,6 +11,7 @@ from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Measu
 from pps_vision.robot.two_stage import TwoStageParams
 from pps_vision.types import Array
 
+MAP = "reachable-space map"
 _DEG = np.pi / 180
 N_NEAR = 16  # babbled postures nearest to a point, among which inverse kinematics chooses its two starts
 
@@ -21,9 +22,6 @@ class ArmLimits:
 
     lower_rad: tuple[float, ...] = (-95 * _DEG, 0.0, -20 * _DEG, 15 * _DEG)
     upper_rad: tuple[float, ...] = (10 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG)
-
-
-_MAP = "reachable-space map"
 
 
 @dataclass(frozen=True)
@@ -64,14 +62,14 @@ class MapParams:
     def __post_init__(self) -> None:
         if not 2 <= 2 * self.round_labels <= self.n_labels:
             rounds = f"{self.n_labels} labels in rounds of {self.round_labels}"
-            raise InputError(_MAP, f"{rounds}: expected at least two rounds, the later ones to test the earlier ones")
+            raise InputError(MAP, f"{rounds}: expected at least two rounds, the later ones to test the earlier ones")
         if self.n_babble < N_NEAR:
-            raise InputError(_MAP, f"{self.n_babble} random arm postures: expected at least {N_NEAR}")
+            raise InputError(MAP, f"{self.n_babble} random arm postures: expected at least {N_NEAR}")
         if not (self.n_test >= 0 and 0 < self.confidence < 1):
             test = f"{self.n_test} test postures, confidence {self.confidence}"
-            raise InputError(_MAP, f"{test}: expected 0 or more, and 0 to 1")
+            raise InputError(MAP, f"{test}: expected 0 or more, and 0 to 1")
         if not 0 <= self.max_error < 1:
-            raise InputError(_MAP, f"a share of {self.max_error} misjudged: expected at least 0 and below 1")
+            raise InputError(MAP, f"a share of {self.max_error} misjudged: expected at least 0 and below 1")
 
     @property
     def test_postures(self) -> int:

@@ -13,16 +13,14 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 from scipy.special import betaincinv
 
-from learning.reach.gaze_spline import GazeSpline
 from learning.reach.labels import HandModel, Labels, ReachOracle
-from learning.reach.lattice import Lattice, isotropic
+from learning.reach.lattice import GazeSpline, Lattice, isotropic
 from learning.reach.map import ReachableMap
-from learning.reach.params import MapParams
+from learning.reach.params import MAP, MapParams
 from pps_vision.errors import InputError
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
-_MAP = "reachable-space map"
 _COARSER = 4  # steps of the lattice on which splines are evaluated far from the border; 1 takes four times as long
 _VOTERS = 8  # neighbours that judge a label; matters only for wrong labels (bench severity)
 _ROUNDS = 16  # a round is at least 1/16 of all labels, which it revisits, so that the cost stays linear
@@ -67,7 +65,7 @@ def learned_from(
         labels = into.labels
         unanswered = into.unanswered
     else:
-        raise InputError(_MAP, f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from")
+        raise InputError(MAP, f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from")
     good_enough = 0.5 * params.max_error
     risk = 1 - params.confidence
     while (unspent := params.n_labels - spent) >= params.round_labels:
@@ -122,7 +120,7 @@ def _on_lattice(
     def evaluate(at: Array, values: Array, where: Callable[[Array], Mask] | None) -> Array:
         """Values of a spline on the lattice: interpolated from the coarse one, exact `where` that matters."""
         spline = GazeSpline(at, values)
-        rough = coarse.interpolate(spline(coarse.gaze_rad)[:, None], gaze)[:, 0]
+        rough = coarse.interpolate(spline(coarse.gaze_rad).reshape(1, *coarse.shape), gaze)[0]
         if where is not None:
             near = where(rough)
             rough[near] = spline(gaze[near])
@@ -158,10 +156,10 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
     distance to the nearest of them."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
     if len(labels.gaze_rad) == 0:
-        raise InputError(_MAP, "inverse kinematics never converged; expected a forward model that it can invert")
+        raise InputError(MAP, "inverse kinematics never converged; expected a forward model that it can invert")
     if len(border) == 0:
         n = len(labels.gaze_rad)
-        raise InputError(_MAP, f"all {n} labels are within reach: expected some beyond the border to learn")
+        raise InputError(MAP, f"all {n} labels are within reach: expected some beyond the border to learn")
     distance, _ = cKDTree(isotropic(border)).query(isotropic(labels.gaze_rad))
     clear = distance > params.border_clearance
     signed = np.where(labels.reachable, distance, -distance)[clear]

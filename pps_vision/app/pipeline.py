@@ -9,11 +9,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from control import arbiter, avoidance, fixation, lean, limits, neck_and_eyes, reaching, search
+from control import avoidance, fixation, lean, limits, neck_and_eyes, reaching, search
 from control.avoidance import ArmInput, ArmState, AvoidanceParams, Response
+from control.commands import combine, posture_after
 from control.fixation import FixationParams
 from control.head import carried_velocity, gaze_of
-from control.latency import posture_after
 from control.lean import LeanParams
 from control.limits import MAX_HOLD_S, LimitParams
 from control.neck_and_eyes import NeckAndEyesParams
@@ -212,7 +212,7 @@ class Pipeline:
         leaning, torso_command = self._lean(state.leaning, inputs)
         arms, responses = self._move_arms(state.arms, leaning, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
-        wanted = arbiter.combine([*(response.command for response in responses), torso_command, gaze_command])
+        wanted = combine([*(response.command for response in responses), torso_command, gaze_command])
         command = limits.limit(
             params.limits, self._self_collision, inputs.posture, wanted, self._last_command, state.last_q_rad
         )

@@ -12,9 +12,9 @@ import numpy as np
 from tqdm import tqdm
 
 from control import fixation, limits, neck_and_eyes, search
+from control.commands import posture_after
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.head import gaze_of
-from control.latency import posture_after
 from control.limits import MAX_HOLD_S, LimitParams
 from control.neck_and_eyes import NeckAndEyesParams, joints
 from control.search import SearchParams, SearchState

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.arbiter import combine
+from control.commands import combine
 from pps_vision.types import JointVelocity
 
 

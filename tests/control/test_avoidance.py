@@ -88,10 +88,11 @@ def test_p_and_n_of_eq_6_by_hand(robot):
     i, j, k = (BOTH_PARTS.index(name) for name in ("left_forearm:27", "left_palm:101", "left_palm:99"))
     a = activations_of(BOTH_PARTS, left_forearm_27=0.9, left_palm_101=0.5, left_palm_99=0.6, left_palm_109=0.4)
     point = control_point(0.4, posture, BOTH_PARTS, a)
-    assert point.frame == "left_palm"
-    p = posture.point(point.frame, point.point)
+    frame, p_frame, direction = point
+    assert frame == "left_palm"
+    p = posture.point(frame, p_frame)
     np.testing.assert_allclose(p, (0.9 * positions[i] + 0.5 * positions[j] + 0.6 * positions[k]) / 2.0)
-    np.testing.assert_allclose(point.direction, (0.9 * normals[i] + 0.5 * normals[j] + 0.6 * normals[k]) / 3)
+    np.testing.assert_allclose(direction, (0.9 * normals[i] + 0.5 * normals[j] + 0.6 * normals[k]) / 3)
     assert control_point(0.9, posture, BOTH_PARTS, a) is None
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.latency import posture_after
+from control.commands import posture_after
 from pps_vision.types import JointVelocity
 
 

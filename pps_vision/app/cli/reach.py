@@ -103,7 +103,7 @@ class TrainMap(RobotOptions):
     ) -> "ReachableMap":
         import numpy as np
 
-        from learning.reach.measures import hand_and_params
+        from learning.reach.labels import hand_and_params
         from learning.reach.params import ArmLimits
         from learning.reach.training import train_reachable_map
 

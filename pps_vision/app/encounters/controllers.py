@@ -132,7 +132,8 @@ def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:
         point = control_point(numbers["threshold"], posture, scene.skin, activations)
         active_since_s = np.inf if point is None else min(active_since_s, t)
         if point is not None and t - active_since_s >= numbers["confirmation_s"] - 1e-9:
-            last = t, point.frame, point.point, sign * SPEED_M_S * point.direction
+            frame, position, direction = point
+            last = t, frame, position, sign * SPEED_M_S * direction
         if last is not None and t - last[0] <= numbers["persist_s"] + 1e-9:
             home.left = True
             return move_point(scene, posture, *last[1:])

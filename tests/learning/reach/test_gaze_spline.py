@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.reach.gaze_spline import GazeSpline
-from learning.reach.lattice import isotropic
+from learning.reach.lattice import GazeSpline, isotropic
 from pps_vision.robot.gaze import GazeLimits
 
 LIMITS = GazeLimits()

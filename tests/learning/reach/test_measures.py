@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reach.labels import ReachOracle
-from learning.reach.measures import hand_and_params
+from learning.reach.labels import ReachOracle, hand_and_params
 from learning.reach.params import MapParams
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.end_point import EndPoint

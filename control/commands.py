@@ -1,0 +1,48 @@
+"""Commands together: those of the arm and gaze controllers as one, and the posture that earlier ones lead to."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pps_vision.errors import InputError
+from pps_vision.types import Array, JointVelocity
+
+
+def combine(commands: Sequence[JointVelocity]) -> JointVelocity:
+    """The sum of one or more velocity commands that move disjoint sets of joints, not yet within limits.
+
+    InputError if two commands move one joint, their stamps, validities or lengths differ, or a rate is not finite.
+    """
+    times = {(command.stamp_s, command.hold_s) for command in commands}
+    shapes = {command.dq_rad_s.shape for command in commands}
+    if len(times) != 1 or len(shapes) != 1:
+        differing = f"stamps and validities {sorted(times)} s and shapes {sorted(shapes)}"
+        raise InputError("arbiter", f"commands of {differing}; expected one of each")
+    rates = np.array([command.dq_rad_s for command in commands])
+    if not np.isfinite(rates).all():
+        raise InputError("arbiter", f"joint rates {rates}; expected finite numbers in rad/s")
+    shared = np.flatnonzero(np.count_nonzero(rates, axis=0) > 1)
+    if shared.size:
+        raise InputError("arbiter", f"joints {shared.tolist()} are commanded twice; expected disjoint sets of joints")
+    stamp_s, hold_s = times.pop()
+    return JointVelocity(stamp_s, rates.sum(axis=0), hold_s)
+
+
+def posture_after(
+    q_rad: Array, commands: Sequence[JointVelocity], from_s: float, until_s: float, latency_s: float
+) -> Array:
+    """The configuration (n_joints,) at `until_s` of a robot at `q_rad` at `from_s` that obeys `commands`.
+
+    The commands are in the order of their stamps.  Each takes effect `latency_s` after its stamp and holds until the
+    next one takes effect or it expires.
+    """
+    q = q_rad
+    for k, command in enumerate(commands):
+        begin = command.stamp_s + latency_s
+        end = begin + command.hold_s
+        if k + 1 < len(commands):
+            end = min(end, commands[k + 1].stamp_s + latency_s)
+        obeyed_s = min(end, until_s) - max(begin, from_s)
+        if obeyed_s > 0:
+            q = q + obeyed_s * command.dq_rad_s
+    return q
