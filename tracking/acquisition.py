@@ -1,7 +1,7 @@
 """Acquisition of an object while none is tracked (R Fig 13, left half).
 
 A motion region grows to the whole object by its colours.  Candidates of both images with the same colours and size are
-one object.  A marker is detected by its hue (`marker_acquisition`).
+one object.  A marker is detected by its hue.
 """
 
 import itertools
@@ -23,8 +23,7 @@ from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import Background
 from tracking.ego_motion import Box
 from tracking.foreground import Foreground, MovingForeground, StaticForeground
-from tracking.marker import MarkerParams
-from tracking.marker_acquisition import is_nearer_than_surroundings, moved_markers
+from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.optical_flow import Flow2D
 from tracking.outline import Optics, Outline, fit_outline

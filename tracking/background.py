@@ -10,9 +10,8 @@ from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 from tracking import masks
-from tracking.background_edge import ASIDE_PX, edge_of_background, ghosts
 from tracking.ego_motion import Box, EgoMotion
-from tracking.moving_background import MovingBackground, beyond, most, smoothed
+from tracking.moving_background import ASIDE_PX, MovingBackground, beyond, edge_of_background, ghosts, most, smoothed
 
 CHANGED = 0.3  # least foreground share of an object's image
 _PERIOD_S = 0.2  # in which every row is updated once

@@ -12,12 +12,11 @@ from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Mask
 from tracking import masks
 from tracking.background import Background
-from tracking.background_edge import LEARNED_EDGE
 from tracking.ego_motion import ROOM_M, Box, EgoMotion
 from tracking.image_tracker import MIN_SCORE, ImageDetection, ImageTracker, ImageTrackerParams, Target
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
-from tracking.moving_background import MovingBackground
+from tracking.moving_background import LEARNED_EDGE, MovingBackground
 from tracking.outline import Optics, Outline
 from tracking.particle_filter import Prior
 from tracking.stereo import CameraFrame

@@ -14,8 +14,8 @@ from pps_vision.geometry.camera import View
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.background import CHANGED, Background
-from tracking.background_edge import LEARNED_EDGE
 from tracking.ego_motion import Box
+from tracking.moving_background import LEARNED_EDGE
 
 _SAME_MASK = 0.8  # overlap from which a colour region is the object of a static camera
 _MIN_OVERLAP = 0.6  # the same, of a moving camera

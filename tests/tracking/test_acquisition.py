@@ -16,8 +16,7 @@ from tracking.acquisition import Acquisition, Candidate, SearchCounts, segment
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.foreground import StaticForeground
-from tracking.marker import MarkerParams, find_markers
-from tracking.marker_acquisition import is_nearer_than_surroundings, moved_markers
+from tracking.marker import MarkerParams, find_markers, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import Region2D, TriggerParams
 from tracking.outline import Optics, Outline
 from tracking.stereo import Association, CameraFrame, StereoParams, camera_frames

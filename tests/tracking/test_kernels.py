@@ -6,8 +6,7 @@ from scipy import ndimage
 
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
-from tracking.kernels import UNIT, covered, moments
-from tracking.outline import Optics
+from tracking.outline import UNIT, Optics, covered, moments
 
 
 def _textbook(image: Image, mask: Mask, band: int) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pps_vision.types import Image, Mask
-from tracking.background_edge import edge_of_background
+from tracking.moving_background import edge_of_background
 
 WHOLE = (0, 0, 120, 90)
 
