@@ -1,12 +1,12 @@
 """The claims of README.md beside their goals, read from the results of the studies."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pps_vision.experiments.tables import Table, judged, read_numbers
-from pps_vision.experiments.tracking.consistency import GOALS, misses
-from pps_vision.experiments.tracking.pipeline import GOAL_MS, MEANT_FOR
+from pps_vision.experiments.tracking import GOAL_MS, MEANT_FOR
+from pps_vision.experiments.tracking.consistency import GOALS, QUANTITIES, misses
 
 Cells = Mapping[str, Any]
 
@@ -24,33 +24,35 @@ class Claim(NamedTuple):
 
 
 def _tracking(numbers: Cells) -> str:
-    cells = [numbers["cells"][f"rendered, {o}"]["tracker"] for o in ("ball", "marker")]
-    errors, tracked = ([cell[key][0] for cell in cells] for key in ("mean_recording_mm", "near_percent"))
-    means = " / ".join(judged(f"{mm:.2f}", mm > 1.0) for mm in errors)
+    cells = [numbers["cells"][f"rendered, {stimulus}"]["tracker"] for stimulus in ("ball", "marker")]
+    means = _joined(((cell["mean_recording_mm"][0], cell["mean_recording_mm"][0] > 1.0) for cell in cells), ".2f")
     worst = " / ".join(f"{cell['worst_recording_mm'][0]:.2f}" for cell in cells)
-    near = " / ".join(judged(f"{percent:.0f}", percent < 99) for percent in tracked)
+    near = _joined(((cell["near_percent"][0], cell["near_percent"][0] < 99) for cell in cells), ".0f")
     return f"{means} mm, worst recording {worst} mm; tracked {near} % of the time"
 
 
+def _joined(values: Iterable[tuple[float, bool]], digits: str) -> str:
+    """Values, and whether each misses its goal, separated by slashes."""
+    return " / ".join(judged(f"{value:{digits}}", missed) for value, missed in values)
+
+
 def _coverage(numbers: Cells) -> str:
-    cell, parts = numbers["cells"]["rendered"]["all"], []
-    for q in sorted({key.rsplit(" ", 1)[0] for key in cell if key.endswith((" 68", " 95"))}):
-        found = {share: cell[f"{q} {share}"][0] for share in GOALS}
-        told = (judged(f"{value:.0f}", misses(share, value)) for share, value in found.items())
-        parts.append(f"{q} {' / '.join(told)}")
-    return ", ".join(parts)
+    cell = numbers["cells"]["rendered"]["all"]
+    texts = []
+    for quantity in sorted(QUANTITIES):
+        values = [(cell[f"{quantity} {share}"][0], share) for share in GOALS]
+        texts.append(f"{quantity} {_joined(((value, misses(share, value)) for value, share in values), '.0f')}")
+    return ", ".join(texts)
 
 
 def _pipeline(numbers: Cells) -> str:
     parts = []
-    for object_, name in MEANT_FOR.items():
-        cell = numbers["cells"][f"rendered, {object_}"]
-        ours, csrt = cell[name], cell["two CSRT"]
+    for stimulus, name in MEANT_FOR.items():
+        cell = numbers["cells"][f"rendered, {stimulus}"]
+        ours = cell[name]
         ms = judged(f"{ours['ms'][1]:.2f} ms", ours["ms"][1] > GOAL_MS[name])
-        parts.append(
-            f"{ms}, {1 / ours['ratio'][0]:.0f} times as fast, "
-            f"{ours['rms_mm'][0]:.2f} against {csrt['rms_mm'][0]:.1f} mm"
-        )
+        against = f"{ours['rms_mm'][0]:.2f} against {cell['two CSRT']['rms_mm'][0]:.1f} mm"
+        parts.append(f"{ms}, {1 / ours['ratio'][0]:.0f} times as fast, {against}")
     return "; ".join(parts)
 
 
@@ -64,69 +66,39 @@ def _trigger(numbers: Cells) -> str:
 
 def _real_ball(numbers: Cells) -> str:
     cell = numbers["cells"]["vot_ball1"]
-    ours, csrt = cell["120 particles"], cell["CSRT"]
-    overlaps = [1 - c["lost_overlap"][0] for c in (ours, csrt)]
-    own = judged(f"{overlaps[0]:.3f}", overlaps[0] < 0.8)
-    return f"{own}, CSRT {overlaps[1]:.3f}; {1 / ours['ratio'][0]:.0f} times as fast"
+    ours, csrt = (1 - cell[name]["lost_overlap"][0] for name in ("120 particles", "CSRT"))
+    ratio = cell["120 particles"]["ratio"][0]
+    return f"{judged(f'{ours:.3f}', ours < 0.8)}, CSRT {csrt:.3f}; {1 / ratio:.0f} times as fast"
 
 
 def _loop(numbers: Cells) -> str:
-    n, (on, off) = numbers["n"], (numbers[case]["touched"] for case in ("avoidance on", "avoidance off"))
+    n = numbers["n"]
+    on, off = (numbers[case]["touched"] for case in ("avoidance on", "avoidance off"))
     moved = [numbers[case]["commanded"] for case in ("receding", "static", "own arm")]
-    told = ", ".join(judged(str(count), count > 0) for count in moved)
-    return f"{judged(str(on), on > 0)} / {judged(str(off), off < n)} of {n}; {told} of {n}"
+    counts = ", ".join(judged(str(count), count > 0) for count in moved)
+    return f"{judged(str(on), on > 0)} / {judged(str(off), off < n)} of {n}; {counts} of {n}"
 
 
 def _map(numbers: Cells) -> str:
-    scores = numbers["maps"]["ours"]
-    errors = [scores[truth]["je"][0] for truth in ("true", "learned")]
-    return " / ".join(judged(f"{je:.2f}", je > 0.2) for je in errors) + " %"
+    errors = [numbers["maps"]["ours"][truth]["je"][0] for truth in ("true", "learned")]
+    return _joined(((je, je > 0.2) for je in errors), ".2f") + " %"
 
 
 CLAIMS = (
     Claim("3D error of a rendered ball / marker, moving head, 0.25–0.6 m", "≤ 1 mm", "tracking", _tracking, "accuracy"),
-    Claim(
-        "stated 68 / 95 % intervals hold the truth (%; rendered, head moves)",
-        "68 ± 5 / 95 ± 3",
-        "tracking",
-        _coverage,
-        "consistency",
-    ),
-    Claim(
-        "a rendered stereo pair (320×240) with a ball 36–50 px across; with a marker 10–14 px across; beside two CSRT",
-        "≤ 4.5; 0.8 ms",
-        "tracking",
-        _pipeline,
-        "pipeline",
-    ),
-    Claim(
-        "false alarms a minute, head turning before photographs; idle image",
-        "< 1; ≤ 1 ms",
-        "stages",
-        _trigger,
-        "trigger",
-    ),
-    Claim(
-        "IoU on `vot_ball1` (real, 48 px across in 1280×720; choices were made on it)",
-        "≥ 0.80",
-        "stages",
-        _real_ball,
-        "image_tracker",
-    ),
-    Claim(
-        "touched by a rendered octopus that stops at the skin, 5–15 cm/s, avoidance on / off; moved without cause",
-        "0 / all; 0",
-        "loop",
-        _loop,
-    ),
-    Claim(
-        "misjudged gaze postures, against true / learned kinematics (simulated, exact fixation)",
-        "≤ 0.2 %",
-        "reach_paper",
-        _map,
-        "whole_paper",
-    ),
-)
+    Claim("stated 68 / 95 % intervals hold the truth (%; rendered, head moves)",
+          "68 ± 5 / 95 ± 3", "tracking", _coverage, "consistency"),
+    Claim("a rendered stereo pair (320×240) with a ball 36–50 px across; with a marker 10–14 px across; "
+          "beside two CSRT", "≤ 4.5; 0.8 ms", "tracking", _pipeline, "pipeline"),
+    Claim("false alarms a minute, head turning before photographs; idle image",
+          "< 1; ≤ 1 ms", "stages", _trigger, "trigger"),
+    Claim("IoU on `vot_ball1` (real, 48 px across in 1280×720; choices were made on it)",
+          "≥ 0.80", "stages", _real_ball, "image_tracker"),
+    Claim("touched by a rendered octopus that stops at the skin, 5–15 cm/s, avoidance on / off; moved without cause",
+          "0 / all; 0", "loop", _loop),
+    Claim("misjudged gaze postures, against true / learned kinematics (simulated, exact fixation)",
+          "≤ 0.2 %", "reach_paper", _map, "whole_paper"),
+)  # fmt: skip
 
 
 def claims_table(results: Path) -> Table:
@@ -135,8 +107,6 @@ def claims_table(results: Path) -> Table:
     for claim in CLAIMS:
         file = results / f"{claim.study}.json"
         numbers = read_numbers(file) if file.exists() else {}
-        if claim.part:
-            numbers = numbers.get(claim.part, {})
-        if numbers:
+        if numbers := numbers.get(claim.part, {}) if claim.part else numbers:
             rows.append([claim.what, claim.goal, claim.measured(numbers), f"`{claim.study}`"])
     return Table(["what", "goal", "measured", "`bench`"], rows)

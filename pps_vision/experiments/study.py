@@ -135,9 +135,8 @@ class PartsStudy(Study):
 
     def tasks(self) -> dict[str, Callable[[], dict[str, Any]]]:
         """Return what measures each chosen part."""
-        return {
-            name: partial(part.run, self) for name, part in self.PARTS.items() if name in (self.parts or self.PARTS)
-        }
+        chosen = self.parts or self.PARTS
+        return {name: partial(part.run, self) for name, part in self.PARTS.items() if name in chosen}
 
     def run(self) -> dict[str, Any]:
         """Return the numbers of each part."""
@@ -145,24 +144,22 @@ class PartsStudy(Study):
 
     def chart(self, numbers: dict[str, Any]) -> "dict[str, Figure]":
         """Draw the parts that were measured."""
-        return _by_part({name: part.chart for name, part in self.PARTS.items()}, numbers)
+        return self._by_part("chart", numbers)
 
     def tables(self, numbers: dict[str, Any]) -> "dict[str, Table]":
         """Return the tables of the parts that were measured."""
-        return _by_part({name: part.table for name, part in self.PARTS.items()}, numbers)
+        return self._by_part("table", numbers)
 
-
-def _by_part(
-    functions: Mapping[str, Callable[[dict[str, Any]], Any] | None], numbers: dict[str, Any]
-) -> dict[str, Any]:
-    """Results of the functions of the measured parts, by "part" or "part_name"."""
-    results: dict[str, Any] = {}
-    for part, function in functions.items():
-        if function is not None and part in numbers and "skipped" not in numbers[part]:
-            result = function(numbers[part])
-            named = result if isinstance(result, dict) else {"": result}
-            results |= {f"{part}_{name}" if name else part: value for name, value in named.items()}
-    return results
+    def _by_part(self, kind: str, numbers: dict[str, Any]) -> dict[str, Any]:
+        """Results of the charts or tables of the measured parts, by "part" or "part_name"."""
+        results: dict[str, Any] = {}
+        for part, functions in self.PARTS.items():
+            function = getattr(functions, kind)
+            if function is not None and "skipped" not in numbers.get(part, {"skipped": ""}):
+                result = function(numbers[part])
+                named = result if isinstance(result, dict) else {"": result}
+                results |= {f"{part}_{name}" if name else part: value for name, value in named.items()}
+        return results
 
 
 @dataclass(frozen=True)
@@ -256,23 +253,18 @@ def measure(
     """
     measured: dict[str, dict[str, list[Values]]] = {}
     for scenario, make in scenarios.items():
-        of_scenario: dict[str, list[Values]] = {method: [] for method in methods}
+        cells: dict[str, list[Values]] = {method: [] for method in methods}
         for seed in tqdm(seeds, desc=scenario, unit="recording", disable=None):
             recording = make(seed)
-            turns = [
-                {name: measure_one(run, recording, seed) for name, run in methods.items()} for _ in range(repeated)
-            ]
+            turns = []
+            for _ in range(repeated):
+                runs = {name: timed(partial(run, recording, seed)) for name, run in methods.items()}
+                turns.append({name: {"ms": [ms], **values} for name, (values, ms) in runs.items()})
             for method, values in turns[0].items():
                 ms = np.concatenate([np.atleast_1d(turn[method]["ms"]) for turn in turns])
-                of_scenario[method].append({**values, "ms": ms})
-        measured[scenario] = of_scenario
+                cells[method].append({**values, "ms": ms})
+        measured[scenario] = cells
     return measured
-
-
-def measure_one(run: Method, recording: Any, seed: int) -> Values:
-    """Return a method's values on one recording, with "ms" of processor time if it does not measure its own."""
-    values, ms = timed(partial(run, recording, seed))
-    return values if "ms" in values else {**values, "ms": [ms]}
 
 
 def summarize(
@@ -308,14 +300,13 @@ def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mea
     """
     arrays = [np.asarray(unit, dtype=float) for unit in units]
     if not arrays:
-        return [np.nan, np.nan, np.nan]
-    rng = np.random.default_rng(0)
-    draws = rng.integers(len(arrays), size=(_RESAMPLES, len(arrays)))
+        return [np.nan] * 3
+    draws = np.random.default_rng(0).integers(len(arrays), size=(_RESAMPLES, len(arrays)))
     resampled = [summary(np.concatenate([arrays[k] for k in draw])) for draw in draws]
+    value = summary(np.concatenate(arrays))
     if np.all(np.isnan(resampled)):
-        return [summary(np.concatenate(arrays)), np.nan, np.nan]
-    low, high = np.nanpercentile(resampled, (2.5, 97.5))
-    return [summary(np.concatenate(arrays)), float(low), float(high)]
+        return [value, np.nan, np.nan]
+    return [value, *map(float, np.nanpercentile(resampled, (2.5, 97.5)))]
 
 
 def percent_of(counted: int, n: int) -> list[float]:
@@ -375,13 +366,10 @@ def catalogue() -> dict[str, type[Study]]:
     studies = {}
     for info in pkgutil.iter_modules(experiments.__path__, f"{experiments.__name__}."):
         for value in vars(import_module(info.name)).values():
-            if _is_study(value) and value.__module__ == info.name != __name__:
+            is_study = inspect.isclass(value) and issubclass(value, Study) and not inspect.isabstract(value)
+            if is_study and value.__module__ == info.name != __name__:
                 studies[value.name()] = value
     return studies
-
-
-def _is_study(value: Any) -> bool:
-    return inspect.isclass(value) and issubclass(value, Study) and not inspect.isabstract(value)
 
 
 @cache

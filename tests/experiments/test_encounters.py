@@ -15,9 +15,8 @@ from pps_vision.app.encounters.training import learn
 from pps_vision.app.encounters.tuned import TUNED
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.encounters import controllers
-from pps_vision.experiments.encounters.controllers import summary
+from pps_vision.experiments.encounters.controllers import draw_params, score, summary
 from pps_vision.experiments.encounters.sessions import ranges, session
-from pps_vision.experiments.encounters.tuning import draw_params, score
 
 
 @pytest.fixture(scope="module")

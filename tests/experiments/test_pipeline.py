@@ -15,7 +15,7 @@ from pps_vision.experiments.baselines.stereo_pipelines import (
     stereo_pipeline,
 )
 from pps_vision.experiments.films.recordings import Footage, moving
-from pps_vision.experiments.tracking.pipeline import ttc_error
+from pps_vision.experiments.tracking import ttc_error
 from pps_vision.types import Status, Track3D
 
 

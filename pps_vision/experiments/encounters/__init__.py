@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from pps_vision.experiments.encounters import controllers, rendered, sessions, tuning
+from pps_vision.experiments.encounters import controllers, rendered, sessions
 from pps_vision.experiments.encounters.parameters import EncountersParameters
 from pps_vision.experiments.study import Part
 
@@ -19,5 +19,5 @@ class Encounters(EncountersParameters):
         "controllers": Part(controllers.run, controllers.chart, controllers.tables),
         "rendered": Part(rendered.run, table=rendered.table),
         "sessions": Part(sessions.run, sessions.chart, sessions.table),
-        "tuning": Part(tuning.run),
+        "tuning": Part(controllers.tune),
     }

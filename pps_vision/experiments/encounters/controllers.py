@@ -1,4 +1,4 @@
-"""Every controller on the same encounters, without rendering."""
+"""Every controller on the same encounters, without rendering, and the random search for their parameters."""
 
 import operator
 from collections.abc import Callable, Sequence
@@ -9,14 +9,26 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition
-from pps_vision.app.encounters.registry import ASKING, BASELINES, NAMES, NONE, OURS, REACHING, TRUE
+from pps_vision.app.encounters.registry import (
+    ASKING,
+    BASELINES,
+    NAMES,
+    NONE,
+    OURS,
+    REACHING,
+    TRUE,
+    TUNABLE,
+    Baseline,
+)
 from pps_vision.app.encounters.suite import Rows, run_suite
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.encounters.parameters import (
     MIN_SELF_DISTANCE_MM,
     SLOW_M_S,
     EncountersParameters,
+    counts,
     rate,
     unfinished_folder,
 )
@@ -25,6 +37,7 @@ from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.atomic_write import whole_file, write_json
 from pps_vision.types import Array
 
+_LOGARITHMIC = "gain"  # parameter drawn logarithmically
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _FAST_BANDS_M_S = np.linspace(*FAST_M_S, 4)
 _SHARES: dict[Condition, float] = {
@@ -201,3 +214,34 @@ def _above(beyond: Sequence[float]) -> list[float]:
     """Points by which ours is above another controller, from those by which the other is above ours."""
     value, low, high = beyond
     return [0.0 - value, 0.0 - high, 0.0 - low]
+
+
+def tune(study: EncountersParameters) -> dict[str, Any]:
+    """Return the score of our defaults, and each controller's best draw."""
+    params = {
+        f"{name}#{k}": draw_params(baseline, np.random.default_rng((study.tuning_seed, j, k)))
+        for j, (name, baseline) in enumerate(TUNABLE.items())
+        for k in range(study.draws)
+    }
+    names = (OURS, *params)
+    folder = unfinished_folder(study, "tuning")
+    rows = run_suite(folder, counts(study.n_tuning), study.tuning_seed, names, study.workers, study.share, params)
+    scores = {name: score([row for row in rows if row["controller"] == name]) for name in names}
+    best = {name: min((k for k in params if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in TUNABLE}
+    return {"ours": scores[OURS], "best": {name: {"score": scores[k], **params[k]} for name, k in best.items()}}
+
+
+def draw_params(baseline: Baseline, rng: np.random.Generator) -> ControllerParams:
+    """Draw a baseline's parameters with four digits."""
+    params = {}
+    for name, (low, high) in baseline.ranges.items():
+        value = np.exp(rng.uniform(np.log(low), np.log(high))) if name == _LOGARITHMIC else rng.uniform(low, high)
+        params[name] = float(f"{value:.4g}")
+    return params
+
+
+def score(rows: Rows) -> float:
+    """Return the percentage of approaching objects that touch plus that of harmless ones with a command."""
+    touched = [row["touched"] for row in rows if row["condition"] in HAZARDS]
+    moved = [row["commands"] > 0 for row in rows if row["condition"] in HARMLESS]
+    return float(100 * np.mean(touched) + 100 * np.mean(moved))

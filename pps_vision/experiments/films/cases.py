@@ -72,9 +72,6 @@ def _right(percent: float, mm: float | None = None, **further: tuple[Goal, ...])
     return {"right_percent": (Goal(percent, True),), **error, **further}
 
 
-_VIVID = FilmScene()
-_GREY_CAMERA = SensorChain(grey=True)
-_HEAD = replace(_VIVID, rig="head", start="moving", distance_m=0.45, extent_m=0.08, speed_m_s=0.15)
 _IN_EVERY_FILM: Goals = {
     "least_right_percent": (Goal(98.0, True),),
     "least_covered_percent": (Goal(90.0, True),),
@@ -83,85 +80,67 @@ _IN_EVERY_FILM: Goals = {
 _UNSATURATED_GOALS = _right(95, 3.0)
 _PATTERN_GOALS = _right(95, 3.0, radius_percent=(Goal(10.0),))
 _STALE_GOALS = {0: _right(90, 3.0), 10: _right(90, 5.0), 20: _right(90, 8.0)}  # by the age of the joints, ms
+_HEAD = {"rig": "head", "start": "moving", "distance_m": 0.45, "extent_m": 0.08, "speed_m_s": 0.15}
+_GREY_HEAD = {**_HEAD, "color": UNSATURATED["grey"]}
+_SLOW = {"speed_m_s": 0.02, "start": "rest", "rest_s": 0.5, "extent_m": 0.04}
+_BOARD = {"motion": "straight", "start": "moving", "seconds": 6.0, "speed_m_s": 0.1, "hidden_s": 1.0}
+_STOPS = {"motion": "stop_and_go", "start": "moving", "seconds": 5.0}
+_SQUARE = {"shape": "square", "pattern": "textured", "radius_m": 0.04, "spin_rad_s": 0.3}
+_WHOLE_CHAIN = {"sensor": SensorChain(bayer=True, shot=0.2, jpeg=85), "gain_drift": 0.1}
+_LARGE = {"width": 1280, "height": 960, "fps": 60.0, "seconds": 2.0, "start": "moving"}
+_IN_VIEW: dict[str, Any] = {"start": "rest"}
+_GREY_IN_VIEW: dict[str, Any] = {**_IN_VIEW, "sensor": SensorChain(grey=True)}
+Options = Mapping[str, Any]  # of a `FilmScene`
+_STARTS: dict[str, Options] = {
+    "{}, entering": {},
+    "{}, in view from the start": _IN_VIEW,
+    "grey image, {}, in view from the start": _GREY_IN_VIEW,
+}
+_SHARED: dict[str, tuple[Options, Goals]] = {
+    "vivid, red": ({}, _IN_EVERY_FILM),
+    "vivid, whole sensor chain": (_WHOLE_CHAIN, _IN_EVERY_FILM),
+    "rig rotates, declared fixed": ({"rig": "rotating"}, {}),
+    "rig shakes, declared fixed": ({"rig": "shaking"}, {}),
+    "rig rotates, pose known": ({"rig": "rotating", "rig_known": True}, {}),
+    "behind a board for 1 s": (_BOARD, {}),
+    "defocus, sigma 3 px": ({"sensor": SensorChain(defocus_px=3.0)}, {}),
+    "motion blur, 20 ms": ({"shutter_s": 0.02}, {}),
+    "flicker and gain drift": ({"flicker": 0.15, "gain_drift": 0.2}, {}),
+    "noise 10": ({"sensor": SensorChain(read_noise=10.0)}, {}),
+    "2 cm/s": (_SLOW, {"most_found_s": (Goal(2.0),)}),
+    "1 m/s, instant reversal": ({"speed_m_s": 1.0, "motion": "reversal", "start": "moving"}, {}),
+    "moves, stops for 2 s, moves on": (_STOPS, _right(98, 2.0)),
+    "held by a finger": ({"finger": True, "start": "moving"}, {}),
+    "320x240, 10 fps": ({"width": 320, "height": 240, "fps": 10.0}, {}),
+    "1280x960, 60 fps": (_LARGE, {}),
+    **{f"head moves, {ms} ms stale": ({**_HEAD, "stale_s": ms / 1000}, goals) for ms, goals in _STALE_GOALS.items()},
+}
+"""Cases of a vivid ball for the generic tracker, and of a small one for the marker tracker."""
+_GENERIC: dict[str, tuple[Options, Goals]] = {
+    "vivid, blue": ({"color": BLUE}, _IN_EVERY_FILM),
+    **{
+        template.format(name): ({**options, "color": color}, _UNSATURATED_GOALS)
+        for template, options in _STARTS.items()
+        for name, color in UNSATURATED.items()
+    },
+    "striped, spinning": ({"pattern": "striped", "spin_rad_s": 3.0}, _PATTERN_GOALS),
+    "chequered, spinning": ({"pattern": "chequered", "spin_rad_s": 3.0}, _PATTERN_GOALS),
+    "textured square": (_SQUARE, _right(95, 6.0)),
+    "two balls of one colour": ({"second_ball": True}, {}),
+    "head moves, grey": (_GREY_HEAD, _STALE_GOALS[0]),
+    **{f"head moves, grey, {ms} ms stale": ({**_GREY_HEAD, "stale_s": ms / 1000}, _STALE_GOALS[ms]) for ms in (10, 20)},
+}
+"""Cases for the generic tracker alone."""
 
 
-def _for_generic_tracker() -> dict[str, tuple[FilmScene, Goals]]:
-    """Cases for the generic tracker alone."""
-    rest = replace(_VIVID, start="rest")
-    square = replace(_VIVID, shape="square", pattern="textured", radius_m=0.04, spin_rad_s=0.3)
-    grey_head = replace(_HEAD, color=UNSATURATED["grey"])
-    return {
-        "vivid, blue": (replace(_VIVID, color=BLUE), _IN_EVERY_FILM),
-        **{
-            f"{name}, entering": (replace(_VIVID, color=color), _UNSATURATED_GOALS)
-            for name, color in UNSATURATED.items()
-        },
-        **{
-            f"{name}, in view from the start": (replace(rest, color=color), _UNSATURATED_GOALS)
-            for name, color in UNSATURATED.items()
-        },
-        **{
-            f"grey image, {name}, in view from the start": (
-                replace(rest, color=color, sensor=_GREY_CAMERA),
-                _UNSATURATED_GOALS,
-            )
-            for name, color in UNSATURATED.items()
-        },
-        "striped, spinning": (replace(_VIVID, pattern="striped", spin_rad_s=3.0), _PATTERN_GOALS),
-        "chequered, spinning": (replace(_VIVID, pattern="chequered", spin_rad_s=3.0), _PATTERN_GOALS),
-        "textured square": (square, _right(95, 6.0)),
-        "two balls of one colour": (replace(_VIVID, second_ball=True), {}),
-        "head moves, grey": (grey_head, _STALE_GOALS[0]),
-        **{
-            f"head moves, grey, {ms} ms stale": (replace(grey_head, stale_s=ms / 1000), _STALE_GOALS[ms])
-            for ms in (10, 20)
-        },
-    }
+def _case(name: str, options: Options, goals: Goals, marker: bool = False) -> Case:
+    if marker:
+        name = "marker" if name == "vivid, red" else f"marker, {name.removeprefix('vivid, ')}"
+        options = {**options, "radius_m": _MARKER_M, "color": GREEN}
+    return Case(name, FilmScene(**options), marker, goals)
 
 
-def _for_both_trackers() -> dict[str, tuple[FilmScene, Goals]]:
-    """Cases of a vivid ball for the generic tracker, and of a small one for the marker tracker."""
-    board = replace(_VIVID, motion="straight", start="moving", seconds=6.0, speed_m_s=0.1, hidden_s=1.0)
-    slow = replace(_VIVID, speed_m_s=0.02, start="rest", rest_s=0.5, extent_m=0.04)
-    stops = replace(_VIVID, motion="stop_and_go", start="moving", seconds=5.0)
-    whole_chain = SensorChain(bayer=True, shot=0.2, jpeg=85)
-    return {
-        "vivid, red": (_VIVID, _IN_EVERY_FILM),
-        "vivid, whole sensor chain": (replace(_VIVID, sensor=whole_chain, gain_drift=0.1), _IN_EVERY_FILM),
-        "rig rotates, declared fixed": (replace(_VIVID, rig="rotating"), {}),
-        "rig shakes, declared fixed": (replace(_VIVID, rig="shaking"), {}),
-        "rig rotates, pose known": (replace(_VIVID, rig="rotating", rig_known=True), {}),
-        "behind a board for 1 s": (board, {}),
-        "defocus, sigma 3 px": (replace(_VIVID, sensor=SensorChain(defocus_px=3.0)), {}),
-        "motion blur, 20 ms": (replace(_VIVID, shutter_s=0.02), {}),
-        "flicker and gain drift": (replace(_VIVID, flicker=0.15, gain_drift=0.2), {}),
-        "noise 10": (replace(_VIVID, sensor=SensorChain(read_noise=10.0)), {}),
-        "2 cm/s": (slow, {"most_found_s": (Goal(2.0),)}),
-        "1 m/s, instant reversal": (replace(_VIVID, speed_m_s=1.0, motion="reversal", start="moving"), {}),
-        "moves, stops for 2 s, moves on": (stops, _right(98, 2.0)),
-        "held by a finger": (replace(_VIVID, finger=True, start="moving"), {}),
-        "320x240, 10 fps": (replace(_VIVID, width=320, height=240, fps=10.0), {}),
-        "1280x960, 60 fps": (replace(_VIVID, width=1280, height=960, fps=60.0, seconds=2.0, start="moving"), {}),
-        **{
-            f"head moves, {ms} ms stale": (replace(_HEAD, stale_s=ms / 1000), goals)
-            for ms, goals in _STALE_GOALS.items()
-        },
-    }
-
-
-def _cases() -> tuple[Case, ...]:
-    generic = [Case(name, scene, own_goals=goals) for name, (scene, goals) in _for_generic_tracker().items()]
-    shared = [Case(name, scene, own_goals=goals) for name, (scene, goals) in _for_both_trackers().items()]
-    markers = [
-        replace(
-            case,
-            name="marker" if case.name == "vivid, red" else f"marker, {case.name.removeprefix('vivid, ')}",
-            base=replace(case.base, radius_m=_MARKER_M, color=GREEN),
-            marker=True,
-        )
-        for case in shared
-    ]
-    return (*shared, *generic, *markers)
-
-
-CASES = _cases()
+CASES = (
+    *(_case(name, *case) for name, case in {**_SHARED, **_GENERIC}.items()),
+    *(_case(name, *case, marker=True) for name, case in _SHARED.items()),
+)
