@@ -125,6 +125,11 @@ def speed_errors(
     return figure
 
 
+def cells_chart(numbers: Mapping[str, Any], **options: Any) -> Figure:
+    """Return `speed_errors` of a part whose result holds its scenarios as "cells"."""
+    return speed_errors(numbers["cells"], **options)
+
+
 def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, bound: float | None = None) -> None:
     """Draw `metric` of each method over the severities of a disturbance, from the result of `compare_severities`.
 

@@ -19,6 +19,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
 ARMS = ("left", "right")
+N_TEST = 700  # postures at which forward models are judged, as in J
 SCORES = {"JE (%)": "je", "FN (%)": "fn", "FP (%)": "fp", "RMSE of R": "degree_rmse", "JE in J's box (%)": "box_je"}
 """Scores of a map by their names in tables."""
 _BOX_LOW = np.array([-0.376, -0.10, 0.1524])

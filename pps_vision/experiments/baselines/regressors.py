@@ -31,6 +31,14 @@ class Regressor(Protocol):
         ...
 
 
+class ForwardModel(Protocol):
+    """Forward model arm (N, 4) → gaze (N, 3), learned from samples."""
+
+    def learn(self, arm_rad: Array, gaze_rad: Array) -> None: ...
+
+    def __call__(self, arm_rad: Array) -> Array: ...
+
+
 class ArmToGaze:
     """Forward model from arm posture to the gaze posture that fixates the hand (J IV C).
 

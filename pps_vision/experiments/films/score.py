@@ -111,7 +111,7 @@ def measure_film(case: Case, film: Film, baselines: bool) -> dict[str, Scores]:
     """Track a film with our tracker, which gets its rig alone, and with the baselines; return scores by tracker."""
     steps: dict[str, Step] = {OURS: _ours(film, case.tracker(film.hue_deg))}
     if baselines:
-        steps |= {name: InitializedBaseline(name, film).step for name in BASELINES}
+        steps |= {name: _initialized(name, film) for name in BASELINES}
     return _scored(case, film, film, steps)
 
 
@@ -125,23 +125,20 @@ def _ours(film: Film, params: TrackerParams) -> Step:
     return lambda frame: tracker.step(frame).track
 
 
-class InitializedBaseline:
+def _initialized(name: StereoPipelineName, film: Film) -> Step:
     """A baseline that gets the object's true boxes in the first frame that shows all of it to both eyes."""
+    first, boxes = film.first_boxes
+    pipelines: list[FilteredPipeline] = []
 
-    def __init__(self, name: StereoPipelineName, film: Film) -> None:
-        self._start = partial(_started, name, film.rig)
-        self._pipeline: FilteredPipeline | None = None
-        self._frames_left, self._boxes = film.first_boxes
-
-    def step(self, frame: StereoFrame) -> Track3D:
-        """Return the track after the next frame; unknown before the first boxes."""
-        self._frames_left -= 1
-        if self._frames_left >= 0:
+    def step(frame: StereoFrame) -> Track3D:
+        if pipelines:
+            return pipelines[0].step(frame)
+        if frame.stamp_s < film.stamps_s[first]:
             return Track3D.unknown(frame.stamp_s)
-        if self._pipeline is not None:
-            return self._pipeline.step(frame)
-        self._pipeline = self._start(frame, self._boxes)
-        return self._pipeline.first
+        pipelines.append(_started(name, film.rig, frame, boxes))
+        return pipelines[0].first
+
+    return step
 
 
 def _scored(case: Case, film: Film, frames: Iterable[StereoFrame], steps: Mapping[str, Step]) -> dict[str, Scores]:

@@ -1,11 +1,175 @@
-"""Forward models arm → gaze, LWPR beside its authors' library, robots with deviations, official iCub models."""
+"""Forward models arm → gaze, and LWPR beside its authors' library on the cross function."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
 
-from pps_vision.experiments.reach_kinematics import cross_function, deviations, forward_model, official_icub
-from pps_vision.experiments.study import Part, PartsStudy, SampledStudy
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from learning.reach.babbling import Babbled, babble
+from learning.reach.forward_model import RevoluteArm
+from pps_vision.experiments import charts
+from pps_vision.experiments.baselines import jamone
+from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
+from pps_vision.experiments.baselines.regressors import ArmToGaze, ForwardModel, gaussian_process, quintic_spline
+from pps_vision.experiments.reach_kinematics import deviations, official_icub
+from pps_vision.experiments.reach_truth import N_TEST, first, gaze_rmse_deg
+from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval
+from pps_vision.experiments.tables import Table
+from pps_vision.experiments.timing import timed, timed_steps
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array
+
+_N_TRIED = 20_000
+_N_FIXATED_OF_J = 4400
+_N_QUERIES = 50  # timed one by one
+_N_SAMPLES = 20_000
+_WARM_UP_SHARE = 0.02  # of the samples, for a first model that loads the compiled code
+_GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
+MODELS: dict[str, Callable[[], ForwardModel]] = {
+    "model of revolute joints": RevoluteArm,
+    "Gaussian process": lambda: ArmToGaze(gaussian_process()),
+    "LWPR, each sample once": lambda: ArmToGaze(LWPR(4, 3, jamone.ARM_PARAMS)),
+    "quintic spline (SciPy)": lambda: ArmToGaze(quintic_spline()),
+}
+_DEFAULT = "model of revolute joints"
+_BASELINES = [name for name in MODELS if name != _DEFAULT]
+
+
+def _forward_model(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by model a row for every number of samples, on 700 other postures: means over sets of postures."""
+    robot = load_icub()
+    repetitions: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in MODELS}
+    for seed in tqdm(study.seeds, desc="sets of postures", disable=None):
+        rng = np.random.default_rng(seed)
+        train = babble(robot, "right", _N_TRIED, rng)
+        test = first(babble(robot, "right", 4 * N_TEST, rng), N_TEST)
+        ends = zip((0, *study.sizes), study.sizes, strict=False)
+        batches = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
+        for name, make in MODELS.items():
+            repetitions[name].append(learn_and_time(make(), batches, test))
+    models = {name: [_mean_row(rows) for rows in zip(*sets, strict=True)] for name, sets in repetitions.items()}
+    return {"samples": study.sizes, "methods": models}
+
+
+def learn_and_time(model: ForwardModel, batches: list[Babbled], test: Babbled) -> list[dict[str, Any]]:
+    """Return after each batch the RMSE (degrees), and the processor times of a query and of the update per sample.
+
+    `ms` holds the quartiles of queries of one posture.
+    """
+    rows = []
+    for batch in batches:
+        _, learning_ms = timed(partial(model.learn, batch.arm_rad, batch.gaze_rad))
+        _, fitting_ms = timed(partial(model, test.arm_rad[:1]))  # some models are fitted at their first query
+        _, query_ms = timed_steps(model, test.arm_rad[:_N_QUERIES, None])
+        rows.append(
+            {
+                "rmse_deg": gaze_rmse_deg(model, test)[0],
+                "update_ms": (learning_ms + fitting_ms) / len(batch.arm_rad),
+                "ms": np.percentile(query_ms, (25, 50, 75)).tolist(),
+            }
+        )
+    return rows
+
+
+def _mean_row(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Means of the same row of several sets of postures, and the 95 % interval of the RMSE."""
+    means = {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
+    return {**means, "rmse_deg": interval([[row["rmse_deg"]] for row in rows])}
+
+
+def _forward_model_chart(numbers: dict[str, Any]) -> Figure:
+    """Draw error over samples; time of a query and of an update against the error with all samples."""
+    models = numbers["methods"]
+    figure, (curves, query, update) = charts.panels(3, width=5.2)
+    rmse = "gaze RMSE (°)"
+    series = {name: [row["rmse_deg"] for row in rows] for name, rows in models.items()}
+    charts.curves(curves, numbers["samples"], series, "fixated postures learned from", rmse)
+    curves.plot(_N_FIXATED_OF_J, jamone.PUBLISHED["forward_model_deg"], "k*", ms=10, label="J's LWPR")
+    curves.set(xscale="log", yscale="log", title="arm → gaze, learned by babbling (J Fig 2)")
+    curves.legend(fontsize=7, loc=(0.4, 0.15))
+    last = {name: rows[-1] for name, rows in models.items()}
+    charts.speed_error(query, last, "rmse_deg", _BASELINES, _DEFAULT, "query of one posture (ms)", rmse)
+    updates = {name: {**row, "ms": [row["update_ms"]] * 3} for name, row in last.items()}
+    charts.speed_error(update, updates, "rmse_deg", _BASELINES, _DEFAULT, "update (ms per sample)", rmse)
+    query.legend(fontsize=7)
+    return figure
+
+
+class Setting(NamedTuple):
+    """Parameters of LWPR, and the results of five seeds of the authors' C library, lowest and highest."""
+
+    params: LWPRParams
+    library_fields: tuple[int, int] | None  # receptive fields
+    library_nmse: tuple[float, float]  # normalized mean squared error
+
+
+SETTINGS = {
+    "adapting metrics": Setting(LWPRParams(init_D=50, w_gen=0.2, rate=250), (54, 58), (0.019, 0.022)),
+    "constant metrics": Setting(LWPRParams(init_D=50, w_gen=0.2, rate=0), None, (0.058, 0.065)),
+}
+
+
+def cross(x: Array) -> Array:
+    """Return (N,) the cross function of points (N, 2) (Schaal, Atkeson & Vijayakumar 2002)."""
+    ridges = (np.exp(-10 * x[:, 0] ** 2), np.exp(-50 * x[:, 1] ** 2), 1.25 * np.exp(-5 * np.sum(x**2, axis=1)))
+    return np.asarray(np.max(ridges, axis=0))
+
+
+def train(params: LWPRParams, rng: np.random.Generator, share: float) -> tuple[LWPR, float]:
+    """Return a model trained with a share of 20 000 samples, and the processor time per update (µs)."""
+    x = rng.uniform(-1, 1, (round(share * _N_SAMPLES), 2))
+    y = cross(x) + rng.uniform(-0.05, 0.05, len(x))
+    order = rng.permutation(len(x))
+    model = LWPR(2, 1, params)
+    _, ms = timed(lambda: model.update(x[order], y[order, None]))
+    return model, 1000 * ms / len(x)
+
+
+def nmse(model: LWPR) -> float:
+    """Return the normalized mean squared error on a 41×41 grid."""
+    truth = cross(_GRID)
+    return float(np.mean((model.predict(_GRID)[:, 0] - truth) ** 2) / truth.var())
+
+
+def _lwpr(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by setting the results of each model, beside the library's ranges."""
+    settings = {}
+    for name, setting in SETTINGS.items():
+        train(setting.params, np.random.default_rng(study.seed), _WARM_UP_SHARE)
+        columns: dict[str, list[float]] = {"fields": [], "nmse": [], "update_us": []}
+        for k in tqdm(range(study.n_lwpr), desc=name, disable=None):
+            model, update_us = train(setting.params, np.random.default_rng(study.seed + k), study.lwpr_share)
+            columns["fields"].append(model.n_fields)
+            columns["nmse"].append(nmse(model))
+            columns["update_us"].append(update_us)
+        settings[name] = {
+            **columns,
+            "library_fields": setting.library_fields,
+            "library_nmse": setting.library_nmse,
+        }
+    return {"settings": settings}
+
+
+def _lwpr_table(numbers: dict[str, Any]) -> Table:
+    """Return fields, error and update time of the models, median and range, beside the library's ranges."""
+    rows = []
+    for name, row in numbers["settings"].items():
+        fields = _range(row["library_fields"]) if row["library_fields"] else "–"
+        rows.append([name, _spread(row["fields"]), fields, _spread(row["nmse"]), _range(row["library_nmse"]),
+                     _spread(row["update_us"])])  # fmt: skip
+    return Table(["setting", "fields", "library", "error (nMSE)", "library", "update (µs)"], rows)
+
+
+def _spread(values: Sequence[float]) -> str:
+    return f"{np.median(values):.3g} ({_range((min(values), max(values)))})"
+
+
+def _range(ends: Sequence[float]) -> str:
+    return "–".join(f"{end:.3g}" for end in ends)
 
 
 @dataclass(frozen=True)
@@ -13,12 +177,9 @@ class ReachKinematics(SampledStudy, PartsStudy):
     """Kinematics behind the reachable-space map."""
 
     PARTS: ClassVar[Mapping[str, Part]] = {
-        "forward_model": Part(
-            lambda s: forward_model.run(s.seeds, s.sizes),
-            forward_model.chart,
-        ),
+        "forward_model": Part(_forward_model, _forward_model_chart),
         "deviations": Part(lambda s: deviations.run(s.seeds, s.sizes[-1]), table=deviations.table),
-        "lwpr": Part(lambda s: cross_function.run(s.seed, s.n_lwpr, s.lwpr_share), table=cross_function.table),
+        "lwpr": Part(_lwpr, table=_lwpr_table),
         "official_icub": Part(lambda s: official_icub.run(s.official_models), table=official_icub.table),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200), "n_lwpr": 1, "lwpr_share": 0.05}

@@ -14,9 +14,8 @@ from tqdm import tqdm
 
 from learning.reach.babbling import Babbled, random_arms
 from learning.reach.forward_model import RevoluteArm
-from pps_vision.experiments.baselines.regressors import ArmToGaze, gaussian_process
-from pps_vision.experiments.reach_kinematics.forward_model import N_TEST, ForwardModel
-from pps_vision.experiments.reach_truth import first, gaze_rmse_deg
+from pps_vision.experiments.baselines.regressors import ArmToGaze, ForwardModel, gaussian_process
+from pps_vision.experiments.reach_truth import N_TEST, first, gaze_rmse_deg
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.chain import Chain

@@ -10,13 +10,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from control import limits
 from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
 from control.limits import LimitParams
 from pps_vision.experiments.baselines.damped_least_squares import damped_least_squares
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Metric, Values, compare, percent, rms
 from pps_vision.experiments.timing import timed
@@ -75,6 +74,10 @@ SOLVERS: Mapping[str, Solver] = {
     "damped least squares": _damped,
     "the same, clipped": partial(_damped, hold_s=_DT_S),
 }
+chart = partial(
+    cells_chart, metric="error_cm_s", label="error of the point's velocity (cm/s)",
+    baselines=[name for name in SOLVERS if name != OURS], default=OURS, time="time (ms)",
+)  # fmt: skip
 
 
 def run(study: StageParameters) -> dict[str, Any]:
@@ -88,13 +91,6 @@ def run(study: StageParameters) -> dict[str, Any]:
         methods = {name: partial(_move, solver, limited) for name, solver in SOLVERS.items()}
         cells |= compare({scenario: task}, methods, _METRICS, seeds, repeated=TURNS)
     return {"cells": cells}
-
-
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Time against the error of the velocity."""
-    baselines = [name for name in SOLVERS if name != OURS]
-    label = "error of the point's velocity (cm/s)"
-    return speed_errors(numbers["cells"], "error_cm_s", label, baselines, OURS, "time (ms)")
 
 
 def _draw(robot: Robot, bodies: SelfCollision, seed: int) -> Task:

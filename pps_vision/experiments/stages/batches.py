@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 
 from pps_vision.app.device import torch_device
 from pps_vision.app.track import chunks
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving, tracker_params
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Method, Metric, Values, compare, mean, rms
@@ -38,6 +37,9 @@ class Pairs(NamedTuple):
     alone: Array
 
 
+chart = partial(cells_chart, metric="error_px", label="RMS error of detections (px)", default=ALONE)
+
+
 def run(study: StageParameters) -> dict[str, Any]:
     """Return by object and way: time a pair, pixel error, largest distance from the detections frame by frame."""
     devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
@@ -50,11 +52,6 @@ def run(study: StageParameters) -> dict[str, Any]:
         for method in methods.values():
             method(pairs, study.seed)
     return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, study.seeds, ALONE, TURNS)}
-
-
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Time a pair against the pixel error, one panel an object."""
-    return speed_errors(numbers["cells"], "error_px", "RMS error of detections (px)", (), ALONE)
 
 
 def _pairs(stimulus: str, seconds: float, seed: int) -> Pairs:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from pps_vision.experiments.baselines.image_trackers import (
@@ -22,7 +21,7 @@ from pps_vision.experiments.baselines.image_trackers import (
     intersection_over_union,
     middle,
 )
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import HUES_DEG, moving
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean, median, percent
@@ -55,6 +54,12 @@ class BoxedFilm:
     hue_deg: float
 
 
+chart = partial(
+    cells_chart, metric="lost_overlap", label="1 − mean IoU", baselines=BASELINES, default=DEFAULT,
+    time="time (ms per frame)", height=2.6,
+)  # fmt: skip
+
+
 def run(study: StageParameters) -> dict[str, Any]:
     """Return by kind of film and tracker: 1 − mean overlap, frames with overlap, centre error, time."""
 
@@ -73,13 +78,6 @@ def run(study: StageParameters) -> dict[str, Any]:
     cells |= compare(films, methods(), _METRICS, (study.seed,), "CSRT", TURNS)
     missing = [f"{name}: no {study.data / name}" for name in REAL if name not in present]
     return {"cells": cells} | ({"not_measured": "; ".join(missing)} if missing else {})
-
-
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Time against lost overlap, one panel for each kind of film."""
-    return speed_errors(
-        numbers["cells"], "lost_overlap", "1 − mean IoU", BASELINES, DEFAULT, "time (ms per frame)", 2.6
-    )
 
 
 def _real(folder: Path, frames: str, truth: str, delimiter: str | None, first_px: float) -> BoxedFilm:

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pps_vision.app.render import scene
 from pps_vision.app.render_params import RenderParams
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.exact import ray_cast
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import NOISE_SIGMA, Metric, Values, compare, rms
@@ -57,15 +56,18 @@ class Drawing(NamedTuple):
     around: tuple[Mask, Mask]
 
 
+chart = partial(
+    cells_chart,
+    metric="object_error",
+    label="image error (grey levels)",
+    default=DEFAULT,
+    time="time (ms per drawn pair)",
+)
+
+
 def run(study: StageParameters) -> dict[str, Any]:
     """Return by object and way to draw: time of a pair, image error (grey levels), tracking error (mm)."""
     return {"cells": {name: measure(name, WAYS, study.seeds, study.seconds) for name in OBJECTS}}
-
-
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Time against the image error of each object."""
-    label = "image error (grey levels)"
-    return speed_errors(numbers["cells"], "object_error", label, (), DEFAULT, "time (ms per drawn pair)")
 
 
 def measure(stimulus: StimulusName, ways: Mapping[str, Fidelity], seeds: Any, seconds: float) -> dict[str, Any]:

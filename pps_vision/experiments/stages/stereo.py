@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import trimesh
-from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines.stereo_pipelines import intersection, rectified
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.stages.parameters import StageParameters
@@ -50,15 +49,13 @@ class Pair(NamedTuple):
     p: Array
 
 
+chart = partial(cells_chart, metric="rms_mm", label="3D RMS error, 0.4 m (mm)", baselines=BASELINES, default=OURS)
+
+
 def run(study: StageParameters) -> dict[str, Any]:
     """Return by scenes and method: 3D error, share with a point, time."""
     scenarios = study.scenarios(_pairs, ("plain ball", "textured ball"))
     return {"cells": compare(scenarios, methods(), _METRICS, study.seeds, "midpoint", TURNS)}
-
-
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Time against 3D error."""
-    return speed_errors(numbers["cells"], "rms_mm", "3D RMS error, 0.4 m (mm)", BASELINES, OURS)
 
 
 def _pairs(ball: str, source: SceneSource, seed: int) -> list[Pair]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
-from pps_vision.experiments.reach_kinematics.cross_function import SETTINGS, nmse, train
+from pps_vision.experiments.reach_kinematics import SETTINGS, nmse, train
 
 
 @pytest.fixture
