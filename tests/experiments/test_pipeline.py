@@ -1,11 +1,10 @@
-"""The baselines' pipelines against the rendered truth, and the time to contact against plain division."""
+"""The baselines' pipelines against the rendered truth."""
 
 from dataclasses import replace
 from typing import get_args
 
 import numpy as np
 import pytest
-from tracks import track_at
 
 from pps_vision.experiments.baselines.image_trackers import middle, sphere_box
 from pps_vision.experiments.baselines.stereo_pipelines import (
@@ -15,8 +14,7 @@ from pps_vision.experiments.baselines.stereo_pipelines import (
     stereo_pipeline,
 )
 from pps_vision.experiments.films.recordings import Footage, moving
-from pps_vision.experiments.tracking import ttc_error
-from pps_vision.types import Status, Track3D
+from pps_vision.types import Status
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +57,6 @@ def test_true_boxes_meet_in_the_ball(film: Footage) -> None:
         point = intersection(view, middle(left), middle(right))
         assert point is not None
         assert np.linalg.norm(point - position) < 0.003
-
-
-def test_time_to_contact_error_is_relative() -> None:
-    track = track_at((0.06, 0.0, 0.0), (-0.1, 0.05, 0.0))  # 0.6 s from the origin along −x
-    way, end = np.array([-1.0, 0.0, 0.0]), np.zeros(3)
-    assert ttc_error(track, end, way, 0.5) == pytest.approx(0.2)
-    assert ttc_error(track, end, -way, 0.5) == 1.0  # it goes away
-    assert ttc_error(Track3D.unknown(0.0), end, way, 0.5) == 1.0
 
 
 @pytest.mark.parametrize("name", ["two hue blobs", "SGBM + blob"])

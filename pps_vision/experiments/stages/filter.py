@@ -14,14 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from matplotlib.figure import Figure
 
 from pps_vision.errors import InputError
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.stages.parameters import StageParameters
-from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, median, rms
+from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, rms
 from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
@@ -34,12 +33,10 @@ from tracking.smoother import Measurement, follow, smooth
 DEFAULT = f"order {DEFAULT_ORDER}"
 BASELINES = ("cv2", "filterpy")
 _SETTLED = 10  # measurements before a filter is judged
-_LATE_S = (0.02, 0.5)
 _PIXEL_STD = 2.0  # of the noisy tt3d projections, found between the two cameras' rays
 _METRICS = {
     "position_mm": Metric("position_mm", rms),
     "velocity_mm_s": Metric("velocity_mm_s", rms),
-    "ttc_percent": Metric("ttc_percent", median),
 }
 Filter = Callable[[float, Array, Array], Array]  # stamp, position (3,) m and covariance (3, 3) to the state (order, 3)
 
@@ -55,9 +52,6 @@ class Measurements:
     velocity: Array  # (n, 3) m/s, true; NaN where it is unknown
     distance_m: float  # distance from the eyes at the beginning
     counts: Mask  # (n,) where a filter is judged
-    touched: Array  # (3,) point that is touched at the end; NaN if none
-    ttc_s: Array  # (n,) time until then; NaN if it is not touched
-    radius_m: float = 0.0  # the object's
     white_share: float = KalmanParams().white_share  # share of the measured variance that is new with every frame
 
     def params(self, order: int = DEFAULT_ORDER) -> KalmanParams:
@@ -74,8 +68,12 @@ class Measurements:
             yield float(stamp_s), position, cov
 
 
+_CHART: dict[str, Any] = {"metric": "position_mm", "label": "position error (mm RMS)", "time": "time (ms per update)"}
+chart = partial(cells_chart, baselines=BASELINES, default=DEFAULT, **_CHART)
+
+
 def run(study: StageParameters) -> dict[str, Any]:
-    """Return by data and filter: time of an update, errors of position, velocity and time to contact."""
+    """Return by data and filter: time of an update, errors of position and velocity."""
 
     def measured(source: SceneSource, number: int) -> Measurements:
         further, kind = divmod(number, len(KINDS))
@@ -93,12 +91,6 @@ def run(study: StageParameters) -> dict[str, Any]:
     return {"cells": cells}
 
 
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Time against the error of the position, forward and smoothed, one panel for each kind of data."""
-    label = "position error (mm RMS)"
-    return speed_errors(numbers["cells"], "position_mm", label, BASELINES, DEFAULT, "time (ms per update)")
-
-
 def measurements(recording: Footage, seed: int) -> Measurements:
     """Return our tracker's measurements in a recording, before its filter.
 
@@ -110,7 +102,6 @@ def measurements(recording: Footage, seed: int) -> Measurements:
     if not known:
         raise InputError("bench stages", f"no object detected with seed {seed}; expected longer recordings")
     observations = [step.observation for step in steps if step.observation is not None]
-    touched, ttc = recording.touch()
     return Measurements(
         np.array([o.stamp_s for o in observations]),
         np.array([o.p_root for o in observations]),
@@ -119,9 +110,6 @@ def measurements(recording: Footage, seed: int) -> Measurements:
         recording.velocity[known],
         float(np.linalg.norm(observations[0].p_root - steps[known[0]].midpoint_root)),
         (~recording.jumped[known]) & (np.arange(len(known)) >= _SETTLED),
-        touched,
-        ttc[known],
-        recording.radius_m,
     )
 
 
@@ -227,7 +215,7 @@ def _smoothed(order: int, data: Measurements, seed: int) -> Values:
 
 
 def errors(data: Measurements, states: list[Array]) -> dict[str, Array]:
-    """Return the errors where a filter is judged; no velocity and time to contact of a filter without velocity."""
+    """Return the errors where a filter is judged; no velocity of a filter without it."""
     p = np.array([state[0] for state in states])
     values = {"position_mm": 1000 * np.linalg.norm(p - data.path, axis=1)[data.counts]}
     if len(states[-1]) < 2:
@@ -235,12 +223,7 @@ def errors(data: Measurements, states: list[Array]) -> dict[str, Array]:
     v = np.array([state[1] if len(state) > 1 else np.zeros(3) for state in states])
     is_known = data.counts & np.isfinite(data.velocity[:, 0])
     values["velocity_mm_s"] = 1000 * np.linalg.norm(v - data.velocity, axis=1)[is_known]
-    late = data.counts & (data.ttc_s > _LATE_S[0]) & (data.ttc_s <= _LATE_S[1])
-    line = p[late] - data.touched
-    distance = np.linalg.norm(line, axis=1)
-    closing = -np.einsum("ij,ij->i", line, v[late]) / distance
-    ttc = np.where(closing > 0, (distance - data.radius_m) / np.where(closing > 0, closing, 1.0), np.inf)
-    return values | {"ttc_percent": 100 * np.abs(ttc / data.ttc_s[late] - 1)}
+    return values
 
 
 def flights(folder: Path) -> list[Measurements]:
@@ -278,7 +261,5 @@ def _thrown(side_file: Path, oblique_file: Path, view: StereoView) -> Measuremen
         velocity=np.full_like(truth, np.nan),
         distance_m=float(np.linalg.norm(positions[0] - view.midpoint)),
         counts=np.ones(len(valid), bool),
-        touched=np.full(3, np.nan),
-        ttc_s=np.full(len(valid), np.nan),
         white_share=1.0,
     )
