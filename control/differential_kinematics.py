@@ -25,12 +25,6 @@ def rate_limits(
     return slowest, fastest
 
 
-def within_change(limits: tuple[Array, Array], rates: Array, change: Array) -> tuple[Array, Array]:
-    """Clip rate limits (n,) so that no rate changes by more than `change` (n,) from `rates` (n,)."""
-    lower, upper = limits
-    return np.clip(rates - change, lower, upper), np.clip(rates + change, lower, upper)
-
-
 def solve_rates(
     J: Array,
     wanted: Array,

@@ -53,10 +53,9 @@ def limit(
     last_q_rad: Array | None = None,
 ) -> JointVelocity:
     """The command nearest to `wanted` that keeps every limit until it expires; the robot is at `posture` at its stamp.
-    stamp.
 
     The change from braking to `wanted` is scaled uniformly, separately for the joints that move bodies and for the
-    head. Braking continues along the `last` command (None: the robot rests) and ends where that would have ended: if
+    head.  Braking continues along the `last` command (None: the robot rests) and ends where that would have ended: if
     the robot is where it was predicted to be from `last_q_rad` (n_joints,) at the last stamp, that path has been
     checked.  A limit that is already exceeded is not exceeded further: a joint beyond its limit stays or returns, and
     two bodies that are too near or overlap may only separate.  The self-collision distance takes precedence over the
@@ -71,7 +70,10 @@ def limit(
     if wanted.dq_rad_s.shape != (robot.n_joints,) or not np.isfinite(wanted.dq_rad_s).all():
         raise InputError("command", f"rates {wanted.dq_rad_s}; expected {robot.n_joints} finite numbers in rad/s")
     lower, upper = _rate_range(params, posture, wanted.hold_s)
-    rates, brake, change = _braking(params, robot, wanted, last)
+    rates, change = change_limits(params, robot, wanted.stamp_s, last)
+    brake = rates
+    if last is not None and rates.any():  # the last command ends where it would have
+        brake = min(1.0, (last.hold_s - (wanted.stamp_s - last.stamp_s)) / wanted.hold_s) * rates
     brake = np.clip(brake, lower, upper)
     dq = np.clip(wanted.dq_rad_s, lower, upper)
     dq = np.where(np.abs(dq - wanted.dq_rad_s) <= _NEGLIGIBLE_RAD_S, dq, wanted.dq_rad_s)
@@ -84,18 +86,14 @@ def limit(
     share = self_collision.clear_share(posture.q_rad, wanted.hold_s * dq, params.clearance_m)
     free = np.where(moves_bodies, share * dq, dq)
     if np.any((free < lower) | (free > upper)):  # too sudden a stop: brake along the last command
-        if not _as_predicted(posture, wanted, last, last_q_rad):
+        is_as_predicted = False
+        if last is not None and last_q_rad is not None:
+            predicted = last_q_rad + (wanted.stamp_s - last.stamp_s) * last.dq_rad_s
+            is_as_predicted = np.allclose(posture.q_rad, predicted, rtol=0.0, atol=_MARGIN_RAD)
+        if not is_as_predicted:
             brake = brake * self_collision.clear_share(posture.q_rad, wanted.hold_s * brake, params.clearance_m)
         free = np.where(moves_bodies, brake, dq)
     return JointVelocity(wanted.stamp_s, free, wanted.hold_s)
-
-
-def _as_predicted(posture: Posture, wanted: JointVelocity, last: JointVelocity | None, last_q: Array | None) -> bool:
-    """Whether the robot has moved as the last command says."""
-    if last is None or last_q is None:
-        return False
-    predicted = last_q + (wanted.stamp_s - last.stamp_s) * last.dq_rad_s
-    return bool(np.allclose(posture.q_rad, predicted, rtol=0.0, atol=_MARGIN_RAD))
 
 
 def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[Array, Array]:
@@ -106,17 +104,6 @@ def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[A
     lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / hold_s, -rate, 0.0)
     upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / hold_s, 0.0, rate)
     return lower, upper
-
-
-def _braking(
-    params: LimitParams, robot: Robot, wanted: JointVelocity, last: JointVelocity | None
-) -> tuple[Array, Array, Array]:
-    """Present rates (n_joints,), rates that end where the last command would have, and the largest change."""
-    rates, change = change_limits(params, robot, wanted.stamp_s, last)
-    if last is None or not rates.any():
-        return rates, rates, change
-    remaining_share = min(1.0, (last.hold_s - (wanted.stamp_s - last.stamp_s)) / wanted.hold_s)
-    return rates, remaining_share * rates, change
 
 
 def change_limits(params: LimitParams, robot: Robot, stamp_s: float, last: JointVelocity | None) -> tuple[Array, Array]:

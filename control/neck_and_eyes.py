@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.differential_kinematics import rate_limits, solve_rates, within_change
+from control.differential_kinematics import rate_limits, solve_rates
 from control.fixation import checked_target, features
 from control.limits import LimitParams, change_limits, check_times, fastest
 from pps_vision.robot.model import Posture, Robot
@@ -52,7 +52,11 @@ def step(
     p, v = checked_target(p_root, v_root)
     robot = posture.robot
     neck, eyes = joints(robot)
-    lower, upper = _range(params.limits, posture, hold_s, stamp_s, last)
+    lower, upper = rate_limits(
+        posture.q_rad, robot.lower_rad, robot.upper_rad, fastest(params.limits, robot), 1 / hold_s
+    )
+    rates, change = change_limits(params.limits, robot, stamp_s, last)
+    lower, upper = np.clip([rates - change, rates + change], lower, upper)
     preferred = np.zeros(robot.n_joints)
     weights = np.full(robot.n_joints, _WEIGHT)
     preferred[neck] = _follow(params, posture, neck, p, v, (lower[neck], upper[neck]))
@@ -99,12 +103,3 @@ def _follow(
     preferred = -params.neck_per_s * posture.q_rad[neck]
     preferred[:2] = 0.0
     return solve_rates(dx_dq[1:, neck], wanted, preferred, weights, limits)
-
-
-def _range(
-    params: LimitParams, posture: Posture, hold_s: float, stamp_s: float, last: JointVelocity | None
-) -> tuple[Array, Array]:
-    """Lowest and highest rate (n_joints,) by the joints' ranges, rates and accelerations."""
-    robot = posture.robot
-    limits = rate_limits(posture.q_rad, robot.lower_rad, robot.upper_rad, fastest(params, robot), 1 / hold_s)
-    return within_change(limits, *change_limits(params, robot, stamp_s, last))

@@ -8,23 +8,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from control import avoidance
 from control.arm import ArmParams, MovingPoint
-from control.avoidance import (
-    ArmInput,
-    ArmMotion,
-    ArmState,
-    Mode,
-    Response,
-    ResponseParams,
-    approach,
-    at_home,
-    clearance_rows,
-    next_state,
-    observed,
-    passing_distances,
-    response,
-    return_home,
-)
+from control.avoidance import ArmInput, ArmMotion, ArmState, Mode, Response, ResponseParams
 from control.limits import MAX_HOLD_S
 from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import NearestPoint
@@ -67,24 +53,24 @@ def step(params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: b
     The arm reaches with the body part that the object's path ends at, also after the object has stopped, and returns
     home once the object is lost or out of reach.  InputError as in `avoidance.step`.
     """
-    state = observed(state, arm)
-    has_approached, is_threatened = approach(params, arm, state)
+    state = avoidance.observed(state, arm)
+    has_approached, is_threatened = avoidance.approach(params, arm, state)
     is_active = arm.track.is_known and bool(np.any(arm.activations > params.threshold))
     is_active = is_active and (is_threatened or state.mode != "idle")
     last_mode = state.mode
-    state = next_state(params, state, arm, is_active, has_approached and is_active, is_reachable)
+    state = avoidance.next_state(params, state, arm, is_active, has_approached and is_active, is_reachable)
     dq = np.zeros_like(arm.posture.q_rad)
     if state.mode == "reach":
         target = state.target_taxel if last_mode == "reach" else None
         if target is None or is_active:
             target = target_taxel(params, arm, state)
-        motion = ArmMotion(params, arm, clearance_rows(arm, other_parts(arm, target)))
+        motion = ArmMotion(params, arm, avoidance.clearance_rows(arm, other_parts(arm, target)))
         touch = _fastest_touch(params, motion, target)
         state = replace(state, target_taxel=target, points=(touch.point,))
         dq = touch.dq
     elif state.mode == "return":
-        dq = return_home(params, arm, arm.stamp_s - state.since_s, clearance_rows(arm, []))
-    return state, response(state, arm, dq)
+        dq = avoidance.return_home(params, arm, arm.stamp_s - state.since_s, avoidance.clearance_rows(arm, []))
+    return state, avoidance.response(state, arm, dq)
 
 
 def target_taxel(params: ReachingParams, arm: ArmInput, state: ArmState) -> int:
@@ -93,11 +79,11 @@ def target_taxel(params: ReachingParams, arm: ArmInput, state: ArmState) -> int:
 
     The path continues the position history: the estimated velocity overshoots when the object stops.
     """
-    taxels, _ = arm.skin.at(at_home(params, arm.posture))
+    taxels, _ = arm.skin.at(avoidance.at_home(params, arm.posture))
     first_s, first = state.positions[0]
     last_s, last = state.positions[-1]
     velocity = (last - first) / (last_s - first_s) if last_s > first_s else arm.track.velocity
-    return int(passing_distances(taxels, arm.track.position, velocity, _PATH_HORIZON_S).argmin())
+    return int(avoidance.passing_distances(taxels, arm.track.position, velocity, _PATH_HORIZON_S).argmin())
 
 
 def _fastest_touch(params: ReachingParams, motion: ArmMotion, target: int) -> TaxelMotion:

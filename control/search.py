@@ -111,5 +111,4 @@ def _grid(params: SearchParams, vergence: float, lower: Array, upper: Array) -> 
 def _goal(yaw: float, up: float, vergence: float, lower: Array, upper: Array) -> Array:
     """(4,) the gaze to the side and up, within its limits."""
     pitch = np.clip(up, lower[PITCH], upper[PITCH])
-    goal: Array = np.clip([yaw, pitch, up - pitch, vergence], lower, upper)
-    return goal
+    return np.clip([yaw, pitch, up - pitch, vergence], lower, upper)

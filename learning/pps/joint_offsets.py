@@ -127,5 +127,4 @@ def _error_m(robot: Robot, rig: StereoRig, sighting: _Sighting, offsets: Array) 
 def _robust(residuals: Array, sigmas: float) -> Array:
     """Residuals (k, 3) scaled so that their squared norms grow logarithmically beyond `sigmas` (Cauchy)."""
     squared = np.maximum(np.sum(residuals**2, axis=1, keepdims=True) / sigmas**2, 1e-12)
-    bounded: Array = residuals * np.sqrt(np.log1p(squared) / squared)
-    return bounded
+    return residuals * np.sqrt(np.log1p(squared) / squared)

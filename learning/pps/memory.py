@@ -54,8 +54,7 @@ class MemoryParams:
         """Whether D and TTC lie within the ranges; False for NaN."""
         d0, d1 = self.distance_range_m
         t0, t1 = self.ttc_range_s
-        inside: Mask = (distance_m >= d0) & (distance_m <= d1) & (ttc_s >= t0) & (ttc_s <= t1)
-        return inside
+        return (distance_m >= d0) & (distance_m <= d1) & (ttc_s >= t0) & (ttc_s <= t1)
 
 
 @dataclass(frozen=True)
@@ -92,8 +91,7 @@ class PPSMemory:
     def frequency(self) -> Array:
         """(n, D bins, TTC bins) f = n⁺/(n⁺ + n⁻), R eq. 3; 0 without samples."""
         total = self.counts[..., 0] + self.counts[..., 1]
-        f: Array = self.counts[..., 0] / np.maximum(total, 1)
-        return f
+        return self.counts[..., 0] / np.maximum(total, 1)
 
 
 def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
@@ -224,14 +222,12 @@ def _smoothed_by_torch(
     params = memory.params
     frequency = torch.from_numpy(memory.frequency).to(device)
     activations = []
-    for start in range(0, len(taxel), _TORCH_ROWS):
-        rows = slice(start, start + _TORCH_ROWS)
-        index, distance, ttc = (torch.from_numpy(values[rows]).to(device) for values in (taxel, distance_m, ttc_s))
+    parts = (torch.split(torch.from_numpy(v).to(device), _TORCH_ROWS) for v in (taxel, distance_m, ttc_s))
+    for index, distance, ttc in zip(*parts, strict=True):
         w_distance = weights(distance, params.distance_range_m, params.bins[0])
         w_ttc = weights(ttc, params.ttc_range_s, params.bins[1])
         activations.append(torch.einsum("kd,kdt,kt->k", w_distance, frequency[index], w_ttc))
-    result: Array = torch.cat(activations).cpu().numpy()
-    return result
+    return torch.cat(activations).cpu().numpy()
 
 
 @njit(cache=True, error_model="numpy")

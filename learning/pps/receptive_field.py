@@ -98,8 +98,7 @@ def likely_velocities(positions_root: Array, p_root: Array, cov_v: Array) -> Arr
     distance = np.linalg.norm(d, axis=-1, keepdims=True)
     u = d / np.where(distance > 0, distance, 1.0)
     sigma = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", u, cov_v, u), 0.0))
-    offsets: Array = _QUANTILES[:, None, None] * (sigma[:, None] * u)
-    return offsets
+    return _QUANTILES[:, None, None] * (sigma[:, None] * u)
 
 
 def _as(shape: tuple[int, ...], a: NDArray[Any]) -> NDArray[Any]:

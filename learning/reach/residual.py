@@ -111,8 +111,7 @@ def _solved(
 
 
 def _solve(A: Array, b: Array) -> Array:
-    solution: Array = cho_solve(cho_factor(A + _ROUNDING * np.trace(A) * np.eye(len(A)) / len(A)), b)
-    return solution
+    return cho_solve(cho_factor(A + _ROUNDING * np.trace(A) * np.eye(len(A)) / len(A)), b)
 
 
 def _tuned(x: Array, y: Array, inlier: Array) -> tuple[Array, float]:

@@ -24,8 +24,7 @@ from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState
 from learning.pps.memory import PPSMemory, activation
 from learning.pps.receptive_field import ReceptiveField, likely_velocities, perceive
-from learning.reach.map import ReachableMap
-from learning.reach.track_reachability import TrackReachability
+from learning.reach.map import ReachableMap, TrackReachability
 from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_RAD

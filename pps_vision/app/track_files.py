@@ -26,7 +26,7 @@ from pps_vision.types import Activation, Array, Image, ReachStatus, StereoFrame
 from tracking.tracker import TrackerStep
 
 if TYPE_CHECKING:  # these modules load the kinematics
-    from learning.reach.track_reachability import TrackReachability
+    from learning.reach.map import TrackReachability
     from pps_vision.app.pipeline import TrackActivation
 
 _KEY_FRAMES = 8  # in a report without a video

@@ -14,9 +14,8 @@ from control.lean import LeanParams, LeanStatus
 from learning.pps.memory import PPSMemory
 from learning.reach.labels import ReachOracle
 from learning.reach.lattice import isotropic
-from learning.reach.map import ReachableMap
+from learning.reach.map import ReachableMap, TrackReachability
 from learning.reach.params import ArmLimits
-from learning.reach.track_reachability import TrackReachability
 from learning.reach.training import train_reachable_map
 from pps_vision.app.simulation import (
     Episode,

@@ -187,8 +187,7 @@ class View:
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in the root frame."""
-        rays: Array = self.camera.bearings(pixels) @ self.T_root_camera[:3, :3].T
-        return rays
+        return self.camera.bearings(pixels) @ self.T_root_camera[:3, :3].T
 
     def sees(self, point_root: ArrayLike, margin_px: float = 0.0) -> bool:
         """Whether a root-frame point projects inside the image."""
@@ -205,8 +204,7 @@ class StereoView:
     @property
     def midpoint(self) -> Array:
         """(3,) m, midway between the cameras."""
-        middle: Array = 0.5 * (self.left.center + self.right.center)
-        return middle
+        return 0.5 * (self.left.center + self.right.center)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ def inverse(T_a_b: Array) -> Array:
 
 def move_points(T_a_b: Array, points_b: ArrayLike) -> Array:
     """Points (…, 3) given in frame b, in frame a."""
-    moved: Array = np.asarray(points_b, dtype=float) @ T_a_b[:3, :3].T + T_a_b[:3, 3]
-    return moved
+    return np.asarray(points_b, dtype=float) @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
 def rotation_to(direction: ArrayLike) -> Array:

@@ -34,8 +34,7 @@ def midpoint(center_a: Array, ray_a: Array, center_b: Array, ray_b: Array) -> Ar
     along_b = (cosine * (gap @ ray_a) - gap @ ray_b) / denominator
     if along_a <= 0 or along_b <= 0:
         return None
-    middle: Array = 0.5 * (center_a + along_a * ray_a + center_b + along_b * ray_b)
-    return middle
+    return 0.5 * (center_a + along_a * ray_a + center_b + along_b * ray_b)
 
 
 def triangulate(

@@ -12,7 +12,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings import SUMMARY
 
 if TYPE_CHECKING:
-    from learning.reach.track_reachability import TrackReachability
+    from learning.reach.map import TrackReachability
     from pps_vision.app.pipeline import TrackActivation
     from pps_vision.recordings.recording import Recording
 
@@ -87,8 +87,7 @@ class Track(TrackOptions, SourceOptions):
         """Return the reachability of a track by --map."""
         if not (self.map and recording.robot):
             return None
-        from learning.reach.map import ReachableMap
-        from learning.reach.track_reachability import TrackReachability
+        from learning.reach.map import ReachableMap, TrackReachability
 
         return TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
 

@@ -19,7 +19,7 @@ from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
 from control.reaching import ReachingParams
 from learning.pps.memory import PPSMemory
-from learning.reach.track_reachability import TrackReachability
+from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.training import FIELD
 from pps_vision.app.pipeline import Taxels, activation_by
 from pps_vision.app.simulation import Side

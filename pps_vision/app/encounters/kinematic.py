@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from control.limits import MAX_HOLD_S, LimitParams, limit
-from learning.reach.track_reachability import TrackReachability
+from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.app.encounters.training import FIELD, Memories

@@ -12,9 +12,8 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import load_memory, save_memory
-from learning.reach.map import ReachableMap
+from learning.reach.map import ReachableMap, TrackReachability
 from learning.reach.params import MapParams
-from learning.reach.track_reachability import TrackReachability
 from learning.reach.training import train_reachable_map
 from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import Condition, EncounterScene, draw

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from learning.reach.labels import Labels
-from learning.reach.map import ReachableMap
-from learning.reach.track_reachability import TrackReachability
+from learning.reach.map import ReachableMap, TrackReachability
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.types import ReachStatus, Status, Track3D
