@@ -28,6 +28,9 @@ BOX = (132.0, 92.0, 37.0, 37.0)
 _V, _U = np.mgrid[:240, :320]
 
 
+Part = tuple[Mask, tuple[float, float, float]]
+
+
 def camera_tracker(rng: np.random.Generator, marker: MarkerParams | None = None) -> CameraTracker:
     return CameraTracker("left", OPTICS, ImageTrackerParams(), marker, 10.0, rng)
 
@@ -36,7 +39,7 @@ def disc(x: float, y: float, radius: float) -> Mask:
     return np.asarray(np.hypot(_U - x, _V - y) < radius)
 
 
-def picture(rng: np.random.Generator, *parts: tuple[Mask, tuple[float, float, float]]) -> Image:
+def picture(rng: np.random.Generator, *parts: Part) -> Image:
     """A wall of soft grey spots with plain parts."""
     spots = np.random.default_rng(1).uniform(90, 140, (15, 20))
     image = cv2.resize(spots, (320, 240), interpolation=cv2.INTER_CUBIC)[..., None].repeat(3, axis=2)
@@ -170,11 +173,11 @@ def test_without_its_background_an_object_is_followed_by_its_colours_if_they_tel
         assert again is state
 
 
-def learned(rng: np.random.Generator, marker: MarkerParams | None = None) -> CameraTracker:
-    """One that knows the empty wall, as an eye at rest sees it."""
-    tracker = camera_tracker(rng, marker)
+def learned(rng: np.random.Generator, *parts: Part) -> CameraTracker:
+    """One that knows the wall with these parts, as an eye at rest sees it."""
+    tracker = camera_tracker(rng)
     for k in range(12):
-        tracker.background.update(picture(rng), VIEW, 0.05 * k, None)
+        tracker.background.update(picture(rng, *parts), VIEW, 0.05 * k, None)
     return tracker
 
 
@@ -206,3 +209,58 @@ def test_an_object_of_the_walls_colour_is_told_by_the_background(rng):
     again, detection = tracker.find(state, seen_from(picture(rng, *grey)), Prior(np.array([150.0, 110.0]), 1.0, 1.0))
     assert detection.outline.area_px == pytest.approx(np.pi * 18**2, rel=0.1)
     assert again.by_background
+
+
+def test_an_outline_that_was_found_beforehand_moves_the_particles(rng):
+    """To another place, and a size that they would take for another object's."""
+    tracker = camera_tracker(rng)
+    p = np.array([0.06, 0.03, 0.4])
+    x, y = VIEW.project(p)
+    image = picture(rng, (disc(150, 110, 18), BLUE))
+    large = of_size(56.0, (x, y))
+    camera = seen_from(image)._replace(outlines=[large])
+    state = tracker.remember(CameraState(tracker.image_tracker.start(image, BOX)), camera, large, at(p))
+    moved, result = tracker.find(state, camera, tracker.predict(state, camera, at(p), at(p)))
+    assert result.outline is large
+    later = picture(rng, (disc(x, y, 28), BLUE))
+    _, detection = tracker.image_tracker.step(moved.target, later, Prior(np.array([x, y]), 1.0, 1.0))
+    assert np.linalg.norm(detection.outline.center_px - [x, y]) < 0.3
+
+
+def test_what_shows_in_an_objects_place_can_be_taken_for_background(rng):
+    """A disc was there when the background was learned, and has left; another place that has changed stays changed."""
+    tracker = learned(rng, (disc(150, 110, 18), BLUE), (disc(60, 60, 12), BLUE))
+    empty = picture(rng)
+    places = (135, 95, 166, 126), (55, 55, 66, 66)
+    near, distant = (tracker.background.differs(empty, VIEW, box).mean() for box in places)
+    assert min(near, distant) > 0.8
+    tracker.set_from(seen_from(empty), ImageDetection(of_size(37.0), BOX, 1.0))
+    near, distant = (tracker.background.differs(empty, VIEW, box).mean() for box in places)
+    assert near < 0.01
+    assert distant > 0.8
+    assert tracker.background.differs(empty, VIEW, (0, 0, 320, 240))[90:131, 130:171].mean() < 0.02
+
+
+@pytest.mark.parametrize("was_learned", [True, False])
+def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_backgrounds(was_learned, rng):
+    """A disc was there when the background was learned, and has left; or it has come, and is no empty place.
+
+    Evidence adds up while the place rests.
+    """
+    red = (disc(150, 110, 18), (190.0, 40.0, 40.0))
+    parts = () if was_learned else (red,)
+    tracker = learned(rng, *((red,) if was_learned else ()))
+    target = tracker.image_tracker.start(picture(rng, *parts), BOX, fill=np.pi / 4)
+    state = CameraState(target, size_px=36.0, by_background=True)
+    prior = Prior(np.array([150.0, 110.0]), 1.0, 1.0)
+    evidence = [0.0]
+    for k in range(12, 16):
+        camera = seen_from(picture(rng, *parts), stamp_s=0.05 * k)
+        state, result = tracker.find(state, camera, prior)
+        assert np.linalg.norm(result.outline.center_px - [150, 110]) < 2
+        evidence.append(state.ghost_score)
+    assert state.is_ghost == was_learned
+    np.testing.assert_allclose(np.diff(evidence), 0.4 if was_learned else -0.6, atol=0.05)  # the edge's share less 0.6
+    for k in range(16, 40):
+        state, _ = tracker.find(state, camera._replace(stamp_s=0.05 * k), prior)
+    assert state.ghost_score >= -3  # so that a thing that leaves later can still be noticed
