@@ -1,5 +1,7 @@
 """Where a sphere's centre is, from its image: against the projection of the true centre."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from ball_scenes import Sphere, look
@@ -7,6 +9,7 @@ from ball_scenes import Sphere, look
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import Image, Mask
 from tracking.marker import MarkerParams, threshold
 from tracking.outline import Coverage, Optics, Outline, cover, fit_outline, outline
 
@@ -24,6 +27,16 @@ def _hard(camera: Camera, sphere: Sphere) -> np.ndarray:
     """Pixels whose own ray hits the sphere."""
     ray = sphere.center / np.linalg.norm(sphere.center)
     return camera.bearing_map @ ray > np.sqrt(1 - (sphere.radius_m / np.linalg.norm(sphere.center)) ** 2)
+
+
+def drawn(mask: Mask) -> Image:
+    """Red before blue."""
+    return np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+
+
+def disc(x: float, y: float, radius: float) -> Mask:
+    v, u = np.mgrid[:240, :320]
+    return np.asarray(np.hypot(u - x, v - y) < radius)
 
 
 @pytest.mark.parametrize(("radius", "color", "rms_px"), [(0.035, RED, 0.08), (0.010, GREEN, 0.1)])
@@ -167,38 +180,41 @@ def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics, rng):
     assert hidden.cov_px[0, 0] > 10 * whole.cov_px[0, 0]
 
 
-def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one():
-    def is_disc(width: float, height: float, filled: float) -> bool:
-        area = filled * np.pi / 4 * width * height
-        return Outline(np.zeros(2), np.eye(2), 0.1, 1e-6, (0.0, 0.0, width, height), area, False).is_disc
-
-    assert is_disc(20, 20, 1.0)
-    assert is_disc(22, 20, 1.0)
-    assert is_disc(20, 22, 1.0)
-    assert not is_disc(23, 20, 1.0)
-    assert not is_disc(20, 23, 1.0)
-    assert is_disc(20, 20, 1.1)
-    assert is_disc(20, 20, 0.91)
-    assert not is_disc(20, 20, 4 / np.pi)  # a square
-    assert not is_disc(20, 20, 0.88)
+@pytest.mark.parametrize(
+    ("sides", "filled", "expected"),
+    [
+        (((20, 20), (22, 20), (20, 22)), (1.0,), True),
+        (((23, 20), (20, 23)), (1.0,), False),
+        (((20, 20),), (1.1, 0.91), True),
+        (((20, 20),), (4 / np.pi, 0.88), False),  # a square, and less than a disc
+    ],
+)
+def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one(sides, filled, expected):
+    for (width, height), share in product(sides, filled):
+        area = share * np.pi / 4 * width * height
+        box = (0.0, 0.0, width, height)
+        assert Outline(np.zeros(2), np.eye(2), 0.1, 1e-6, box, area, False).is_disc == expected
 
 
 @pytest.mark.parametrize(
-    ("corner", "size"), [((0, 60), (30, 20)), ((60, 0), (20, 30)), ((290, 60), (30, 20)), ((60, 210), (20, 30))]
+    ("corner", "size", "inwards"),
+    [
+        ((0, 60), (30, 20), (1, 0)),
+        ((60, 0), (20, 30), (0, 1)),
+        ((290, 60), (30, 20), (-1, 0)),
+        ((60, 210), (20, 30), (0, -1)),
+    ],
 )
-def test_what_reaches_the_image_s_border_is_cut_off(corner, size):
+def test_what_reaches_the_image_s_border_is_cut_off(corner, size, inwards):
     """The left, upper, right and lower border; a pixel away from it, it is whole."""
-    camera = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
-    x, y = corner
     w, h = size
-    toward = np.sign([160 - x - w / 2, 120 - y - h / 2]) * (np.abs([160 - x - w / 2, 120 - y - h / 2]) > 104)
-    for (dx, dy), partial in (((0, 0), True), (toward.astype(int), False)):
+    for off, is_partial in (((0, 0), True), (inwards, False)):
+        x, y = np.add(corner, off)
         mask = np.zeros((240, 320), bool)
-        mask[y + dy : y + dy + h, x + dx : x + dx + w] = True
-        image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-        shape = outline(cover(image, mask, FULL), Optics(camera))
-        assert shape.is_partial == partial
-        assert shape.box_px == (x + dx, y + dy, w, h)
+        mask[y : y + h, x : x + w] = True
+        shape = outline(cover(drawn(mask), mask, FULL), Optics(Camera(320, 240, 400.0, 400.0, 159.5, 119.5)))
+        assert shape.is_partial == is_partial
+        assert shape.box_px == (x, y, w, h)
         assert shape.area_px == pytest.approx(w * h, rel=0.02)
 
 
@@ -206,51 +222,43 @@ def test_what_reaches_the_image_s_border_is_cut_off(corner, size):
 def test_what_is_hidden_of_no_disc_may_lie_to_any_side(expected_px, missing):
     """Half a disc's centroid is 4/(3π) of its radius off; half a square gets that variance, and a part cut off by
     the border a proportional one, for an assumed hidden share of three tenths."""
-    camera = Camera(320, 240, 2000.0, 2000.0, 159.5, 119.5)
+    optics = Optics(Camera(320, 240, 2000.0, 2000.0, 159.5, 119.5))
     mask = np.zeros((240, 320), bool)
     mask[100:160, 140:170] = expected_px
     mask[100:160, :30] |= not expected_px
-    image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-    visible = outline(cover(image, mask, FULL), Optics(camera))
-    result = fit_outline(image, mask, FULL, Optics(camera), 3600.0 if expected_px else None)
+    visible = outline(cover(drawn(mask), mask, FULL), optics)
+    result = fit_outline(drawn(mask), mask, FULL, optics, 3600.0 if expected_px else None)
     assert result.is_partial
-    radius = np.sqrt(visible.area_px / (1 - missing) / np.pi)
-    off = 4 / (3 * np.pi) * radius * missing / 0.5
+    off = 4 / (3 * np.pi) * np.sqrt(visible.area_px / (1 - missing) / np.pi) * missing / 0.5
     assert np.trace(result.cov_px - visible.cov_px) == pytest.approx(off**2, rel=0.1)
     np.testing.assert_array_equal(result.center_px, visible.center_px)
 
 
 def test_a_disc_is_completed_where_most_of_its_edge_shows(optics):
-    """Two thirds of a disc that end at its centre; a cross of equal area has two thirds of its edge inside the disc."""
+    """Two thirds of a disc that end at its centre; a cross of equal area has two thirds of its edge inside the disc;
+    the arc of a third of it shows the disc, of less than a quarter it does not."""
     v, u = np.mgrid[:240, :320]
-    angle = np.arctan2(v - 120, u - 160)
-    disc = np.hypot(u - 160, v - 120) < 30
+    whole = disc(160, 120, 30)
+    sector = np.abs(np.arctan2(v - 120, u - 160)) < 2 / 3 * np.pi
     cross = (np.abs(u - 160) < 10) | (np.abs(v - 120) < 10)
-    for part, completed in ((np.abs(angle) < 2 / 3 * np.pi, True), (cross, False)):
-        mask = disc & part
-        image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-        shape = fit_outline(image, mask, FULL, optics, np.pi * 30**2)
+    shapes = []
+    for part, is_completed in ((sector, True), (cross, False), (u < 150, True), (u < 142, False)):
+        mask = whole & part
+        shapes.append(fit_outline(drawn(mask), mask, FULL, optics, np.pi * 30**2))
+        assert (shapes[-1].area_px == np.pi * 30**2) == is_completed
+    for shape in shapes[:2]:
         assert shape.is_partial
         assert np.linalg.norm(shape.center_px - [160, 120]) < 0.5
-        assert (shape.area_px == np.pi * 30**2) == completed
-        if completed:
-            np.testing.assert_allclose(shape.box_px, (130, 90, 60, 60), atol=0.5)
-            whole = outline(cover(np.where(disc[..., None], RED, 90.0).astype(np.uint8), disc, FULL), optics)
-            assert shape.angular_radius_rad == pytest.approx(whole.angular_radius_rad, rel=0.02)
-            assert shape.angular_radius_var == pytest.approx((0.03 * shape.angular_radius_rad) ** 2)
-    # the arc of a third of it shows the disc; of less than a quarter it does not
-    for cut, completed in ((150, True), (142, False)):
-        mask = disc & (u < cut)
-        image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-        shape = fit_outline(image, mask, FULL, optics, np.pi * 30**2)
-        assert (shape.area_px == np.pi * 30**2) == completed
+    completed = shapes[0]
+    np.testing.assert_allclose(completed.box_px, (130, 90, 60, 60), atol=0.5)
+    exact = outline(cover(drawn(whole), whole, FULL), optics)
+    assert completed.angular_radius_rad == pytest.approx(exact.angular_radius_rad, rel=0.02)
+    assert completed.angular_radius_var == pytest.approx((0.03 * completed.angular_radius_rad) ** 2)
 
 
 def test_of_joined_things_without_an_expected_area_there_is_no_outline(optics):
-    v, u = np.mgrid[:240, :320]
-    disc = np.hypot(u - 160, v - 120) < 20
-    larger = (np.hypot(u - 160, v - 120) < 20) | (np.hypot(u - 190, v - 120) < 20)
-    image = np.where(larger[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
-    assert fit_outline(image, disc, FULL, optics, None, larger) is None
-    result = fit_outline(image, disc, FULL, optics, np.pi * 20**2, larger)
+    left = disc(160, 120, 20)
+    joined = left | disc(190, 120, 20)
+    assert fit_outline(drawn(joined), left, FULL, optics, None, joined) is None
+    result = fit_outline(drawn(joined), left, FULL, optics, np.pi * 20**2, joined)
     assert np.linalg.norm(result.center_px - [160, 120]) < 0.5

@@ -1,14 +1,15 @@
 """Smoothing against least squares over the whole path, and through the tracker's own steps."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from linear_model import discretised
+from numpy.random import Generator
 
 from pps_vision.types import Array, Observation3D, Status, Track3D
-from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
+from tracking.kalman import KalmanParams, predict, scaled, start, update
 from tracking.smoother import LAG, Measurement, follow, smooth, smoothed_steps
 from tracking.tracker import TrackerStep
 
@@ -79,73 +80,72 @@ def test_a_filter_that_began_again_is_smoothed_in_two_parts():
         np.testing.assert_allclose(path[k].mean[0], z[k], atol=2e-3)
 
 
-def _steps(rng: np.random.Generator) -> tuple[list[TrackerStep], list[np.ndarray]]:
-    """As a tracker would return them: two sightings unconfirmed, a gap, lost at last; and the truth."""
-    params = KalmanParams()
-    cov = np.diag([4e-6, 4e-6, 1e-5])
-    steps = []
-    truth = []
+def _filtered(
+    params: KalmanParams, places: Iterable[Array], is_measured: Callable[[int], bool], cov: Array, rng: Generator
+) -> Iterator[TrackerStep]:
+    """Steps of a tracker's filter every 50 ms on noisy measurements of some of these places."""
     belief = None
-    for k in range(40):
+    for k, place in enumerate(places):
         t = 0.05 * k
-        true = np.array([0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0])
-        is_measured = not (15 <= k < 18 or k >= 38)
-        z = true + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if is_measured else None
+        z = place + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if is_measured(k) else None
         if belief is None:
             params = scaled(params, float(np.linalg.norm(z)))
-        belief, track = _tracked(params, belief, t, z, cov)
-        if k < 2:
-            track = Track3D.unknown(t)
-        if k == 39:
-            track = Track3D.unknown(t, Status.LOST)
-        observation = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
-        steps.append(TrackerStep(track, (), observation, np.zeros(3)))
-        truth.append(true)
-    return steps, truth
+            belief = start(params, t, z, cov)
+        else:
+            belief = predict(params, belief, t)
+            belief = belief if z is None else update(params, belief, z, cov)
+        n = len(belief.mean)
+        mean = np.zeros((4, 3))
+        mean[:n] = belief.mean
+        P = np.zeros((12, 12))
+        P[: 3 * n, : 3 * n] = belief.cov
+        P[:3, :3] += belief.correlated_cov + 1e-6 * np.eye(3)  # an error of shape
+        track = Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
+        yield TrackerStep(track, (), None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1), np.zeros(3))
 
 
-def _tracked(
-    params: KalmanParams, belief: Belief | None, t: float, z: np.ndarray | None, cov: np.ndarray
-) -> tuple[Belief, Track3D]:
-    if belief is None:
-        belief = start(params, t, z, cov)
-    else:
-        belief = predict(params, belief, t)
-        belief = belief if z is None else update(params, belief, z, cov)
-    mean = np.zeros((4, 3))
-    P = np.zeros((12, 12))
-    n = len(belief.mean)
-    mean[:n] = belief.mean
-    P[: 3 * n, : 3 * n] = belief.cov
-    P[:3, :3] += belief.correlated_cov + 1e-6 * np.eye(3)
-    return belief, Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
+TRUTH = np.array([[0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0] for k in range(40)])
+
+
+def _steps(rng: Generator) -> list[TrackerStep]:
+    """As a tracker would return them: two sightings unconfirmed, a gap, lost at last."""
+    cov = np.diag([4e-6, 4e-6, 1e-5])
+    steps = list(_filtered(KalmanParams(), TRUTH, lambda k: not (15 <= k < 18 or k >= 38), cov, rng))
+    for k, status in ((0, Status.SEARCHING), (1, Status.SEARCHING), (39, Status.LOST)):
+        steps[k] = replace(steps[k], track=Track3D.unknown(0.05 * k, status))
+    return steps
+
+
+def _long(params: KalmanParams, n: int) -> Iterator[TrackerStep]:
+    """A track without an end, whose path bends all the time; every seventh pair shows nothing."""
+    places = (np.array([0.4 + 0.05 * np.sin(k / 25), 0.1 * np.cos(k / 17), 0.01 * np.sin(k / 3)]) for k in range(n))
+    rng = np.random.default_rng(4)
+    return _filtered(params, places, lambda k: k % 7 > 0 or k == 0, np.diag([1e-7, 1e-7, 1e-6]), rng)
 
 
 def test_a_trackers_path_is_smoothed_where_it_is_known(rng):
-    steps, truth = _steps(rng)
+    steps = _steps(rng)
     tracks = [step.track for step in smoothed_steps(KalmanParams(), steps)]
     assert [t.status for t in tracks] == [s.track.status for s in steps]
-    tracked = [k for k, track in enumerate(tracks) if track.is_known]
-    earlier = np.array([steps[k].track.position - truth[k] for k in tracked])
-    after = np.array([tracks[k].position - truth[k] for k in tracked])
-    assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(earlier**2))
-    for k in tracked:
+    known = [k for k, track in enumerate(tracks) if track.is_known]
+    earlier, after = (
+        np.mean([(path[k].position - TRUTH[k]) ** 2 for k in known]) for path in ([s.track for s in steps], tracks)
+    )
+    assert after < 0.64 * earlier
+    for k in known:
         assert np.trace(tracks[k].cov[:3, :3]) <= np.trace(steps[k].track.cov[:3, :3]) * (1 + 1e-9)
         assert np.linalg.eigvalsh(tracks[k].cov).min() > 0
-    last = tracked[-2]
-    np.testing.assert_allclose(tracks[tracked[-1]].mean, steps[tracked[-1]].track.mean, rtol=1e-9)
-    assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
+    np.testing.assert_allclose(tracks[known[-1]].mean, steps[known[-1]].track.mean, rtol=1e-9)
+    assert np.linalg.eigvalsh(tracks[known[-2]].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
 
 
 def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng):
     """One elsewhere, then nothing for one step: the track is smoothed as if neither had been; nor is a track joined
     with the one before it."""
-    steps, _ = _steps(rng)
+    steps = _steps(rng)
     elsewhere = Observation3D(-0.1, np.array([0.2, 0.3, 0.1]), np.diag([4e-6, 4e-6, 1e-5]), 0.03, 1e-6, 0.1)
-    earlier = [
-        TrackerStep(Track3D.unknown(t), (), observation, np.zeros(3))
-        for t, observation in ((-0.1, elsewhere), (-0.05, None))
-    ]
+    nothing = TrackerStep(Track3D.unknown(-0.05), (), None, np.zeros(3))
+    earlier = [replace(nothing, track=Track3D.unknown(-0.1), observation=elsewhere), nothing]
     alone = list(smoothed_steps(KalmanParams(), steps))
     later = [replace(step, track=replace(step.track, stamp_s=step.track.stamp_s + 2.0)) for step in steps]
     for more, part in (([*earlier, *steps], slice(2, None)), ([*steps, *later], slice(0, len(steps)))):
@@ -160,65 +160,40 @@ def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng):
 def test_what_a_track_says_beyond_its_filter_is_still_said(rng):
     """Added to every track's position it is added to every smoothed one's; where a track says less than the filter
     that is run again (its own had begun anew), only the error that its measurements share comes on top."""
-    steps, _ = _steps(rng)
+    steps = _steps(rng)
 
-    def smoothed(change: np.ndarray, factor: float = 1.0) -> list[np.ndarray]:
-        changed = []
-        for step in steps:
-            cov = factor * step.track.cov
-            cov[:3, :3] += change
-            changed.append(replace(step, track=replace(step.track, cov=cov)))
-        return [s.track.cov[:3, :3] for s in smoothed_steps(KalmanParams(), changed) if s.track.is_known]
+    def smoothed(change: Array, factor: float = 1.0) -> Array:
+        covs = [factor * step.track.cov + np.pad(change, (0, 9)) for step in steps]
+        changed = [replace(step, track=replace(step.track, cov=cov)) for step, cov in zip(steps, covs, strict=True)]
+        return np.array([s.track.cov[:3, :3] for s in smoothed_steps(KalmanParams(), changed) if s.track.is_known])
 
     more = np.diag([5e-6, 6e-6, 7e-6])
-    for plain, wider, narrow in zip(
-        smoothed(np.zeros((3, 3))), smoothed(more), smoothed(np.zeros((3, 3)), 0.01), strict=True
-    ):
-        np.testing.assert_allclose(wider - plain, more, atol=1e-12)
-        np.testing.assert_allclose(plain - narrow, 1e-6 * np.eye(3), atol=1e-12)  # an error of shape, in `_tracked`
-
-
-def _long(params: KalmanParams, n: int, rng: np.random.Generator) -> Iterator[TrackerStep]:
-    """A track without an end, whose path bends all the time; every seventh pair shows nothing."""
-    cov = np.diag([1e-7, 1e-7, 1e-6])
-    belief = None
-    for k in range(n):
-        t = 0.05 * k
-        at = np.array([0.4 + 0.05 * np.sin(k / 25), 0.1 * np.cos(k / 17), 0.01 * np.sin(k / 3)])
-        z = at + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if k % 7 or not k else None
-        if belief is None:
-            params = scaled(params, float(np.linalg.norm(z)))
-        belief, track = _tracked(params, belief, t, z, cov)
-        observation = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
-        yield TrackerStep(track, (), observation, np.zeros(3))
+    nothing = np.zeros((3, 3))
+    plain = smoothed(nothing)
+    np.testing.assert_allclose(smoothed(more) - plain, np.broadcast_to(more, plain.shape), atol=1e-12)
+    shape_error = np.broadcast_to(1e-6 * np.eye(3), plain.shape)
+    np.testing.assert_allclose(plain - smoothed(nothing, 0.01), shape_error, atol=1e-12)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_a_long_track_is_smoothed_as_by_all_later_measurements(order):
     params = KalmanParams.of_order(order)
-    steps = list(_long(params, 3 * LAG + 50, np.random.default_rng(4)))
+    steps = list(_long(params, 3 * LAG + 50))
     own = scaled(params, float(np.linalg.norm(steps[0].observation.p_root)))
-    observations = [(step.track.stamp_s, step.observation) for step in steps]
     measured = [
-        Measurement(t, observation and observation.p_root, observation and observation.cov_root)
-        for t, observation in observations
+        Measurement(s.track.stamp_s, *((s.observation.p_root, s.observation.cov_root) if s.observation else ()))
+        for s in steps
     ]
     whole = smooth(follow(own, start(own, 0.0, measured[0].position, measured[0].cov), measured[1:]))
-    tracks = [step.track for step in smoothed_steps(params, steps)]
-    for track, belief, step in zip(tracks, whole, steps, strict=True):
+    for smoothed, belief, step in zip(smoothed_steps(params, steps), whole, steps, strict=True):
         std = np.sqrt(np.diag(belief.cov)).reshape(belief.mean.shape)
-        assert np.all(np.abs(track.mean[:order] - belief.mean) < 1e-9 * std)
-        assert track.stamp_s == step.track.stamp_s
+        assert np.all(np.abs(smoothed.track.mean[:order] - belief.mean) < 1e-9 * std)
+        assert smoothed.track.stamp_s == step.track.stamp_s
 
 
 def test_a_long_track_comes_while_it_goes_on():
     """The number of buffered steps is bounded."""
-    taken = 0
-
-    def steps() -> Iterator[TrackerStep]:
-        nonlocal taken
-        for step in _long(KalmanParams(), 4 * LAG, np.random.default_rng(4)):
-            taken += 1
-            yield step
-
-    assert max(taken - k for k, _ in enumerate(smoothed_steps(KalmanParams(), steps()))) <= 2 * LAG
+    taken = []
+    steps = (taken.append(step) or step for step in _long(KalmanParams(), 4 * LAG))
+    buffered = [len(taken) - k for k, _ in enumerate(smoothed_steps(KalmanParams(), steps))]
+    assert max(buffered) <= 2 * LAG
