@@ -1,7 +1,5 @@
 """The skin under any input: no NaN, no certainty without samples, lost samples counted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from data import SEED
@@ -150,31 +148,12 @@ def test_a_touch_with_no_track_and_a_track_with_no_touch():
 def test_gaps_and_stale_samples_cost_samples_but_nothing_else():
     """Half of an approach lost, a frozen stamp, a stamp that is no number: only seen frames are counted."""
     stamps = 0.05 * np.arange(30)
-    tracks = approach()
-    whole = run(stamps, tracks, touched_at=(28,))
-    gapped = run(stamps, [None if 8 <= k < 18 else track for k, track in enumerate(tracks)], touched_at=(28,))
+    whole = run(stamps, approach(), touched_at=(28,))
+    gapped = run(stamps, [*approach()[:8], *[None] * 10, *approach()[18:]], touched_at=(28,))
     assert np.all(gapped.memory.counts <= whole.memory.counts)
     assert 0 < gapped.memory.counts.sum() < whole.memory.counts.sum()
     broken = stamps.copy()
     broken[[5, 11, 12]] = broken[4], np.nan, -np.inf
-    stale = run(broken, tracks, touched_at=(28,))
+    stale = run(broken, approach(), touched_at=(28,))
     assert stale.stale == 3
     assert 0 < stale.memory.counts.sum() <= whole.memory.counts.sum()
-
-
-def test_a_memory_of_other_taxels_is_refused():
-    D, TTC = sees([0.0, 0.0, 0.05], [0.0, 0.0, -0.1])
-    fewer = replace(MEMORY, taxel_ids=SKIN.taxel_ids[:3], part_index=np.zeros(3, np.intp), counts=MEMORY.counts[:3])
-    for use in (activation, lambda *arguments: count_samples(*arguments, np.ones(3, bool))):
-        with pytest.raises(ValueError, match="expected those of the memory's 3 taxels"):
-            use(fewer, D, TTC)
-    with pytest.raises(ValueError, match=r"touched .4,.: expected the memory's 3 taxels"):
-        count_samples(fewer, D[:3], TTC[:3], np.ones(4, bool))
-
-
-def test_one_place_for_all_taxels_is_that_place_for_each():
-    sample = activation(MEMORY, 0.05, 0.5)
-    rows = activation(MEMORY, np.full(4, 0.05), np.full(4, 0.5))
-    np.testing.assert_array_equal(sample, rows)
-    places = np.array([[0.02], [0.08]])
-    np.testing.assert_array_equal(activation(MEMORY, places, 0.5), activation(MEMORY, places * np.ones(4), 0.5))

@@ -15,6 +15,7 @@ from learning.pps.receptive_field import (
 
 FIELD = ReceptiveField()
 UP = np.array([0.0, 0.0, 1.0])
+MOTIONS = [(0, 0, -0.05), (0, 0, 0), (0, 0, 0.05), (0.1, 0, 0)]
 
 
 def one(d, v, field=FIELD, **options):
@@ -59,30 +60,36 @@ def test_the_cone_is_cut_by_the_skin(d, inside):
     assert np.isnan(D) == np.isnan(TTC) == (not inside)
 
 
-def test_surface_instead_of_centre():
-    field = ReceptiveField(distance_to="surface")
-    assert one((0, 0, 0.10), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((0.07, 1.4))
-    assert one((0, 0, 0.02), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((-0.01, 0.0))
-    assert one((0, 0, 0.10), (0, 0, -0.05), radius_m=0.03) == pytest.approx((0.10, 2.0))
-    assert one((0, 0, 0.10), (0, 0, -0.05), field) == pytest.approx((0.10, 2.0))  # a point
-    assert np.ravel(distance_and_ttc(field, [(0, 0, 0.10)], UP, (0, 0, -0.05))) == pytest.approx([0.10, 2.0])
-    assert ReceptiveField(base_radius_m=0.0).base_radius_m == 0  # a cone with its apex on the taxel
+@pytest.mark.parametrize(
+    ("distance_to", "height_m", "v", "radius_m", "expected"),
+    [
+        ("surface", 0.10, (0, 0, -0.05), 0.03, (0.07, 1.4)),
+        ("surface", 0.02, (0, 0, -0.05), 0.03, (-0.01, 0.0)),
+        ("centre", 0.10, (0, 0, -0.05), 0.03, (0.10, 2.0)),
+        ("surface", 0.10, (0, 0, -0.05), None, (0.10, 2.0)),  # a point
+        *(("surface", 0.03, v, 0.03, (0.0, 0.0)) for v in MOTIONS),  # what touches does so now, however it moves
+        *(("surface", 0.025, v, 0.03, (-0.005, 0.0)) for v in MOTIONS),
+        ("surface", 0.24, (0, 0, -0.1), 0.05, (0.19, 1.9)),  # a large object's surface, as far as the field reaches
+        ("surface", 0.26, (0, 0, -0.1), 0.05, (np.nan, np.nan)),
+        ("centre", 0.24, (0, 0, -0.1), 0.05, (np.nan, np.nan)),
+    ],
+)
+def test_surface_instead_of_centre(distance_to, height_m, v, radius_m, expected):
+    field = ReceptiveField(distance_to=distance_to)
+    options = {} if radius_m is None else {"radius_m": radius_m}
+    expected = pytest.approx(expected, abs=1e-12, nan_ok=True)
+    assert one((0, 0, height_m), v, field, **options) == expected
+    assert np.ravel(distance_and_ttc(field, [(0, 0, height_m)], UP, v, **options)) == expected
 
 
-@pytest.mark.parametrize("v", [(0, 0, -0.05), (0, 0, 0), (0, 0, 0.05), (0.1, 0, 0)])
-def test_what_touches_does_so_now_however_it_moves(v):
-    field = ReceptiveField(distance_to="surface")
-    assert one((0, 0, 0.03), v, field, radius_m=0.03) == (0.0, 0.0)
-    assert one((0, 0, 0.025), v, field, radius_m=0.03) == pytest.approx((-0.005, 0.0))
-
-
-def test_a_closing_speed_within_its_noise_is_no_approach():
-    cov = np.diag([1.0, 1.0, 0.02**2])  # only the noise along the line of sight matters
-    assert one((0, 0, 0.1), (0, 0, -0.021), cov_v=cov)[1] == pytest.approx(0.1 / 0.021)
-    assert one((0, 0, 0.1), (0, 0, -0.019), cov_v=cov)[1] == np.inf
-    assert one((0, 0, 0.1), (0, 0, 0.019), cov_v=cov)[1] == np.inf
-    strict = ReceptiveField(min_closing_sigmas=2.0)
-    assert one((0, 0, 0.1), (0, 0, -0.039), strict, cov_v=cov)[1] == np.inf
+@pytest.mark.parametrize(
+    ("sigmas", "v", "ttc_s"),
+    [(1.0, -0.021, 0.1 / 0.021), (1.0, -0.019, np.inf), (1.0, 0.019, np.inf), (2.0, -0.039, np.inf)],
+)
+def test_a_closing_speed_within_its_noise_is_no_approach(sigmas, v, ttc_s):
+    """Only the noise along the line of sight matters."""
+    cov = np.diag([1.0, 1.0, 0.02**2])
+    assert one((0, 0, 0.1), (0, 0, v), ReceptiveField(min_closing_sigmas=sigmas), cov_v=cov)[1] == pytest.approx(ttc_s)
 
 
 def test_likely_velocities_integrate_over_the_velocity():
@@ -105,6 +112,9 @@ def test_likely_velocities_integrate_over_the_velocity():
 def test_what_counts_is_the_velocity_relative_to_the_taxel():
     assert one((0, 0, 0.1), (0, 0, 0), taxel_velocities_root=[[0, 0, 0.05]])[1] == pytest.approx(2.0)
     assert one((0, 0, 0.1), (0, 0, -0.05), taxel_velocities_root=[[0, 0, -0.05]])[1] == np.inf
+    assert not likely_velocities(
+        np.zeros((1, 3)), np.zeros(3), np.eye(3)
+    ).any()  # on the taxel no direction is likelier
 
 
 def test_an_unknown_stimulus_is_not_perceived():
@@ -147,10 +157,19 @@ def test_all_times_at_once_equal_one_at_a_time():
         np.testing.assert_array_equal(perceive(FIELD, x[t], n[t], p[t], v[t], cov_v=cov[t]), [a[t] for a in together])
 
 
-@pytest.mark.parametrize("wrong", [{"half_angle_rad": 2.0}, {"base_radius_m": -0.01}, {"length_m": 0.0}])
-def test_an_impossible_cone_is_refused(wrong):
-    with pytest.raises(ValueError, match="angle between 0 and 90"):
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"half_angle_rad": 2.0}, "angle between 0 and 90"),
+        ({"base_radius_m": -0.01}, "angle between 0 and 90"),
+        ({"length_m": 0.0}, "angle between 0 and 90"),
+        ({"distance_to": "edge"}, "expected centre or surface"),
+    ],
+)
+def test_an_impossible_cone_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
         ReceptiveField(**wrong)
+    assert ReceptiveField(base_radius_m=0.0).base_radius_m == 0  # a cone with its apex on the taxel
 
 
 def test_a_whole_skin_perceives_as_its_taxels_do_alone():
@@ -165,19 +184,3 @@ def test_a_whole_skin_perceives_as_its_taxels_do_alone():
                  for i in range(500)]  # fmt: skip
         np.testing.assert_allclose(together, np.concatenate(alone, axis=1), rtol=1e-12)
         assert 5 < np.isfinite(together[0]).sum() < 250
-
-
-def test_of_a_large_object_the_surface_counts_as_far_as_the_field_reaches():
-    surface = ReceptiveField(distance_to="surface")
-    assert one((0, 0, 0.24), (0, 0, -0.1), surface, radius_m=0.05) == pytest.approx((0.19, 1.9))
-    assert np.isnan(one((0, 0, 0.26), (0, 0, -0.1), surface, radius_m=0.05)).all()
-    assert np.isnan(one((0, 0, 0.24), (0, 0, -0.1), radius_m=0.05)).all()
-
-
-def test_on_the_taxel_itself_no_direction_is_likelier():
-    assert not likely_velocities(np.zeros((1, 3)), np.zeros(3), np.eye(3)).any()
-
-
-def test_a_distance_to_anything_else_is_refused():
-    with pytest.raises(ValueError, match="expected centre or surface"):
-        ReceptiveField(distance_to="edge")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from learning.reach.babbling import Babbled, babble
-from learning.reach.params import ArmLimits
+from learning.reach.labels import ReachOracle
+from learning.reach.params import ArmLimits, MapParams
 from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -38,6 +39,8 @@ def test_limits_decide_what_can_be_fixated(babbled):
 def test_an_unknown_side_is_refused():
     with pytest.raises(ValueError, match="side 'third': expected left or right"):
         babble(ROBOT, "third", 10, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="side 'third': expected left or right"):
+        ReachOracle(ROBOT, "third", MapParams(n_babble=100), np.random.default_rng(0))
 
 
 def test_postures_without_an_answer_are_counted_apart():

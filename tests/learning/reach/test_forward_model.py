@@ -24,6 +24,12 @@ def babbled():
     return babble(ROBOT, "right", 4000, rng), babble(ROBOT, "right", 700, rng)
 
 
+def taught(arm, gaze, **options):
+    arm_model = RevoluteArm(**options)
+    arm_model.learn(arm, gaze)
+    return arm_model
+
+
 @pytest.fixture(scope="module")
 def model(babbled):
     learned = RevoluteArm()
@@ -52,8 +58,7 @@ def test_where_babbling_never_was_it_knows_too(model):
 
 
 def test_samples_in_any_portions_teach_the_same(model, babbled):
-    at_once = RevoluteArm()
-    at_once.learn(babbled[0].arm_rad[:200][::-1], babbled[0].gaze_rad[:200][::-1])
+    at_once = taught(babbled[0].arm_rad[:200][::-1], babbled[0].gaze_rad[:200][::-1])
     test = babbled[1].arm_rad[:50]
     np.testing.assert_allclose(at_once(test), model(test), atol=1e-6)
 
@@ -61,56 +66,38 @@ def test_samples_in_any_portions_teach_the_same(model, babbled):
 def test_what_was_fixated_wrongly_is_left_out(babbled):
     """A tenth of the gaze postures is of something else, and a tenth of the elbow's angles that of a stuck encoder."""
     rng = np.random.default_rng(34)
-    train = babbled[0]
-    n = len(babbled[0].arm_rad)
+    train, test = babbled
+    n = len(train.arm_rad)
     wrong, stuck = rng.random((2, n)) < 0.1
     gaze = np.where(wrong[:, None], rng.uniform(LIMITS.lower, LIMITS.upper, (n, 3)), train.gaze_rad)
     arm = np.where(stuck[:, None] & (np.arange(4) == 3), 1.0, train.arm_rad)
-    learned = RevoluteArm()
-    learned.learn(arm, gaze)
-    error, silent = gaze_rmse_deg(learned, babbled[1])
+    error, silent = gaze_rmse_deg(taught(arm, gaze), test)
     print(f"{error:.1e} °")
     assert error < 0.01
     assert silent == 0
 
 
-@pytest.mark.parametrize("noise_deg", [1.0, 3.0])
-def test_noisy_fixation_averages_out(babbled, noise_deg):
-    """1100 samples for 247 numbers: less than a third of the noise remains."""
-    train = babbled[0]
-    rng = np.random.default_rng(35)
-    noisy = train.gaze_rad + np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
-    learned = RevoluteArm()
-    learned.learn(train.arm_rad, np.clip(noisy, LIMITS.lower, LIMITS.upper))
-    error, silent = gaze_rmse_deg(learned, babbled[1])
-    print(f"{noise_deg:g}° of noise: {error:.2f} °")
-    assert error < noise_deg / 3
-    assert silent < 0.01
-
-
-def test_fewer_samples_than_unknowns_are_held_by_the_prior(babbled):
-    """247 numbers from 200 samples with 1° of noise: 0.76° on average; with a prior of 4 or 0.25 eye distances 0.87
-    and 0.99."""
-    train = babbled[0]
+@pytest.mark.parametrize(
+    ("noise_deg", "n", "most_deg"),
+    [
+        (1.0, 1100, 1 / 3),  # for 247 numbers: less than a third of the noise remains
+        (3.0, 1100, 1.0),
+        (1.0, 200, 0.82),  # held by the prior: 0.76; with a prior of 4 or 0.25 eye distances 0.87 and 0.99
+        (0.0, 100, 0.03),  # 300 angles: 0.01; with a ridge of 1e-12 in place of the first prior 0.05
+    ],
+)
+def test_noisy_fixation_averages_out_and_few_samples_are_held_by_the_prior(babbled, noise_deg, n, most_deg):
+    """Mean error of models of n samples each."""
+    train, test = babbled
     errors = []
-    for seed in (35, 36, 37):
-        noise = np.deg2rad(1.0) * np.random.default_rng(seed).standard_normal((200, 3))
-        at = slice((seed - 35) * 200, (seed - 34) * 200)
-        learned = RevoluteArm()
-        learned.learn(train.arm_rad[at], np.clip(train.gaze_rad[at] + noise, LIMITS.lower, LIMITS.upper))
-        errors.append(gaze_rmse_deg(learned, babbled[1])[0])
-    assert np.mean(errors) < 0.82
-
-
-def test_one_hundred_exact_samples_teach_the_arm(babbled):
-    """247 unknowns, 300 angles: 0.01° on average; with a ridge of 1e-12 in place of the first prior 0.05°."""
-    train = babbled[0]
-    errors = []
-    for k in range(0, 1000, 200):
-        learned = RevoluteArm()
-        learned.learn(train.arm_rad[k : k + 100], train.gaze_rad[k : k + 100])
-        errors.append(gaze_rmse_deg(learned, babbled[1])[0])
-    assert np.mean(errors) < 0.03
+    for k in range(0, min(5 * n, len(train.arm_rad) - n + 1), n):
+        noise = np.deg2rad(noise_deg) * np.random.default_rng(35 + k).standard_normal((n, 3))
+        gaze = np.clip(train.gaze_rad[k : k + n] + noise, LIMITS.lower, LIMITS.upper)
+        error, silent = gaze_rmse_deg(taught(train.arm_rad[k : k + n], gaze), test)
+        errors.append(error)
+        assert silent < 0.01
+    print(f"{n} samples, {noise_deg:g}° of noise: {np.mean(errors):.2f} °")
+    assert np.mean(errors) < most_deg
 
 
 @pytest.fixture(scope="module")
@@ -143,11 +130,9 @@ def test_what_no_ideal_arm_can_do_is_left_to_the_process(bent):
 @pytest.mark.parametrize("noise_deg", [0.0, 1.0])
 def test_a_neck_that_yaws_first_is_recognised(babbled, noise_deg):
     """Exchanging yaw and pitch mirrors the head at the plane between their axes, and so the hand."""
-    arm = babbled[0].arm_rad
     gaze = babbled[0].gaze_rad[:, [1, 0, 2]]
     noise = np.deg2rad(noise_deg) * np.random.default_rng(37).standard_normal(gaze.shape)
-    learned = RevoluteArm(corrected=False)
-    learned.learn(arm, gaze + noise)
+    learned = taught(babbled[0].arm_rad, gaze + noise, corrected=False)
     test = replace(babbled[1], gaze_rad=babbled[1].gaze_rad[:, [1, 0, 2]])
     assert gaze_rmse_deg(learned, test)[0] < max(1e-3, noise_deg / 3)
     at = test.gaze_rad[:50]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from data import SEED
+from scipy.stats import binomtest
 
 from learning.reach.labels import HandModel, Labels, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
@@ -68,6 +69,7 @@ def test_training_ends_when_the_expected_error_is_small_enough():
 
 
 def test_going_on_keeps_what_was_learned_and_does_not_count_it():
+    """A tenth of the problems has no answer: counted, and not learned from."""
     rng = np.random.default_rng(SEED)
     calls = []
     first = learned_from(counted([], failed=0.1, rng=rng), "right", rng, PARAMS)
@@ -76,6 +78,8 @@ def test_going_on_keeps_what_was_learned_and_does_not_count_it():
     assert len(more.labels.gaze_rad) + more.unanswered == 1200
     assert more.unanswered > first.unanswered > 30
     np.testing.assert_array_equal(more.labels.gaze_rad[: len(first.labels.gaze_rad)], first.labels.gaze_rad)
+    gaze = np.random.default_rng(SEED).uniform(LIMITS.lower, LIMITS.upper, (500, 3))
+    assert (first.query(gaze).reachable == (gaze[:, 0] < 0)).mean() > 0.98
     for changes in ({"side": "left"}, {"limits": GazeLimits(vergence_rad=(0.1, 1.0))}):
         with pytest.raises(InputError, match="to continue from"):
             learned_from(plane, "right", rng, PARAMS, into=replace(first, **changes))
@@ -87,6 +91,40 @@ def test_where_inverse_kinematics_never_answers_nothing_is_learned():
 
     with pytest.raises(InputError, match="inverse kinematics never converged"):
         learned_from(label, "right", np.random.default_rng(SEED), PARAMS)
+
+
+def test_the_bound_of_the_error_is_that_of_the_binomial_distribution():
+    """By verdicts that contradict the labels in a known strip: the errors of a test of 300 postures are binomial, and
+    no bound is given without a test."""
+    params = replace(PARAMS, n_test=300)
+    tested = []
+
+    def verdicts(gaze):
+        tested.append(gaze)
+        return (gaze[:, 0] < 0) ^ (gaze[:, 1] < np.quantile(gaze[:, 1], 0.1))
+
+    learned = learned_from(plane, "right", np.random.default_rng(SEED), params, verdicts=verdicts)
+    (gaze,) = tested
+    wrong = int(np.sum(learned.query(gaze).reachable != verdicts(gaze)))
+    assert 15 < wrong < 60
+    assert learned.error_bound == pytest.approx(binomtest(wrong, 300).proportion_ci(0.9, "exact").high)
+    assert learned_from(plane, "right", np.random.default_rng(SEED), replace(params, n_test=0)).error_bound == 1.0
+
+
+def test_a_test_that_fails_leaves_less_risk_to_the_next():
+    """Verdicts that are wrong in one of 20 postures, then right: the first test fails, the second has a quarter of the
+    risk, and so a bound of 1 − (0.05 / 4)^(1/n) without errors."""
+    params = replace(PARAMS, n_labels=3000, max_error=0.03)
+    tests = []
+
+    def verdicts(gaze):
+        tests.append(len(gaze))
+        right = learned_from(plane, "right", np.random.default_rng(0), replace(params, max_error=0.0)).query(gaze)
+        return right.reachable ^ (np.arange(len(gaze)) % 20 == 0) if len(tests) == 1 else right.reachable
+
+    learned = learned_from(plane, "right", np.random.default_rng(SEED), params, verdicts=verdicts)
+    assert tests == [334, 334]
+    assert 1 - (0.05 / 4) ** (1 / 334) - 1e-9 <= learned.error_bound <= 0.03
 
 
 def test_the_expected_error_is_that_of_all_postures():
