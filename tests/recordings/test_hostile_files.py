@@ -22,7 +22,7 @@ from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
-from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth
+from pps_vision.recordings.tables import read_gaze
 from pps_vision.recordings.taxels_ini import PartMap, write_taxels
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.robot.skin import icub_skin
@@ -50,17 +50,6 @@ def at_most(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, handler)
-
-
-@pytest.mark.parametrize(
-    ("row", "says"),
-    [("neck_pitch,1,5", "table.csv:2: 3 fields under 2 columns"), ("neck_pitch,1_5", "'1_5'; expected a number")],
-)
-def test_a_decimal_comma_in_offsets_is_refused(tmp_path: Path, row: str, says: str) -> None:
-    (tmp_path / "table.csv").write_text(f"joint,offset_deg\n{row}\n")
-    with pytest.raises(InputError) as refusal:
-        read_joint_offsets(tmp_path / "table.csv", ("neck_pitch",))
-    assert says in str(refusal.value)
 
 
 @pytest.mark.parametrize(
@@ -143,17 +132,6 @@ def test_a_deeply_nested_calibration_is_refused(tmp_path: Path, name: str, text:
     assert f"{name}: has more than" in process.stdout
 
 
-@pytest.mark.parametrize("size", [1e300, 2**40, 0.5])
-def test_an_absurd_image_size_in_a_calibration_is_refused(tmp_path: Path, size: float) -> None:
-    storage = cv2.FileStorage(str(tmp_path / "a.yml"), cv2.FILE_STORAGE_WRITE)
-    for key, value in {"K1": np.diag([9.0, 9, 1]), "K2": np.diag([9.0, 9, 1]), "R": np.eye(3), "T": np.ones(3)}.items():
-        storage.write(key, value)
-    storage.write("image_width", size)
-    storage.release()
-    with pytest.raises(InputError, match="expected whole numbers of pixels"):
-        read_stereo_calibration([tmp_path / "a.yml"], (8, 6))
-
-
 def test_a_byte_order_mark_changes_nothing(rec: Written) -> None:
     clean = open_recording(rec.folder)
     for file in [*rec.folder.rglob("*.log"), rec.folder / "truth.csv", rec.folder / "icubEyes.ini"]:
@@ -164,13 +142,6 @@ def test_a_byte_order_mark_changes_nothing(rec: Written) -> None:
     assert marked.rig is not None
     assert marked.rig.left == clean.rig.left  # type: ignore[union-attr]
     assert [pair[0].stamp_s for pair in marked.pairs] == [pair[0].stamp_s for pair in clean.pairs]
-
-
-def test_a_byte_order_mark_in_tables_and_calibrations(tmp_path: Path, rec: Written) -> None:
-    (tmp_path / "gaze.csv").write_bytes(BOM + b"yaw_deg,pitch_deg,vergence_deg\n0,0,0\n")
-    np.testing.assert_array_equal(read_gaze(tmp_path / "gaze.csv"), np.zeros((1, 3)))
-    (rec.folder / "truth.csv").write_bytes(BOM + (rec.folder / "truth.csv").read_bytes())
-    assert len(read_truth(rec.folder / "truth.csv", [])) == 4
 
 
 def test_linked_folders_are_followed_and_loops_end(rec: Written, tmp_path: Path) -> None:

@@ -57,17 +57,6 @@ def test_what_is_missing_is_named(ini: Path, old: str, new: str, message: str) -
         read_icub_eyes(ini)
 
 
-def test_the_widest_image_has_65536_pixels(tmp_path: Path) -> None:
-    wide = Camera(2**16, 2**15, 5e4, 5e4, 32767.5, 16383.5)
-    write_icub_eyes(tmp_path / "wide.ini", wide, wide)
-    assert read_icub_eyes(tmp_path / "wide.ini") == (wide, wide)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.ini: cannot be read: No such file"):
-        read_icub_eyes(tmp_path / "none.ini")
-
-
 def test_k3_has_no_place_in_the_form(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"right camera has k3 = 0\.5"):
         write_icub_eyes(tmp_path / "a.ini", LEFT_EYE, Camera(4, 3, 1, 1, 0, 0, (0, 0, 0, 0, 0.5)))

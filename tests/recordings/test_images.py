@@ -1,8 +1,6 @@
 """Image sequences without a log."""
 
-from dataclasses import replace
 from pathlib import Path
-from time import process_time
 
 import cv2
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
-from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.image_sequence import natural_order, open_frames
 from pps_vision.recordings.warnings import ProblemKind
 
@@ -44,10 +41,6 @@ def test_an_unpaired_image_is_named_and_leaves_a_gap_in_time(tmp_path: Path) -> 
     assert [problem.file.name for problem in recording.problems] == ["1L20.png", "1R30.png"]
 
 
-def test_a_single_pair_has_a_stamp(tmp_path: Path) -> None:
-    assert [frame.stamp_s for frame in open_stereo_images(*stereo(tmp_path, [3], [3]), fps=10)] == [0]
-
-
 def test_a_bad_image_is_named_once_and_its_pair_skipped(tmp_path: Path) -> None:
     patterns = stereo(tmp_path, [1, 2, 3], [1, 2, 3])
     (tmp_path / "1R1.png").write_bytes(b"")
@@ -77,25 +70,6 @@ def test_an_image_of_another_size_is_left_out(tmp_path: Path, odd: str) -> None:
         assert len(list(recording)) == 2
     (problem,) = recording.problems
     assert str(problem).endswith(f"{odd} is 4×3 pixels; expected 8×6 like the others")
-
-
-def test_the_size_is_that_of_most_images(tmp_path: Path) -> None:
-    patterns = stereo(tmp_path, [1, 2, 3], [1, 2, 3])
-    write(tmp_path / "1L1.png", 0, size=(4, 3))
-    recording = open_stereo_images(*patterns, fps=10)
-    assert (recording.image_size, [number for number, _ in recording.numbered()]) == ((8, 6), [2, 3])
-
-
-def test_missing_images_cost_linear_time(tmp_path: Path) -> None:
-    """Each was compared with all before it: 4 000 took over 15 s."""
-    patterns = stereo(tmp_path, [1], [1])
-    recording = open_stereo_images(*patterns, fps=10)
-    missing = tuple((ImageFile(tmp_path / f"L{k}.png", k), ImageFile(tmp_path / f"R{k}.png", k)) for k in range(4000))
-    recording = replace(recording, pairs=missing)
-    begun = process_time()
-    assert list(recording) == []
-    assert len(recording.problems) == 8000
-    assert process_time() - begun < 4
 
 
 def test_no_usable_pair_is_refused(tmp_path: Path) -> None:
@@ -156,23 +130,6 @@ def test_a_folder_without_frames_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no video")
     with pytest.raises(InputError, match=r"notes\.txt: is no folder and no video"):
         open_frames(tmp_path / "notes.txt")
-
-
-def test_a_frame_of_another_size_than_the_first_is_left_out(tmp_path: Path) -> None:
-    for k, size in enumerate([(8, 6), (6, 8), (8, 6)], start=1):
-        write(tmp_path / f"{k}.png", 0, size)
-    frames = open_frames(tmp_path)
-    assert [frame for frame, _ in frames] == [1, 3]
-    assert [str(problem) for problem in frames.problems] == [
-        f"{tmp_path / '2.png'}: 2.png is 6×8 pixels; expected 8×6 like the others"
-    ]
-
-
-def test_natural_order_mixes_words_and_numbers() -> None:
-    names = ["a10.png", "a2.png", "2.png", "b.png", "a.png", "10a1.png"]
-    ordered = [path.name for path in sorted(map(Path, names), key=natural_order)]
-    assert ordered.index("a2.png") < ordered.index("a10.png")
-    assert ordered.index("2.png") < ordered.index("10a1.png")
 
 
 def test_stamps_of_nineteen_digits_are_compared_whole() -> None:

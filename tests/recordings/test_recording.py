@@ -38,18 +38,6 @@ def test_the_unpaired_are_named_by_file_and_line() -> None:
     assert count_by_kind(problems)["unpaired_frame"] == 3
 
 
-def test_one_eye_without_images_pairs_nothing() -> None:
-    pairs, problems = pair([], [0.0, 0.1])
-    assert pairs == []
-    assert [problem.count for problem in problems] == [2]
-
-
-def test_two_images_of_one_stamp_make_one_pair() -> None:
-    pairs, problems = pair([1.0, 1.0, 2.0], [1.0, 2.0, 2.0, 2.0])
-    assert pairs == [(1.0, 1.0), (2.0, 2.0)]
-    assert sum(problem.count for problem in problems) == 3
-
-
 @pytest.mark.parametrize("skew", [-0.1, float("nan"), float("inf")])
 def test_a_tolerance_must_be_a_time(skew: float) -> None:
     with pytest.raises(ValueError, match=r"max_skew_s .* expected a finite time"):
@@ -75,10 +63,6 @@ def test_eyes_half_a_frame_apart_lose_no_pair() -> None:
     right = np.arange(50) / 30 + 1 / 60 + rng.uniform(-0.001, 0.001, 50)
     pairs, _ = pair(list(left), list(right))
     assert pairs == list(zip(left, right, strict=True))
-
-
-def test_equal_stamps_pair_without_tolerance() -> None:
-    assert pair([0.1, 0.2, 0.3], [0.2, 0.3, 0.4], 0)[0] == [(0.2, 0.2), (0.3, 0.3)]
 
 
 @pytest.mark.parametrize("apart_s", [(0.05, 0.08), (0.004, 0.02)], ids=["far apart", "several within the tolerance"])

@@ -4,7 +4,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,8 +11,6 @@ import pytest
 from bags import BagWriter
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats import ros_bag
-from pps_vision.recordings.formats.ros_bag import _pixels
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
 from pps_vision.robot.icub import icub_setup
@@ -191,40 +188,6 @@ def test_what_a_bag_lacks(tmp_path: Path) -> None:
         open_recording(bag, taxels="t.ini")
     with pytest.raises(InputError, match="either REC, or left and right"):
         open_recording(tmp_path, left=["a"], right=["b"], calib=["c"])
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"step": 8}, {"height": 3}, {"width": 4}, {"width": 0}, {"height": 0}, {"data": bytes(17)}],
-    ids=["short rows", "too high", "too wide", "no width", "no height", "too little"],
-)
-def test_an_image_whose_bytes_are_not_those_of_its_size_is_none(change: dict[str, int | bytes]) -> None:
-    """Two rows of three pixels of three bytes."""
-    message = {"encoding": "rgb8", "height": 2, "width": 3, "step": 9, "data": bytes(range(18))}
-    whole = _pixels(
-        SimpleNamespace(**{k: np.frombuffer(v, np.uint8) if k == "data" else v for k, v in message.items()})
-    )
-    np.testing.assert_array_equal(whole, np.arange(18).reshape(2, 3, 3))
-    message |= change
-    said = _pixels(SimpleNamespace(**message | {"data": np.frombuffer(message["data"], np.uint8)}))
-    header_text = f"states {message['width']}×{message['height']} pixels, {message['step']} bytes a row"
-    assert said == f"{header_text}, and holds {len(message['data'])} bytes"
-
-
-def test_an_image_has_at_most_so_many_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    message = SimpleNamespace(encoding="mono8", height=2, width=3, step=3, data=np.zeros(6, np.uint8))
-    for most, is_read in ((6, True), (5, False)):
-        monkeypatch.setattr(ros_bag, "MOST_PIXELS", most)
-        assert isinstance(_pixels(message), np.ndarray) == is_read
-
-
-def test_a_message_that_cannot_be_read_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def torn(*_: object) -> None:
-        raise ValueError("torn")
-
-    recording = open_recording(write(tmp_path, "ros2"))
-    monkeypatch.setattr(ros_bag.Messages, "message", torn)
-    assert recording.pairs[0][0].load() == "cannot be read: ValueError torn; expected a ROS bag"
 
 
 def test_a_camera_info_names_a_lens_that_is_known_or_none(tmp_path: Path) -> None:

@@ -50,11 +50,6 @@ def test_one_file_with_everything(tmp_path: Path, suffix: str) -> None:
     check([stereo(tmp_path / f"a.{suffix}")])
 
 
-@pytest.mark.parametrize("name", ["K", "M"])
-def test_the_camera_matrices_are_called_k_or_m(tmp_path: Path, name: str) -> None:
-    check([store(tmp_path / "a.yml", **{f"{name}1": K1, "D1": D1, f"{name}2": K2, "D2": D2, "R": R, "T": T})])
-
-
 @pytest.mark.parametrize(
     ("matrix", "distortion"), [("camera_matrix", "distortion_coefficients"), ("intrinsic", "distortion")]
 )
@@ -63,11 +58,6 @@ def test_of_files_of_one_camera_the_first_is_the_left_one(tmp_path: Path, matrix
     second = store(tmp_path / "a.xml", **{matrix: K2, distortion: D2})
     check([first, second, store(tmp_path / "c.xml", R=R, T=T, F=np.eye(3))])
     check([store(tmp_path / "c.xml", R=R, T=T), first, second])
-
-
-def test_without_coefficients_a_lens_has_no_distortion(tmp_path: Path) -> None:
-    left, right, _ = read_stereo_calibration([stereo(tmp_path / "a.xml", D1=None)], SIZE)
-    assert (left.distortion, right.distortion[:4]) == ((0, 0, 0, 0, 0), tuple(D2[0]))
 
 
 def test_images_of_another_resolution_scale_the_camera(tmp_path: Path) -> None:
@@ -172,12 +162,6 @@ def test_no_file_or_no_unit_is_refused(tmp_path: Path) -> None:
     for unit_m in (0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match=f"unit_m {unit_m}"):
             read_stereo_calibration([stereo(tmp_path / "a.xml")], SIZE, unit_m=unit_m)
-
-
-def test_matrices_may_be_rounded(tmp_path: Path) -> None:
-    skew = np.array([[0, 4e-4, 0], [0, 0, 0], [0, 0, 0]])
-    rounded = stereo(tmp_path / "a.xml", K1=K1 + skew, R=0.9996 * R)
-    assert read_stereo_calibration([rounded], SIZE)[0].fx == K1[0, 0]
 
 
 def test_a_long_file_is_read_up_to_a_limit(tmp_path: Path) -> None:

@@ -14,8 +14,6 @@ from pps_vision.recordings.tables import (
     DETECTIONS,
     REACHABILITY,
     TRAJECTORY,
-    column_names,
-    covariances,
     detection_row,
     numbers,
     read_gaze,
@@ -144,11 +142,6 @@ def test_joint_offsets_are_read_as_written(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_joint_offsets(tmp_path / "joints.csv", JOINTS), offsets, rtol=1e-12)
 
 
-def test_joints_without_a_line_are_right(tmp_path: Path) -> None:
-    (tmp_path / "joints.csv").write_text("joint,offset_deg\n\nleft_elbow, 90\n")
-    np.testing.assert_allclose(read_joint_offsets(tmp_path / "joints.csv", JOINTS), [0, 0, np.pi / 2])
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -172,25 +165,12 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str, says: str) -> No
     assert "\n" not in str(refusal.value)
 
 
-def test_a_field_that_is_too_long_is_named(tmp_path: Path) -> None:
-    (tmp_path / "boxes.csv").write_text(f"frame\n1\n{'1' * 200_000}\n")
-    with pytest.raises(
-        InputError, match=r"boxes\.csv:3: cannot be read: field larger than .*; expected a table of frame"
-    ):
-        read_table(tmp_path / "boxes.csv", ("frame",))
-
-
 def test_a_file_that_the_system_does_not_read() -> None:
     """A process's memory is a regular file, whose first byte nobody may read."""
     memory = Path("/proc/self/mem")
     assert first_row(memory) == ""
     with pytest.raises(InputError, match=r"mem: cannot be read: .*; expected a table of frame"):
         read_table(memory, ("frame",))
-
-
-def test_a_table_that_is_gone_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone\.csv: cannot be read"):
-        read_joint_offsets(tmp_path / "gone.csv", JOINTS)
 
 
 def test_gaze_postures_in_any_columns_and_order(tmp_path: Path) -> None:
@@ -208,18 +188,6 @@ def test_numbers_of_a_row_are_finite_or_missing() -> None:
     for word in ("inf", "x", "1_0"):
         with pytest.raises(InputError, match=rf"a\.csv:3: .*{word}.*; expected finite numbers"):
             numbers(Path("a.csv"), 3, ["1", word])
-
-
-def test_six_fields_are_a_symmetric_matrix() -> None:
-    cov = np.arange(18.0).reshape(2, 3, 3)
-    cov += cov.transpose(0, 2, 1)
-    np.testing.assert_array_equal(covariances(np.array([matrix[np.triu_indices(3)] for matrix in cov])), cov)
-
-
-def test_the_columns_of_a_file_are_its_first_row(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(' a ,"b,c", d\n1,2,3\n')
-    assert column_names(tmp_path / "a.csv") == ["a", "b,c", "d"]
-    assert column_names(tmp_path / "gone.csv") == []
 
 
 def test_reachability_is_in_degrees_and_with_a_track(tmp_path: Path) -> None:

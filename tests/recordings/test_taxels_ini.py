@@ -95,11 +95,6 @@ def test_what_is_wrong_is_named_with_its_line(hand: Path, old: str, new: str, wh
     assert says in str(error.value)
 
 
-def test_the_largest_count_is_read(hand: Path) -> None:
-    hand.write_text(HAND.replace("4000000000", str(2**53)))
-    assert read_taxels(hand)[0].counts[4][2, 0, 0] == 2**53
-
-
 def test_no_file_and_no_section(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"gone\.ini: cannot be read"):
         read_taxels(tmp_path / "gone.ini")

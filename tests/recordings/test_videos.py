@@ -1,7 +1,6 @@
 """Videos that PyAV wrote with known stamps and brightness."""
 
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -12,11 +11,10 @@ from videos import number_of, write_calibration, write_video
 from pps_vision.app.track import track
 from pps_vision.errors import InputError
 from pps_vision.recordings import video as reader
-from pps_vision.recordings.formats.stereo_video import _ends_early
 from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.video import Video, open_halves, open_video
+from pps_vision.recordings.video import Video, open_video
 from pps_vision.recordings.warnings import ProblemKind
 
 UNEVEN = [0.0, 0.033, 0.1, 0.104, 0.25, 0.3]  # a variable frame rate
@@ -49,24 +47,6 @@ def test_any_frame_is_found_in_any_order(tmp_path: Path, codec: str) -> None:
     video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(300)], codec, **options))
     numbers = [0, 250, 251, 3, 3, 299, 120, 119, 0, 130]
     assert [number_of(video.load(k)) for k in numbers] == numbers
-
-
-def test_the_next_frame_costs_one_frame_and_one_far_ahead_or_before_a_seek(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With a key frame every twelve, a seek to half a hundred frames before it costs less than 63."""
-    decoded = list[object]()
-    pixels = reader._pixels
-    monkeypatch.setattr(reader, "_pixels", lambda *frame: decoded.append(frame) or pixels(*frame))
-    video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(252)], size=(80, 20)))
-    costs = []
-    for k in (0, 1, 1, 101, 202, 201, 3, 250):
-        decoded.clear()
-        assert number_of(video.load(k)) == k
-        costs.append(len(decoded))
-    assert costs[:4] == [1, 1, 0, 100]
-    assert all(50 < cost < 63 for cost in (*costs[4:6], costs[7]))
-    assert costs[6] == 4  # from the beginning
 
 
 def test_two_videos_pair_by_stamp(tmp_path: Path, calib: Path) -> None:
@@ -128,18 +108,6 @@ def test_a_video_without_its_end(tmp_path: Path, calib: Path, suffix: str, share
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
     warnings_text = "".join(open_recording(file, calib=calib).warnings)
     assert (f"{file} ends early (" in warnings_text, said in warnings_text) == (bool(said), True)
-
-
-@pytest.mark.parametrize(("stated_s", "is_early"), [(0.86, False), (0.89, True), (0.0, False)])
-def test_a_header_that_states_three_frames_more_than_there_are_shows_an_early_end(
-    tmp_path: Path, stated_s: float, is_early: bool
-) -> None:
-    """Of 20 frames the last is at 0.76 s, and three in twenty more are 0.874 s; whatever stamps they are given."""
-    file = write_video(tmp_path / "v.mkv", [k / 25 for k in range(20)])
-    left = [replace(frame, stamp_s=frame.stamp_s + 7) for frame in open_video(file, fps=None)]
-    left[0].video.stated_s = stated_s
-    said = f"{file} ends early (20 frames, 0.76 s); its header states {stated_s:.2f} s"
-    assert list(_ends_early(left, left, 0.02)) == ([said] if is_early else [])
 
 
 def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_images_last(tmp_path: Path) -> None:
@@ -226,20 +194,6 @@ def test_memory_does_not_grow_with_the_video(tmp_path: Path) -> None:
     assert peaks[1] < peaks[0] + 2 * 160 * 120 * 3
 
 
-def test_a_video_one_pixel_high_is_read(tmp_path: Path) -> None:
-    with av.open(str(tmp_path / "v.mkv"), "w") as container:
-        stream = container.add_stream("ffv1", rate=25)
-        stream.width = 16
-        stream.height = 1
-        stream.pix_fmt = "bgr0"
-        row = np.arange(48, dtype=np.uint8).reshape(1, 16, 3)
-        container.mux(stream.encode(av.VideoFrame.from_ndarray(row, format="rgb24")))
-        container.mux(stream.encode())
-    video = Video(tmp_path / "v.mkv")
-    assert video.image_size == (16, 1)
-    assert np.array_equal(video.load(0), row)
-
-
 def test_a_video_of_no_frames_of_too_many_pixels_or_of_an_unknown_kind_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -262,13 +216,6 @@ def test_a_video_of_no_frames_of_too_many_pixels_or_of_an_unknown_kind_is_refuse
     ):
         Video(file)
     assert isinstance(video.load(0), str), "nor is a frame decoded that turns out to be larger than its header says"
-
-
-def test_what_is_wrong_with_a_frame_is_said_and_half_a_frame_is_none(tmp_path: Path) -> None:
-    assert reader._pixels(av.VideoFrame(8, 6, "rgb24"), (6, 8)) == "is 8×6 pixels"
-    (left, _), _ = open_halves(write_video(tmp_path / "v.mp4", [0.0, 0.1]), None)
-    left.path.unlink()
-    assert left.load() == "cannot be decoded (No such file or directory)"
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import shutil
 import sys
 from pathlib import Path
-from time import process_time
 
 import cv2
 import numpy as np
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 from recorded import ROBOT, START_S, Written, write_recording
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.yarp import _covers, interpolated
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.warnings import ProblemKind
 
@@ -37,36 +35,6 @@ def problems_of(folder: Path) -> tuple[list[tuple[ProblemKind, str, int | None]]
     return [(p.kind, p.file.relative_to(folder).as_posix(), p.line) for p in recording.problems], numbers
 
 
-def test_joints_between_samples_cost_the_same_in_a_long_log() -> None:
-    """Equal to interpolation over the whole log; a log 1000 times as long takes less than 20 times as long."""
-    rng = np.random.default_rng(0)
-    ms = []
-    for n in (1_000, 1_000_000):
-        stamps = np.cumsum(rng.uniform(0.01, 0.1, n))
-        samples = rng.normal(size=(n, 3))
-        at = rng.uniform(stamps[0] - 1, stamps[-1] + 1, 200)
-        begun = process_time()
-        values = [interpolated(stamps, samples, t) for t in at]
-        ms.append(process_time() - begun)
-        np.testing.assert_array_equal(values, np.transpose([np.interp(at, stamps, column) for column in samples.T]))
-    assert ms[1] < 20 * ms[0]
-
-
-@pytest.mark.parametrize(
-    ("stamp_s", "is_covered"),
-    [
-        *[(0.0, True), (0.2, True), (0.3, True), (0.31, False), (0.54, False), (0.55, True)],
-        *[(-0.025, True), (-0.03, False), (0.575, True), (0.58, False)],
-    ],
-)
-def test_joints_are_known_a_tenth_of_a_second_from_a_sample_and_25_ms_past_the_ends(
-    stamp_s: float, is_covered: bool
-) -> None:
-    """Between samples 0.2 s apart, not between those 0.25 s apart."""
-    assert _covers(np.array([0.0, 0.1, 0.3, 0.55]), stamp_s) == is_covered
-    assert _covers(np.array([0.0]), min(stamp_s, 0.0)) == (stamp_s > -0.03)
-
-
 @pytest.mark.parametrize("damage", ["empty", "cut", "missing"])
 def test_a_bad_image_is_skipped(rec: Written, damage: str) -> None:
     file = rec.folder / "cam/right/00000002.ppm"
@@ -88,13 +56,6 @@ def test_a_bad_log_row_is_skipped(rec: Written) -> None:
     assert numbers == [0, 1, 3]
 
 
-def test_a_row_of_an_image_with_more_than_a_pixel_code_is_skipped(rec: Written) -> None:
-    change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} 00000001.ppm [rgb] more")
-    recording = open_recording(rec.folder)
-    assert "data.log:2: 3 words; expected index, stamp and the name of an image" in str(recording.problems[0])
-    assert [number for number, _ in recording.numbered()] == [0, 2, 3]
-
-
 def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec: Written, tmp_path: Path) -> None:
     own = (rec.folder / "icubEyes.ini").read_text()
     (tmp_path / "other.ini").write_text(own.replace("cx 174.742", "cx 165.742"))
@@ -105,30 +66,12 @@ def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec: 
         open_recording(rec.folder, calib=[tmp_path / "other.ini"] * 2)
 
 
-def test_a_backwards_stamp_is_skipped(rec: Written) -> None:
-    change(rec.folder / "cam/left/data.log", 3, f"2 {START_S - 1} 00000002.ppm")
-    problems, numbers = problems_of(rec.folder)
-    assert problems[0] == (ProblemKind.STAMP, "cam/left/data.log", 3)
-    assert numbers == [0, 1, 3]
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_an_image_stamp_that_comes_again_is_skipped(rec: Written, side: str) -> None:
-    log = rec.folder / f"cam/{side}/data.log"
-    stamp = log.read_text().splitlines()[1].split()[1]
-    change(log, 3, f"2 {stamp} 00000002.ppm")
+@pytest.mark.parametrize(("side", "later_s"), [("left", -1.0), ("left", 0.05), ("right", 0.055)])
+def test_a_stamp_that_goes_back_or_comes_again_is_skipped(rec: Written, side: str, later_s: float) -> None:
+    change(rec.folder / f"cam/{side}/data.log", 3, f"2 {START_S + later_s} 00000002.ppm")
     problems, numbers = problems_of(rec.folder)
     assert problems[0] == (ProblemKind.STAMP, f"cam/{side}/data.log", 3)
     assert numbers == [0, 1, 3]
-
-
-def test_one_frame_remains_of_stamps_that_are_all_equal(rec: Written) -> None:
-    for side in ("left", "right"):
-        for i in range(4):
-            change(rec.folder / f"cam/{side}/data.log", i + 1, f"{i} {START_S} {i:08d}.ppm")
-    problems, numbers = problems_of(rec.folder)
-    assert problems == [(ProblemKind.STAMP, f"cam/{side}/data.log", i) for side in ("left", "right") for i in (2, 3, 4)]
-    assert numbers == [0]
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "1.2e4"])
@@ -342,13 +285,6 @@ def test_what_cannot_be_read_at_all_is_refused(rec: Written, log: str, text: str
         open_recording(rec.folder)
 
 
-def test_an_empty_log_is_named_even_if_nothing_says_what_it_holds(rec: Written) -> None:
-    (rec.folder / "cam/left/info.log").unlink()
-    (rec.folder / "cam/left/data.log").write_text("")
-    with pytest.raises(InputError, match=r"cam/left/data\.log: names no image"):
-        open_recording(rec.folder)
-
-
 def test_without_kinematics_a_robots_recording_is_refused(rec: Written, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pps_vision.robot.icub", None)
     with pytest.raises(InputError, match=r"is of a robot, and .* is not installed; expected the whole of pps-vision's"):
@@ -390,13 +326,6 @@ def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None
         open_recording(rec.folder / "none")
     shutil.copytree(rec.folder / "head", rec.folder / "old" / "head")
     with pytest.raises(InputError, match=r"a second log for head; expected one, and .*head/data\.log is there"):
-        open_recording(rec.folder)
-
-
-def test_a_log_that_is_no_file_is_named(rec: Written) -> None:
-    shutil.rmtree(rec.folder / "head")
-    (rec.folder / "head/data.log").mkdir(parents=True)
-    with pytest.raises(InputError, match=r"head/data\.log: is a folder; expected rows"):
         open_recording(rec.folder)
 
 
