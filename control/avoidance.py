@@ -136,7 +136,6 @@ class Response:
     mode: Mode
     command: JointVelocity  # rates of the arm's joints
     velocity_root: Array  # (3,) m/s of the most activated control point; zero unless the arm avoids or reaches
-    point_root: Array  # (3,) m, that control point; NaN unless the arm avoids or reaches
 
 
 def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmState, Response]:
@@ -271,10 +270,8 @@ def next_state(
 def response(state: ArmState, arm: ArmInput, dq: Array) -> Response:
     """The output for joint rates (n_joints,)."""
     command = JointVelocity(arm.stamp_s, dq, arm.hold_s)
-    if state.mode not in ("avoid", "reach"):
-        return Response(state.mode, command, np.zeros(3), np.full(3, np.nan))
-    first = state.points[0]
-    return Response(state.mode, command, np.asarray(first.velocity_root), arm.posture.point(first.frame, first.point))
+    velocity = state.points[0].velocity_root if state.mode in ("avoid", "reach") else np.zeros(3)
+    return Response(state.mode, command, np.asarray(velocity))
 
 
 def _active_taxels(params: AvoidanceParams, arm: ArmInput) -> tuple[MovingPoint, ...]:

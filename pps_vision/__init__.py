@@ -14,28 +14,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from learning.reach.map import ReachableMap
-    from pps_vision.app.learn import learn
-    from pps_vision.app.pipeline import Pipeline
-    from pps_vision.app.render import render
-    from pps_vision.app.track import track
-    from pps_vision.errors import InputError
-    from pps_vision.recordings.open import open_recording
-    from tracking.tracker import Tracker
+    from learning.reach.map import ReachableMap as ReachableMap
+    from pps_vision.app.learn import learn as learn
+    from pps_vision.app.pipeline import Pipeline as Pipeline
+    from pps_vision.app.render import render as render
+    from pps_vision.app.track import track as track
+    from pps_vision.errors import InputError as InputError
+    from pps_vision.recordings.open import open_recording as open_recording
+    from tracking.tracker import Tracker as Tracker
 
     __version__: str
-
-__all__ = [
-    "InputError",
-    "Pipeline",
-    "ReachableMap",
-    "Tracker",
-    "__version__",
-    "learn",
-    "open_recording",
-    "render",
-    "track",
-]
 
 _MODULES = {
     "InputError": "pps_vision.errors",
@@ -47,6 +35,7 @@ _MODULES = {
     "render": "pps_vision.app.render",
     "track": "pps_vision.app.track",
 }
+__all__ = sorted([*_MODULES, "__version__"])
 
 
 if not TYPE_CHECKING:  # a type checker would take any name to exist

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from learning.pps.trials import TouchTrial
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.geometry.triangulation import midpoint
@@ -27,6 +26,20 @@ _TAXEL_M = 0.005
 _OUTLIER_SIGMAS = 3.0  # a touch with a larger residual gets less weight (Cauchy)
 _NO_POINT_M = 10.0  # residual of each axis where two lines of sight do not meet: larger than any room
 _GRID = 24  # positions along each axis: about 5 mm apart, as a taxel's own error
+
+
+@dataclass(frozen=True, slots=True)
+class TouchTrial:
+    """T samples of a robot and an object, from the start of a movement to its touch or its end; NaN while the object is
+    unknown."""
+
+    stamps_s: Array  # (T,)
+    joints_rad: Array  # (T, k) all joints of the robot
+    positions: Array  # (T, 3) m, root frame: centre of the object
+    velocities: Array  # (T, 3) m/s, root frame
+    velocity_covs: Array  # (T, 3, 3) m²/s²
+    radius_m: Array  # (T,)
+    touched: Mask  # (n,) taxels of the skin that were touched at the end
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from learning.pps.buffer import LENGTH_S, EventBuffer, push
-from learning.pps.memory import PPSMemory, learn, learn_miss
+from learning.pps.memory import PPSMemory, learn
 from pps_vision.types import Mask, TaxelEvents
 
 _CONTACT_S = 0.6  # how long after its first touch a contact may reach further taxels: our choice
@@ -71,4 +71,4 @@ def miss(state: LearnerState) -> LearnerState:
     """Learn from the samples since the last contact that nothing was touched; not while a contact lasts."""
     if state.contact is not None:
         return state
-    return replace(state, memory=learn_miss(state.memory, state.buffer), buffer=EventBuffer())
+    return replace(state, memory=learn(state.memory, state.buffer, None), buffer=EventBuffer())

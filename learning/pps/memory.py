@@ -94,27 +94,20 @@ class PPSMemory:
         return self.counts[..., 0] / np.maximum(total, 1)
 
 
-def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
+def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask | None) -> PPSMemory:
     """One learning iteration (R, "Data collection"): the buffer's samples count as positive for the `touched` (n,)
-    taxels and as negative for the others of the same body part; nothing changes on a part that was not touched."""
-    return _learned(memory, buffer, touched, _learning(memory, touched))
+    taxels and as negative for the others of the same body part; nothing changes on a part that was not touched.
 
-
-def learn_miss(memory: PPSMemory, buffer: EventBuffer) -> PPSMemory:
-    """The buffer's samples count as negative for every taxel: the object came near and touched nothing.
-
-    Ours: R learns from touches only, so that its negative samples stem from the taxels beside the touched ones.
+    None: the object came near and touched nothing, so that the samples count as negative for every taxel.  Ours: R
+    learns from touches only, and its negative samples stem from the taxels beside the touched ones.
     """
-    n = len(memory.taxel_ids)
-    return _learned(memory, buffer, np.zeros(n, bool), np.arange(n))
-
-
-def _learned(memory: PPSMemory, buffer: EventBuffer, touched: Mask, taxels: NDArray[np.intp]) -> PPSMemory:
-    """The memory with the buffer's samples of some `taxels`."""
+    taxels = np.arange(len(memory.taxel_ids)) if touched is None else _learning(memory, touched)
     if not buffer.samples:
         return memory
     if buffer.samples[0].taxel_ids != memory.taxel_ids:
         raise ValueError(f"a buffer of {len(buffer.samples[0].taxel_ids)} taxels: expected those of the memory")
+    if touched is None:
+        touched = np.zeros(len(memory.taxel_ids), bool)
     return _counted(memory, *resample(buffer, taxels), touched)
 
 

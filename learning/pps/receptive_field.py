@@ -41,36 +41,22 @@ def perceive(
     cov_v: ArrayLike | None = None,
     taxel_velocities_root: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
-    """D in m and TTC in s of a stimulus for every taxel, (…, n) each; see `distance_and_ttc`.
+    """Distance D in m and time to contact TTC in s of a stimulus for every taxel, (…, n) each (R eqs 1–2).
 
-    Taxels at `positions_root` with unit `normals_root` (…, n, 3), moving with the body at
-    `taxel_velocities_root` (…, n, 3) m/s (default: still); the stimulus's centre `p_root`,
-    velocity `v_root` (…, 3) and its covariance `cov_v` (…, 3, 3).  Leading axes (time) broadcast.
+    Taxels at `positions_root` with unit `normals_root` (…, n, 3), moving with the body at `taxel_velocities_root`
+    (…, n, 3) m/s (default: still); the stimulus's centre `p_root`, velocity `v_root` (…, 3) and its covariance `cov_v`
+    (…, 3, 3).  Leading axes (time) broadcast.
+
+    D = sgn(d·z)‖d‖ and TTC = −sgn(d·v)‖d‖/‖v_d‖ of the displacement d from taxel to stimulus, the relative velocity v
+    and the normal z; both NaN outside the receptive field or where the input is NaN.  In the plane of the skin D counts
+    as positive.  TTC is negative for a receding stimulus, inf for one that does not approach significantly, 0 for one
+    that touches.  To the surface of a stimulus of radius r both have ‖d‖ − r in place of ‖d‖.
     """
     d = np.asarray(p_root, dtype=float)[..., None, :] - np.asarray(positions_root, dtype=float)
     v = np.asarray(v_root, dtype=float)[..., None, :]
     if taxel_velocities_root is not None:
         v = v - np.asarray(taxel_velocities_root, dtype=float)
-    cov = None if cov_v is None else np.asarray(cov_v, dtype=float)[..., None, :, :]
-    return distance_and_ttc(field, d, normals_root, v, radius_m, cov)
-
-
-def distance_and_ttc(
-    field: ReceptiveField,
-    d: ArrayLike,
-    normals: ArrayLike,
-    v: ArrayLike,
-    radius_m: float = 0.0,
-    cov_v: ArrayLike | None = None,
-) -> tuple[Array, Array]:
-    """R eqs 1–2 of displacements `d` from taxel to stimulus and relative velocities `v`, both (…, 3).
-
-    D = sgn(d·z)‖d‖ and TTC = −sgn(d·v)‖d‖/‖v_d‖; both NaN outside the receptive field or where
-    the input is NaN.  In the plane of the skin D counts as positive.  TTC is negative for a
-    receding stimulus, inf for one that does not approach significantly, 0 for one that touches.
-    To the surface of a stimulus of radius r both have ‖d‖ − r in place of ‖d‖.
-    """
-    d, v, z = (np.asarray(a, dtype=float) for a in (d, v, normals))
+    z = np.asarray(normals_root, dtype=float)
     shape = np.broadcast(d, v, z).shape
     shell = radius_m if field.distance_to == "surface" else 0.0
     farthest_m = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # a cheap bound: most taxels are far away
@@ -79,7 +65,7 @@ def distance_and_ttc(
     D, ttc = np.full((2, *shape[:-1]), np.nan)
     if n_close:
         near = np.nonzero(close) if 2 * n_close < close.size else ...  # sorting out most would cost more than it saves
-        cov = np.zeros((3, 3)) if cov_v is None else np.asarray(cov_v, dtype=float)
+        cov = np.zeros((3, 3)) if cov_v is None else np.asarray(cov_v, dtype=float)[..., None, :, :]
         covs = cov.reshape(1, 3, 3) if cov.size == 9 else _as((*shape, 3), cov)[near].reshape(-1, 3, 3)
         d, z, v = (np.ascontiguousarray(_as(shape, a)[near].reshape(-1, 3)) for a in (d, z, v))
         cone = field.length_m, field.base_radius_m, float(np.tan(field.half_angle_rad))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
-from learning.pps.trials import TouchTrial
 from pps_vision.app.pipeline import Pipeline, PipelineParams, joints_of
 from pps_vision.app.track import tracker_for, tracker_params
 from pps_vision.errors import InputError

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.pps.trials import TouchTrial
+from learning.pps.joint_offsets import TouchTrial
 from pps_vision.app.encounters.postures import TRIALS, SessionName
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.predictors import Trials, by_map, outcomes

@@ -11,8 +11,8 @@ from scipy.stats import spearmanr
 from tqdm import tqdm
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching, DoubleTouchParams
+from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import Counts, MemoryParams, PPSMemory, count_samples
-from learning.pps.trials import TouchTrial
 from pps_vision.app.encounters.postures import TRIALS, SessionName
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map

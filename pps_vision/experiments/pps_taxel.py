@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.receptive_field import ReceptiveField
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import (
     NORMAL,
@@ -241,7 +241,7 @@ def repeat_approaches(
     paths = [sample_paths(simulation, 2000, rng) for _ in range(-(-n // 100))]  # 8 % touch the first taxel
     d = np.concatenate([batch.d_m[batch.touched[:, 0], :, 0] for batch in paths])[:n] + RADIUS_M * NORMAL
     v = np.concatenate([batch.v_m_s[batch.touched[:, 0], :, 0] for batch in paths])[:n]
-    D, TTC = (samples.T for samples in distance_and_ttc(field, d, NORMAL, v, RADIUS_M))
+    D, TTC = (samples.T for samples in from_taxel(d, v, field, RADIUS_M))
     memory = count_samples(empty_map(n, params), D, TTC, np.ones(n, bool))  # every approach has its own taxel
     return np.arange(len(D) - 1, -1, -1) * simulation.step_s, activation(memory, D, TTC)
 

@@ -16,8 +16,7 @@ class Joints(RecordingOptions):
         """Learn from the touches of all recordings."""
         import numpy as np
 
-        from learning.pps.joint_offsets import joint_offsets
-        from learning.pps.trials import TouchTrial
+        from learning.pps.joint_offsets import TouchTrial, joint_offsets
         from pps_vision.app.learn import tracked_touches
         from pps_vision.errors import InputError
         from pps_vision.recordings.atomic_write import whole_file

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.types import Array, Mask
 
 NORMAL = np.array([0.0, 0.0, 1.0])  # normal of a taxel in its own frame
@@ -72,9 +72,12 @@ def sample_paths(simulation: Simulation, n: int, rng: np.random.Generator) -> Pa
     return Paths(p[:, :, None] - taxels, v[:, :, None], touched)
 
 
-def from_taxel(d_m: ArrayLike, v_m_s: ArrayLike, field: ReceptiveField) -> tuple[Array, Array]:
+def from_taxel(
+    d_m: ArrayLike, v_m_s: ArrayLike, field: ReceptiveField, radius_m: float = 0.0, cov_v: Array | None = None
+) -> tuple[Array, Array]:
     """Return D and TTC (…, T, n), measured from the taxel (R eqs 1–2)."""
-    return distance_and_ttc(field, d_m, NORMAL, v_m_s)
+    D, ttc = perceive(field, np.zeros((1, 3)), NORMAL, d_m, v_m_s, radius_m, cov_v)
+    return D[..., 0], ttc[..., 0]
 
 
 def from_landing(d_m: ArrayLike, v_m_s: ArrayLike, offset_m: float = 0.0) -> tuple[Array, Array]:

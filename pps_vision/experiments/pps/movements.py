@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from control.fixation import gaze_at
-from learning.pps.trials import TouchTrial
+from learning.pps.joint_offsets import TouchTrial
 from pps_vision.app.encounters.postures import SessionName, start_posture
 from pps_vision.app.simulation import can_follow
 from pps_vision.geometry.camera import StereoRig

@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from learning.pps.joint_offsets import joint_offsets
-from learning.pps.trials import TouchTrial
+from learning.pps.joint_offsets import TouchTrial, joint_offsets
 from pps_vision.experiments.pps.movements import true_robot
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points

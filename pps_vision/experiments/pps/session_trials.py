@@ -8,8 +8,8 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.archive import read_archive, write_archive
+from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
-from learning.pps.trials import TouchTrial
 from pps_vision.app.encounters.postures import TRIALS, SessionName
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.movements import STEP_S, Movement, gaze_mask, movements

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from learning.archive import read_arrays
+from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
-from learning.pps.trials import TouchTrial
+from learning.pps.receptive_field import ReceptiveField
 from pps_vision.app.encounters.postures import SessionName
 from pps_vision.errors import InputError
-from pps_vision.experiments.baselines.single_taxel import NORMAL, empty_map
+from pps_vision.experiments.baselines.single_taxel import empty_map, from_taxel
 from pps_vision.experiments.pps.movements import AIMED
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -101,7 +101,7 @@ def known_at_horizon(stamps_s: Array) -> Mask:
 
 def perceive(trial: Trial) -> tuple[Array, Array]:
     """Return D in m and TTC in s (T, n) of a trial."""
-    return distance_and_ttc(ReceptiveField(), trial.d_m, NORMAL, trial.v_m_s, trial.radius_m, trial.velocity_covs)
+    return from_taxel(trial.d_m, trial.v_m_s, ReceptiveField(), trial.radius_m, trial.velocity_covs)
 
 
 def at_horizon(trials: Sequence[Trial]) -> tuple[Array, Array]:

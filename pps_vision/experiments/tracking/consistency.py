@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import approx_fprime
 from scipy.stats import norm
 
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import Metric, SceneSource, Values, mean, measure, median, percent, summarize
@@ -103,12 +103,12 @@ def contact(track: Track3D, point: Array) -> tuple[float, float, float, float]:
     """Return the distance (m) from the track's surface to a point (3,), the time to contact (s), and their standard
     deviations."""
 
-    def perceive(x: Array) -> Array:
-        normal = x[:3] / np.linalg.norm(x[:3])
-        return np.ravel(distance_and_ttc(_FIELD, x[None, :3], normal, x[3:6], float(x[6])))
+    def contact_of(x: Array) -> Array:
+        normal = (x[:3] - point) / np.linalg.norm(x[:3] - point)
+        return np.ravel(perceive(_FIELD, point[None], normal, x[:3], x[3:6], float(x[6])))
 
-    estimate = np.concatenate([track.position - point, track.velocity, [track.radius_m]])
-    J = approx_fprime(estimate, perceive, 1e-7)
+    estimate = np.append(track.mean[:2].ravel(), track.radius_m)
+    J = approx_fprime(estimate, contact_of, 1e-7)
     variances = np.einsum("ij,jk,ik->i", J, block_diag(track.cov[:6, :6], track.radius_var_m2), J)
-    means = perceive(estimate)
+    means = contact_of(estimate)
     return float(means[0]), float(means[1]), float(variances[0] ** 0.5), float(variances[1] ** 0.5)

@@ -7,7 +7,7 @@ import pytest
 from data import SEED
 
 from control.double_touch import FINGERTIP_RADIUS_M
-from learning.pps.trials import TouchTrial
+from learning.pps.joint_offsets import TouchTrial
 from pps_vision.experiments.pps.movements import AIMED, SessionName, movements
 from pps_vision.experiments.pps.robot_errors import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
 from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from data import SEED
 
+from learning.pps.joint_offsets import TouchTrial
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.receptive_field import perceive as perceive_at
-from learning.pps.trials import TouchTrial
 from pps_vision.errors import InputError
 from pps_vision.experiments.pps.predictors import (
     Trials,

@@ -7,8 +7,7 @@ import pytest
 from data import SEED
 
 from control.fixation import gaze_at
-from learning.pps.joint_offsets import felt_position, joint_offsets
-from learning.pps.trials import TouchTrial
+from learning.pps.joint_offsets import TouchTrial, felt_position, joint_offsets
 from pps_vision.experiments.pps.robot_errors import MiscalibratedRobot, errors_from
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, icub_rig, load_icub
