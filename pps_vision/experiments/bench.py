@@ -51,16 +51,13 @@ def bench(
     studies run in `workers` processes (an override), the longest first; a study that fails does not stop the others.
     """
     catalog = catalogue()
-    chosen = [name for name in catalog if any(_is_requested(name, word) for word in requested)]
-    workers = 1
-    if len(chosen) > 1:
-        workers = int(overrides.get("workers", 1))
-        overrides = {name: value for name, value in overrides.items() if name != "workers"}
     for word in requested:
         if not any(_is_requested(name, word) for name in catalog):
-            raise InputError(
-                "bench", f"no study {word}; expected all, {', '.join(_GROUPS)} or one of {', '.join(catalog)}"
-            )
+            known = f"all, {', '.join(_GROUPS)} or one of {', '.join(catalog)}"
+            raise InputError("bench", f"no study {word}; expected {known}")
+    chosen = [name for name in catalog if any(_is_requested(name, word) for word in requested)]
+    overrides = dict(overrides)
+    workers = int(overrides.pop("workers", 1)) if len(chosen) > 1 else 1
     for name, value in overrides.items():
         if len(requested) == len(chosen) and not any(name in catalog[study].defaults() for study in chosen):
             raise InputError("bench", f"{', '.join(requested)} takes no {name} ({value}); see `bench` without a name")
@@ -69,11 +66,7 @@ def bench(
         raise InputError("bench", "the code has uncommitted changes; commit them first, or give --out FOLDER")
     if out == _DOCUMENTS and short:
         raise InputError("bench", "a short run measures nothing; give --out FOLDER for its results")
-    studies = {}
-    for name in chosen:
-        fields = catalog[name].defaults()
-        parameters = {field: value for field, value in overrides.items() if field in fields}
-        studies[name] = catalog[name](**(catalog[name].short() if short else {}) | parameters)
+    studies = {name: _with_parameters(catalog[name], overrides, short) for name in chosen}
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
@@ -82,6 +75,11 @@ def bench(
         longest_first = sorted(chosen, key=lambda name: (-_minutes(_result(name, out)), name))
         _measure_all({name: studies[name] for name in longest_first}, commit, out, again, workers)
     _fill_documents(catalog, out)
+
+
+def _with_parameters(cls: type[Study], overrides: Mapping[str, Any], short: bool) -> Study:
+    parameters = {name: value for name, value in overrides.items() if name in cls.defaults()}
+    return cls(**(cls.short() if short else {}) | parameters)
 
 
 def _result(name: str, out: Path) -> Path:
@@ -105,9 +103,10 @@ def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bo
         return
     with worker_pool(workers, max_tasks_per_child=1) as pool:
         futures = [pool.submit(_measure, name, study, commit, out, again) for name, study in studies.items()]
-    if errors := [error for future in futures if (error := future.exception())]:
-        for error in errors[1:]:
-            print(f"! {error}")
+    errors = [error for future in futures if (error := future.exception())]
+    for error in errors[1:]:
+        print(f"! {error}")
+    if errors:
         raise errors[0]
 
 
@@ -120,8 +119,9 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     parameters."""
     file = _result(name, out)
     fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
-    fields.pop("parts", None)
-    parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
+    parameters = {
+        key: value.name if isinstance(value, Path) else value for key, value in fields.items() if key != "parts"
+    }
     setting = {"parameters": plain(parameters), "machine": versions.machine(commit)}
     again = again or commit.endswith(("dirty", "unknown"))
     results = json.loads(file.read_text()) if file.exists() else {}

@@ -29,12 +29,13 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
 from pps_vision.types import Array
 
-PAPER: dict[SessionName, dict[str, int]] = {
-    "motor": {"minutes": 31, "trials": 82, "samples": 3512, "samples_of_shown_taxel": 1625},
-    "visual": {"minutes": 30, "trials": 45, "samples": 1166, "samples_of_shown_taxel": 376},
-    "inner": {"minutes": 23, "trials": 53, "samples": 1886, "samples_of_shown_taxel": 627},
-    "outer": {"minutes": 17, "trials": 34, "samples": 1348, "samples_of_shown_taxel": 451},
-    "palm": {"minutes": 44, "trials": 77, "samples": 2833, "samples_of_shown_taxel": 944},
+_COLUMNS = ("minutes", "trials", "samples", "samples_of_shown_taxel")
+PAPER: dict[SessionName, tuple[int, int, int, int]] = {
+    "motor": (31, 82, 3512, 1625),
+    "visual": (30, 45, 1166, 376),
+    "inner": (23, 53, 1886, 627),
+    "outer": (17, 34, 1348, 451),
+    "palm": (44, 77, 2833, 944),
 }
 """R Table 5."""
 TITLES: dict[SessionName, str] = {
@@ -164,13 +165,12 @@ def draw_landscapes(numbers: dict[str, Any]) -> dict[str, Figure]:
 
 def tabulate_landscapes(numbers: dict[str, Any]) -> Table:
     """Return Table 5, ours / R's, the taxels touched, and the width of the ridge."""
-    columns = list(PAPER["motor"])
     rows = []
     for name, session in numbers["sessions"].items():
-        cells = [f"{session[key]:g} / {PAPER[name][key]}" for key in columns]
+        cells = [f"{session[key]:g} / {paper}" for key, paper in zip(_COLUMNS, PAPER[name], strict=True)]
         widths = [estimate(session[key]) for key in ("ridge_width_cm", "ridge_width_erring_cm")]
         rows.append([name, *cells, session["taxels_touched"], *widths])
-    header = ["session (ours / R)", *(key.replace("_", " ") for key in columns), "taxels touched"]
+    header = ["session (ours / R)", *(key.replace("_", " ") for key in _COLUMNS), "taxels touched"]
     return Table([*header, "ridge (cm; 95 % over trials)", "with R's errors (cm; 95 % over robots)"], rows)
 
 
@@ -178,12 +178,12 @@ def double_touches(study: "PpsSessions") -> dict[str, Any]:
     """Return the percentage of random start postures that lead to each forearm taxel."""
     robot, _, _ = true_robot()
     planner = DoubleTouching(robot, icub_skin(("left_forearm",)).parts[0])
-    feasible = {}
-    for taxel in INNER_FOREARM + OUTER_FOREARM:
-        rng = np.random.default_rng((study.seed, taxel))
-        planned = planner.plan(planner.part.ids.index(taxel), study.starts, rng)
-        feasible[taxel] = 100 * sum(isinstance(plan, DoubleTouch) for plan in planned) / study.starts
-    return {"feasible_percent": feasible}
+
+    def feasible_percent(taxel: int) -> float:
+        planned = planner.plan(planner.part.ids.index(taxel), study.starts, np.random.default_rng((study.seed, taxel)))
+        return 100 * sum(isinstance(plan, DoubleTouch) for plan in planned) / study.starts
+
+    return {"feasible_percent": {taxel: feasible_percent(taxel) for taxel in INNER_FOREARM + OUTER_FOREARM}}
 
 
 def misaimed(study: "PpsSessions") -> dict[str, Any]:

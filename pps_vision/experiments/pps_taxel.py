@@ -215,20 +215,27 @@ def _spread_bins() -> tuple[Array, Array]:
 
 def single_touch(study: "PpsTaxel") -> dict[str, Any]:
     """Return, by approach, reference of D and map, the share (%) of repeated approaches above the threshold."""
-    shares: dict[str, Any] = {}
-    for name, simulation in APPROACHES.items():
-        shares[name] = {}
-        for reference, field in FIELDS.items():
-            shares[name][reference] = {}
-            for label, params in MAPS.items():
-                rng = np.random.default_rng(study.seed)
-                until_touch_s, activations = repeat_approaches(simulation, params, field, study.approaches, rng)
-                above = 100 * np.mean(activations > THRESHOLD, axis=1)
-                shares[name][reference][label] = {
-                    "above_at_lead_percent": round(float(above[np.argmin(np.abs(until_touch_s - LEAD_S))]), 1),
-                    "above_at_touch_percent": round(float(above[-1]), 1),
-                }
-    return {"approaches": shares}
+    return {
+        "approaches": {
+            name: {
+                reference: {label: _above_threshold(study, simulation, params, field) for label, params in MAPS.items()}
+                for reference, field in FIELDS.items()
+            }
+            for name, simulation in APPROACHES.items()
+        }
+    }
+
+
+def _above_threshold(
+    study: "PpsTaxel", simulation: Simulation, params: MemoryParams, field: ReceptiveField
+) -> dict[str, float]:
+    rng = np.random.default_rng(study.seed)
+    until_touch_s, activations = repeat_approaches(simulation, params, field, study.approaches, rng)
+    above = 100 * np.mean(activations > THRESHOLD, axis=1)
+    return {
+        "above_at_lead_percent": round(float(above[np.argmin(np.abs(until_touch_s - LEAD_S))]), 1),
+        "above_at_touch_percent": round(float(above[-1]), 1),
+    }
 
 
 def repeat_approaches(

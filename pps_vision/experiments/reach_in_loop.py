@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -136,13 +136,11 @@ def _loop_table(numbers: dict[str, Any]) -> Table:
     return Table(["map in the loop", "mean (95 % interval) or median"], rows)
 
 
-@dataclass(frozen=True)
-class Attempt:
+class Attempt(NamedTuple):
     """Result of leaning towards one object."""
 
     status: LeanStatus  # last status of the controller
-    is_touched: bool
-    """Whether the palm meets the object within 1 cm, with the arm by inverse kinematics at the final gaze."""
+    is_touched: bool  # whether the palm meets the object within 1 cm, with the arm by inverse kinematics
     fixation_deg: float  # largest fixation error
     seconds: float  # duration of the turn
 
@@ -185,15 +183,15 @@ def can_be_reached(robot: Robot, points: Array) -> Mask:
     arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)
     torso = robot.indices(robot.names.torso)
     axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, _TORSO_STEP_RAD) for i in torso]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(torso))
-    q = np.zeros((len(grid), robot.n_joints))
-    q[:, torso] = grid
-    reached = []
-    for point in points:
+    q = np.zeros((np.prod([len(axis) for axis in axes]), robot.n_joints))
+    q[:, torso] = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(torso))
+
+    def is_reached(point: Array) -> bool:
         upright = model.to_upright(q, point)
-        within = np.isfinite(arm.solve(upright)[:, 0]) & np.isfinite(model.gaze(upright, _LEAN_GAZE)[:, 0])
-        reached.append(within.any())
-    return np.array(reached)
+        gaze = model.gaze(upright, _LEAN_GAZE)
+        return bool((np.isfinite(arm.solve(upright)[:, 0]) & np.isfinite(gaze[:, 0])).any())
+
+    return np.array([is_reached(point) for point in points])
 
 
 def _draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:

@@ -15,10 +15,9 @@ from pps_vision.types import Array, Mask
 PUBLISHED = {"forward_model_deg": 0.84, "je": 1.3, "fn": 4.7, "fp": 0.4, "degree_rmse": 0.022, "labels": 52_000}
 """What J reports: degrees, percent, RMS error of R, inverse-kinematics solutions."""
 
-ARM_PARAMS = LWPRParams(init_D=80, w_gen=0.2, rate=0, first_projections=4)
-"""For 4400 samples: all four projections from the start, because a field has few samples; constant metrics, because
-4400 samples are too few to adapt them."""
-_MAP_PARAMS = LWPRParams(init_D=600, w_gen=0.2, rate=0)  # for 52 000 labels: about 10 000 receptive fields, as in J
+ARM_PARAMS = LWPRParams(init_D=80, w_gen=0.2, first_projections=4)
+"""For 4400 samples: all four projections from the start, because a field has few samples."""
+_MAP_PARAMS = LWPRParams(init_D=600, w_gen=0.2)  # for 52 000 labels: about 10 000 receptive fields, as in J
 _BASELINE_M = 0.068  # between the eyes
 
 MapQuery = Callable[[Array], MapPrediction]  # gaze postures (N, 3) to the predictions of a map

@@ -3,9 +3,9 @@
 `fine` is a recording at a multiple of the final rate, so that images and joints of other moments are available.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from pps_vision.types import Array, Image, StereoFrame
 from rendering.sensor import Sensor, expose
 
 EyeFault = Literal["black", "frozen"]
+T = TypeVar("T")
 
 
 def at_rate(fine: Footage, every: int) -> Footage:
@@ -54,11 +55,11 @@ def faded(recording: Footage, empty: Footage, contrast: float) -> Footage:
     def blend(image: Image, background: Image) -> Image:
         return np.asarray(cv2.addWeighted(image, contrast, background, 1 - contrast, 0), dtype=np.uint8)
 
-    pairs = zip(recording.frames, empty.frames, strict=True)
-    frames = [
-        replace(frame, left=blend(frame.left, bare.left), right=blend(frame.right, bare.right)) for frame, bare in pairs
-    ]
-    return replace(recording, frames=tuple(frames))
+    return _each_frame(
+        recording,
+        empty.frames,
+        lambda frame, bare: replace(frame, left=blend(frame.left, bare.left), right=blend(frame.right, bare.right)),
+    )
 
 
 def blurred(fine: Footage, every: int, frames_open: int) -> Footage:
@@ -69,12 +70,11 @@ def blurred(fine: Footage, every: int, frames_open: int) -> Footage:
     def mean(images: list[Image]) -> Image:
         return np.rint(np.mean(images, axis=0, dtype=np.float32)).astype(np.uint8)
 
-    coarse = _picked(fine, k)
-    frames = []
-    for frame, i in zip(coarse.frames, k, strict=True):
+    def blur(frame: StereoFrame, i: int) -> StereoFrame:
         shots = [fine.frames[i + offset] for offset in offsets]
-        frames.append(replace(frame, left=mean([s.left for s in shots]), right=mean([s.right for s in shots])))
-    return replace(coarse, frames=tuple(frames))
+        return replace(frame, left=mean([shot.left for shot in shots]), right=mean([shot.right for shot in shots]))
+
+    return _each_frame(_picked(fine, k), k.tolist(), blur)
 
 
 def dropped(recording: Footage, share: float, rng: np.random.Generator) -> Footage:
@@ -89,11 +89,11 @@ def jittered(fine: Footage, every: int, std_s: float, rng: np.random.Generator) 
     recording = at_rate(fine, every)
     half_s = 0.45 * float(np.median(np.diff(recording.stamps_s)))
     stamps_s = recording.stamps_s + np.clip(std_s * rng.standard_normal(len(recording.frames)), -half_s, half_s)
-    retimed = [
-        replace(frame, stamp_left_s=float(stamp_s), stamp_right_s=float(stamp_s))
-        for frame, stamp_s in zip(recording.frames, stamps_s, strict=True)
-    ]
-    return _with_joints(replace(recording, frames=tuple(retimed)), _frames_at(fine, stamps_s))
+    return _each_frame(
+        _with_joints(recording, _frames_at(fine, stamps_s)),
+        stamps_s.tolist(),
+        lambda frame, stamp_s: replace(frame, stamp_left_s=stamp_s, stamp_right_s=stamp_s),
+    )
 
 
 def stale_joints(fine: Footage, every: int, delay_s: float) -> Footage:
@@ -106,22 +106,24 @@ def right_late(fine: Footage, every: int, delay_s: float) -> Footage:
     """Make the right image `delay_s` older than the left, with the same stamp and joints."""
     recording = at_rate(fine, every)
     late = _frames_at(fine, recording.stamps_s - delay_s)
-    frames = [replace(frame, right=old.right) for frame, old in zip(recording.frames, late, strict=True)]
-    return replace(recording, frames=tuple(frames))
+    return _each_frame(recording, late, lambda frame, old: replace(frame, right=old.right))
 
 
 def eyes_fail(recording: Footage, kind: EyeFault, from_s: float, to_s: float, both: bool = False) -> Footage:
     """Make the right eye, or both, black or frozen (its last image under new stamps) for a time."""
-    out = (recording.stamps_s >= from_s) & (recording.stamps_s < to_s)
-    frames: list[StereoFrame] = []
-    for frame, fails in zip(recording.frames, out, strict=True):
+    failed = (recording.stamps_s >= from_s) & (recording.stamps_s < to_s)
+    shown = recording.frames[0]
+
+    def fail(frame: StereoFrame, fails: bool) -> StereoFrame:
+        nonlocal shown
         if fails:
-            last = frames[-1] if frames else frame
-            right = last.right if kind == "frozen" else np.zeros_like(frame.right)
-            left = last.left if kind == "frozen" else np.zeros_like(frame.left)
+            right = shown.right if kind == "frozen" else np.zeros_like(frame.right)
+            left = shown.left if kind == "frozen" else np.zeros_like(frame.left)
             frame = replace(frame, right=right, left=left if both else frame.left)
-        frames.append(frame)
-    return replace(recording, frames=tuple(frames), visible=recording.visible & ~out)
+        shown = frame
+        return frame
+
+    return replace(_each_frame(recording, failed, fail), visible=recording.visible & ~failed)
 
 
 def miscalibrated(recording: Footage, share: float, rng: np.random.Generator) -> Footage:
@@ -155,20 +157,27 @@ def _picked(recording: Footage, k: NDArray[np.integer]) -> Footage:
     )
 
 
-def _each_image(recording: Footage, change: Callable[[Image, float], Image]) -> Footage:
-    frames = [
-        replace(f, left=change(f.left, f.stamp_left_s), right=change(f.right, f.stamp_right_s))
-        for f in recording.frames
-    ]
+def _each_frame(recording: Footage, values: Iterable[T], change: Callable[[StereoFrame, T], StereoFrame]) -> Footage:
+    """Change every frame by its value."""
+    frames = [change(frame, value) for frame, value in zip(recording.frames, values, strict=True)]
     return replace(recording, frames=tuple(frames))
+
+
+def _each_image(recording: Footage, change: Callable[[Image, float], Image]) -> Footage:
+    """Change every image by its stamp."""
+    return _each_frame(
+        recording,
+        recording.frames,
+        lambda f, _: replace(f, left=change(f.left, f.stamp_left_s), right=change(f.right, f.stamp_right_s)),
+    )
 
 
 def _with_joints(recording: Footage, sources: list[StereoFrame]) -> Footage:
-    frames = [
-        replace(frame, joints_left_rad=source.joints_left_rad, joints_right_rad=source.joints_right_rad)
-        for frame, source in zip(recording.frames, sources, strict=True)
-    ]
-    return replace(recording, frames=tuple(frames))
+    return _each_frame(
+        recording,
+        sources,
+        lambda f, source: replace(f, joints_left_rad=source.joints_left_rad, joints_right_rad=source.joints_right_rad),
+    )
 
 
 def _frames_at(fine: Footage, stamps_s: Array) -> list[StereoFrame]:

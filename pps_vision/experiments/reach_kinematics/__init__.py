@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,6 +27,7 @@ _N_TRIED = 20_000
 _N_FIXATED_OF_J = 4400
 _N_QUERIES = 50  # timed one by one
 _N_SAMPLES = 20_000
+_LIBRARY_NMSE = (0.058, 0.065)  # of five seeds of the authors' C library with a constant metric
 _WARM_UP_SHARE = 0.02  # of the samples, for a first model that loads the compiled code
 _GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
 MODELS: dict[str, Callable[[], ForwardModel]] = {
@@ -99,32 +100,18 @@ def _forward_model_chart(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-class Setting(NamedTuple):
-    """Parameters of LWPR, and the results of five seeds of the authors' C library, lowest and highest."""
-
-    params: LWPRParams
-    library_fields: tuple[int, int] | None  # receptive fields
-    library_nmse: tuple[float, float]  # normalized mean squared error
-
-
-SETTINGS = {
-    "adapting metrics": Setting(LWPRParams(init_D=50, w_gen=0.2, rate=250), (54, 58), (0.019, 0.022)),
-    "constant metrics": Setting(LWPRParams(init_D=50, w_gen=0.2, rate=0), None, (0.058, 0.065)),
-}
-
-
 def cross(x: Array) -> Array:
     """Return (N,) the cross function of points (N, 2) (Schaal, Atkeson & Vijayakumar 2002)."""
     ridges = (np.exp(-10 * x[:, 0] ** 2), np.exp(-50 * x[:, 1] ** 2), 1.25 * np.exp(-5 * np.sum(x**2, axis=1)))
     return np.asarray(np.max(ridges, axis=0))
 
 
-def train(params: LWPRParams, rng: np.random.Generator, share: float) -> tuple[LWPR, float]:
+def train(rng: np.random.Generator, share: float) -> tuple[LWPR, float]:
     """Return a model trained with a share of 20 000 samples, and the processor time per update (µs)."""
     x = rng.uniform(-1, 1, (round(share * _N_SAMPLES), 2))
     y = cross(x) + rng.uniform(-0.05, 0.05, len(x))
     order = rng.permutation(len(x))
-    model = LWPR(2, 1, params)
+    model = LWPR(2, 1, LWPRParams(init_D=50, w_gen=0.2))
     _, ms = timed(lambda: model.update(x[order], y[order, None]))
     return model, 1000 * ms / len(x)
 
@@ -136,32 +123,23 @@ def nmse(model: LWPR) -> float:
 
 
 def _lwpr(study: "ReachKinematics") -> dict[str, Any]:
-    """Return by setting the results of each model, beside the library's ranges."""
-    settings = {}
-    for name, setting in SETTINGS.items():
-        train(setting.params, np.random.default_rng(study.seed), _WARM_UP_SHARE)
-        columns: dict[str, list[float]] = {"fields": [], "nmse": [], "update_us": []}
-        for k in tqdm(range(study.n_lwpr), desc=name, disable=None):
-            model, update_us = train(setting.params, np.random.default_rng(study.seed + k), study.lwpr_share)
-            columns["fields"].append(model.n_fields)
-            columns["nmse"].append(nmse(model))
-            columns["update_us"].append(update_us)
-        settings[name] = {
-            **columns,
-            "library_fields": setting.library_fields,
-            "library_nmse": setting.library_nmse,
-        }
-    return {"settings": settings}
+    """Return the results of each model with a constant metric, beside the range of the library's."""
+    train(np.random.default_rng(study.seed), _WARM_UP_SHARE)
+    columns: dict[str, list[float]] = {"fields": [], "nmse": [], "update_us": []}
+    for k in tqdm(range(study.n_lwpr), desc="LWPR", disable=None):
+        model, update_us = train(np.random.default_rng(study.seed + k), study.lwpr_share)
+        for name, value in zip(columns, (model.n_fields, nmse(model), update_us), strict=True):
+            columns[name].append(value)
+    return {"settings": {"constant metrics": {**columns, "library_nmse": _LIBRARY_NMSE}}}
 
 
 def _lwpr_table(numbers: dict[str, Any]) -> Table:
-    """Return fields, error and update time of the models, median and range, beside the library's ranges."""
+    """Return fields, error and update time of the models, median and range, beside the library's error."""
     rows = []
     for name, row in numbers["settings"].items():
-        fields = _range(row["library_fields"]) if row["library_fields"] else "–"
-        rows.append([name, _spread(row["fields"]), fields, _spread(row["nmse"]), _range(row["library_nmse"]),
-                     _spread(row["update_us"])])  # fmt: skip
-    return Table(["setting", "fields", "library", "error (nMSE)", "library", "update (µs)"], rows)
+        fields, error, update = (_spread(row[key]) for key in ("fields", "nmse", "update_us"))
+        rows.append([name, fields, error, _range(row["library_nmse"]), update])
+    return Table(["setting", "fields", "error (nMSE)", "library", "update (µs)"], rows)
 
 
 def _spread(values: Sequence[float]) -> str:
@@ -187,7 +165,7 @@ class ReachKinematics(SampledStudy, PartsStudy):
     n: int = 3  # sets of babbled postures, each with its own test set
     sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, 4400)
     """Fixated postures after which each forward model is judged; of robots with deviations, the last one only."""
-    n_lwpr: int = 5  # LWPR models of the cross function per setting
+    n_lwpr: int = 5  # LWPR models of the cross function
     lwpr_share: float = 1.0  # share of their training samples
     official_models: tuple[str, ...] = ("iCubLisboa01", "iCubGazeboV2_5")
     """Official iCub models: of version 1, as ours, and of version 2.5."""
