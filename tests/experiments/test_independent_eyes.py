@@ -11,7 +11,6 @@ from pps_vision.experiments.films.rendered import RayCastEyes
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
-from rendering.sensor import Sensor
 from rendering.shapes import board, sphere
 from rendering.stimuli import BLUE, make_stimulus
 from tracking.tracker import Tracker, TrackerParams
@@ -34,7 +33,7 @@ def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
     with Eyes(robot, rig, ball, props=props) as eyes:
         theirs, their_truth = eyes.render(state, 0.0), eyes.truth(state, 0.0)
     ours = RayCastEyes(robot, rig, ball, props=props, data=Path("no such folder"))
-    frame, truth = ours.render(state, 0.0), ours.truth(state, 0.0)
+    frame, truth = ours.render(state, 0.0, np.random.default_rng(0)), ours.truth(state, 0.0)
     np.testing.assert_allclose(truth.left_px, their_truth.left_px, atol=1e-3)
     np.testing.assert_allclose(truth.right_px, their_truth.right_px, atol=1e-3)
     assert (truth.visible_left, truth.visible_right) == (their_truth.visible_left, their_truth.visible_right)
@@ -65,8 +64,6 @@ def test_what_it_cannot_show_is_refused() -> None:
         RayCastEyes(robot, rig, make_stimulus("cube"))
     with pytest.raises(ValueError, match="carrier 'hand'"):
         RayCastEyes(robot, rig, ball, "hand")
-    eyes = RayCastEyes(robot, rig, ball, sensor=Sensor(noise_sigma=1.0))
-    with pytest.raises(ValueError, match="random generator"):
-        eyes.render(SceneState(np.zeros(robot.n_joints)), 0.0)
+    eyes = RayCastEyes(robot, rig, ball)
     with pytest.raises(ValueError, match="1 props; there are 0"):
-        eyes.render(SceneState(np.zeros(robot.n_joints), props=(PropPose(np.zeros(3)),)), 0.0)
+        eyes.render(SceneState(np.zeros(robot.n_joints), props=(PropPose(np.zeros(3)),)), 0.0, np.random.default_rng(0))

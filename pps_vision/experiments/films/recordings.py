@@ -148,15 +148,16 @@ def film(
     boxes = []
     for frame, row in zip(frames, truth, strict=True):
         view = rig.view_of(frame)
-        left = sphere_box(view.left, row.position, row.radius_m) if row.visible_left else None
-        boxes.append((left, sphere_box(view.right, row.position, row.radius_m) if row.visible_right else None))
-    return _footage(tuple(frames), truth, tuple(boxes), rig, own_body_of(source, robot), stimulus.name)
+        eye_visible = ((view.left, row.visible_left), (view.right, row.visible_right))
+        left, right = (sphere_box(eye, row.position, row.radius_m) if seen else None for eye, seen in eye_visible)
+        boxes.append((left, right))
+    return _footage(frames, truth, boxes, rig, own_body_of(source, robot), stimulus.name)
 
 
 def _footage(
-    frames: tuple[StereoFrame, ...],
+    frames: Sequence[StereoFrame],
     truth: Sequence[Truth],
-    boxes: tuple[Boxes, ...],
+    boxes: Sequence[Boxes],
     rig: StereoRig,
     own_body: Any,
     stimulus: str,
@@ -164,22 +165,15 @@ def _footage(
     visible = np.array([row.visible_left and row.visible_right for row in truth])
     position = np.array([row.position for row in truth])
     velocity = np.array([row.velocity for row in truth])
-    return Footage(frames, position, velocity, visible, boxes, float(truth[0].radius_m), rig, own_body, stimulus)
+    radius_m = float(truth[0].radius_m)
+    return Footage(tuple(frames), position, velocity, visible, tuple(boxes), radius_m, rig, own_body, stimulus)
 
 
 def from_film(independent: Film) -> Footage:
     """Return the recording of a ray-cast film, which shows no robot."""
-    frames = tuple(independent)
     own_body = own_body_of("independent", load_icub())
-    return _footage(frames, independent.truth, ((None, None),) * len(frames), independent.rig, own_body, "ball")
-
-
-def rendered(params: RenderParams, source: SceneSource = "rendered") -> Footage:
-    """Return the recording that `pps-vision render` writes (its folder is not used), or its states by ray casting."""
-    rng = np.random.default_rng(params.seed)
-    states = list(scene(params, icub_setup(), rng))
-    sensor = Sensor(params.noise, params.shot, params.exposure, params.blur_s)
-    return film(states, stimulus_of(params, 3), source, sensor, params.seed, rng)
+    boxes = ((None, None),) * len(independent)
+    return _footage(list(independent), independent.truth, boxes, independent.rig, own_body, "ball")
 
 
 def moving(
@@ -191,8 +185,12 @@ def moving(
     noise: float = NOISE_SIGMA,
     **options: Any,
 ) -> Footage:
-    """Return a recording of one of `pps-vision render`'s motions."""
-    return rendered(RenderParams(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **options), source)
+    """Return the recording that `pps-vision render` writes of one of its motions, or its states by ray casting."""
+    params = RenderParams(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **options)
+    rng = np.random.default_rng(seed)
+    states = list(scene(params, icub_setup(), rng))
+    sensor = Sensor(params.noise, params.shot, params.exposure, params.blur_s)
+    return film(states, stimulus_of(params, 3), source, sensor, seed, rng)
 
 
 def of_kind(kind: str, source: SceneSource, seconds: float, seed: int) -> Footage:

@@ -33,12 +33,12 @@ from pps_vision.experiments.films.scenes import (
 )
 from pps_vision.experiments.films.sensor import SensorChain, noise_tape
 from pps_vision.experiments.study import DATA, SceneSource
-from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array, Image, Mask, StereoFrame, Truth
+from pps_vision.types import Array, Mask, StereoFrame, Truth
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
@@ -223,7 +223,7 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
             raise ValueError(f"stimulus {stimulus.name!r} in a ray-cast scene; expected ball or marker")
         self._joint_names = robot.joint_names
         self._sensor = sensor or Sensor()
-        self._lenses = (_film_lens(rig.left), _film_lens(rig.right))
+        self._lenses = [FilmLens(eye.width, eye.height, eye.K, eye.lens) for eye in (rig.left, rig.right)]
         self._casters = [RayCaster(lens, photo, data, _FRONT_WALL_M) for lens in self._lenses]
         self._props = [_prop(parts) for parts in props]
         self._tape: Array | None = None
@@ -233,25 +233,20 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
     def __exit__(self, *_: object) -> None:
         """Free nothing."""
 
-    def render(self, state: SceneState, stamp_s: float, rng: np.random.Generator | None = None) -> StereoFrame:
+    def render(self, state: SceneState, stamp_s: float, rng: np.random.Generator) -> StereoFrame:
         """Return both eyes' images at one stamp; `rng` drives the sensor's noise."""
         n = INSTANTS if self._sensor.blur_s > 0 else 1
         states = [state.moved(self._sensor.blur_s * ((k + 0.5) / n - 0.5)) for k in range(n)]
         solids = [self._solids(moved) for moved in states]
         poses = [self._poses(moved) for moved in states]
-        left, right = (self._image(eye, [pose[eye] for pose in poses], solids, rng) for eye in (0, 1))
-        q_rad = state.q_rad.copy()
-        return StereoFrame(left, right, stamp_s, stamp_s, q_rad, q_rad)
-
-    def _image(self, eye: int, poses: list[Array], solids: list[Solids], rng: np.random.Generator | None) -> Image:
-        light = self._casters[eye].light(poses, solids)
-        if rng is None:
-            if self._sensor.is_noisy:
-                raise ValueError("a noisy sensor needs a random generator, got None")
-            return np.clip(light * self._sensor.exposure + 0.5, 0, 255).astype(np.uint8)
         self._tape = noise_tape(rng) if self._tape is None else self._tape
         chain = SensorChain(read_noise=self._sensor.noise_sigma, shot=self._sensor.shot)
-        return chain.expose(light, self._sensor.exposure, rng, self._tape)
+        left, right = (
+            chain.expose(caster.light([pose[eye] for pose in poses], solids), self._sensor.exposure, rng, self._tape)
+            for eye, caster in enumerate(self._casters)
+        )
+        q_rad = state.q_rad.copy()
+        return StereoFrame(left, right, stamp_s, stamp_s, q_rad, q_rad)
 
     def truth(self, state: SceneState, stamp_s: float) -> Truth:
         """Return the stimulus's true position and pixels; NaN and not visible without a stimulus."""
@@ -284,10 +279,6 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
 
 def _to_stage(p_root: Array) -> Array:
     return np.asarray(_T_STAGE_ROOT[:3, :3] @ p_root + _T_STAGE_ROOT[:3, 3])
-
-
-def _film_lens(camera: Camera) -> FilmLens:
-    return FilmLens(camera.width, camera.height, camera.K, camera.lens)
 
 
 def _paint_of(parts: tuple[Part, ...]) -> Paint:

@@ -107,12 +107,6 @@ class FilmScene:
     flicker: float = 0.0  # amplitude of the light's 100 Hz flicker
     sensor: SensorChain = SensorChain()
 
-    def __post_init__(self) -> None:
-        if not (32 <= self.width <= 4096 and 24 <= self.height <= 4096 and self.fps > 0 and self.seconds > 0):
-            raise ValueError(f"scene of {self.width}×{self.height} px, {self.fps} fps, {self.seconds} s")
-        if self.rig == "head" and self.rig_known:
-            raise ValueError("rig_known with the head; the tracker always gets its joints, `stale_s` old")
-
     @property
     def hue_deg(self) -> float:
         """Hue of the object's colour, for a marker tracker."""
