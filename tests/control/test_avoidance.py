@@ -322,31 +322,33 @@ def approaching(
     return modes_of(robot, [{"activations": 0.9 * ON, "track": track} for track in tracks], params)
 
 
+COMES = [0.165 - 0.1 * DT * i for i in range(6)]
+RECEDES = [0.07 + min(0.01 * i, 0.05) for i in range(10)]  # and stops
+
+
 @pytest.mark.parametrize(
-    ("aside_m", "miss_distance_m", "responds"), [(0.0, 0.05, True), (0.15, 0.05, False), (0.15, np.inf, True)]
+    ("distances_m", "aside_m", "velocity_m_s", "changes", "responds"),
+    [
+        # at 10 cm/s along the normal, or past the skin; with R's rule to both
+        (COMES, 0.0, -0.1, {}, True),
+        (COMES, 0.15, -0.1, {}, False),
+        (COMES, 0.15, -0.1, {"miss_distance_m": np.inf}, True),
+        # a centimetre nearer than half a second ago, by positions; the estimated velocity, of zero, does not count
+        ([0.1 - 0.018 * i * DT for i in range(20)], 0.0, 0.0, {}, False),
+        ([0.1 - 0.024 * i * DT for i in range(20)], 0.0, 0.0, {}, True),
+        # an object that recedes and stops, though its estimated velocity points back
+        (RECEDES, 0.0, -0.2, {}, False),
+        (RECEDES, 0.0, -0.2, {"min_approach_m": 0.0}, True),
+    ],
 )
-def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(robot, aside_m, miss_distance_m, responds):
-    """At 10 cm/s along the normal, or past the skin; with R's rule to both."""
-    params = replace(PARAMS, miss_distance_m=miss_distance_m)
-    modes = approaching(robot, params, [0.165 - 0.1 * DT * i for i in range(6)], aside_m, -0.1)
-    assert ("avoid" in modes) == responds
-
-
-@pytest.mark.parametrize(("speed_m_s", "responds"), [(0.018, False), (0.024, True)])
-def test_an_object_has_approached_that_is_a_centimetre_nearer_than_half_a_second_ago(robot, speed_m_s, responds):
-    """By 9 or by 12 mm, in positions; its estimated velocity, of zero, does not count."""
-    modes = approaching(robot, PARAMS, [0.1 - speed_m_s * i * DT for i in range(20)])
-    assert ("avoid" in modes) == responds
-
-
-@pytest.mark.parametrize(("min_approach_m", "responds"), [(0.01, False), (0.0, True)])
-def test_an_object_that_recedes_and_stops_is_not_responded_to(robot, min_approach_m, responds):
-    """Though its estimated velocity points back; if it then comes, one centimetre is enough."""
-    params = replace(PARAMS, min_approach_m=min_approach_m)
-    stops = [0.07 + min(0.01 * i, 0.05) for i in range(10)]
-    assert ("avoid" in approaching(robot, params, stops, velocity_m_s=-0.2)) == responds
-    comes = approaching(robot, params, stops + [0.12 - 0.01 * i for i in range(4)], velocity_m_s=-0.2)
-    assert comes.index("avoid") <= 12
+def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(
+    robot, distances_m, aside_m, velocity_m_s, changes, responds
+):
+    params = replace(PARAMS, **changes)
+    assert ("avoid" in approaching(robot, params, distances_m, aside_m, velocity_m_s)) == responds
+    if distances_m is RECEDES:  # if it then comes, one centimetre is enough
+        comes = approaching(robot, params, RECEDES + [0.12 - 0.01 * i for i in range(4)], velocity_m_s=-0.2)
+        assert comes.index("avoid") <= 12
 
 
 def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot):

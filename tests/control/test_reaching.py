@@ -1,6 +1,6 @@
 """An arm that reaches touches the object with the part that the object comes to, and with no other."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,14 +8,15 @@ import pytest
 from tracks import track_at
 
 from control.arm import ArmParams, MovingPoint
-from control.avoidance import ArmInput, ArmMotion, ArmState, passing_distances
+from control.avoidance import ArmInput, ArmMotion, ArmState, Response, passing_distances
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import ReachingParams, first_touch, other_parts, step, target_taxel
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD, home
+from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin
-from pps_vision.types import Array, JointVelocity, Track3D
+from pps_vision.types import Array, Track3D
 
 DT = 0.05
 BALL_M = 0.035
@@ -35,6 +36,31 @@ def ball(position: Array, velocity: Array | Sequence[float] = (0.0, 0.0, 0.0), s
     return track_at(position, velocity, stamp_s, radius_m=BALL_M)
 
 
+def reach(
+    robot: Robot,
+    inputs: Iterable[tuple[Track3D, Array]],
+    params: ReachingParams = PARAMS,
+    skin: Skin = SKIN,
+    q: Array | None = None,
+    bodies: SelfCollision | None = None,
+) -> Iterator[tuple[Array, Response]]:
+    """Let an arm reach for tracks with activations at 20 Hz, through the last stage if there are bodies; yields the
+    postures that it moves to and the responses."""
+    q = home(robot) if q is None else q
+    state = ArmState()
+    last = None
+    last_q = None
+    for i, (track, a) in enumerate(inputs):
+        arm = ArmInput(i * DT, robot.at(q), skin, a, track, DT if bodies is None else MAX_HOLD_S, bodies)
+        state, response = step(params, state, arm, is_reachable=True)
+        command = response.command
+        if bodies is not None:
+            command = last = limit(LimitParams(), bodies, robot.at(q), command, last, last_q)
+        last_q = q
+        q = q + DT * command.dq_rad_s
+        yield q, response
+
+
 def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot):
     """An activation before it was allowed does not count for the confirmation."""
     params = replace(PARAMS, confirmation_s=0.1)
@@ -51,55 +77,39 @@ def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot):
     assert modes == ["idle"] * 6 + ["reach"] * 2 + ["return"] + ["idle"] * 2 + ["reach"]
 
 
-@pytest.mark.parametrize(("elapsed_s", "mode"), [(2.9, "reach"), (3.1, "return")])
-def test_reaching_outlasts_the_activation_by_three_seconds(robot, elapsed_s, mode):
+@pytest.mark.parametrize(
+    ("elapsed_s", "is_known", "mode"), [(2.9, True, "reach"), (3.1, True, "return"), (0.1, False, "hold")]
+)
+def test_reaching_outlasts_the_activation_by_three_seconds_but_not_the_track(robot, elapsed_s, is_known, mode):
     point = MovingPoint("left_palm", np.zeros(3), np.zeros(3))
     state = ArmState("reach", 100.0, points=(point,), target_taxel=0)
-    at = SKIN.at(robot.at(home(robot)))[0][0] + 0.1
-    arm = ArmInput(100.0 + elapsed_s, robot.at(home(robot)), SKIN, felt_by(), ball(at))
+    posture = robot.at(home(robot))
+    track = ball(SKIN.at(posture)[0][0] + 0.1) if is_known else Track3D.unknown(0.1)
+    arm = ArmInput(100.0 + elapsed_s, posture, SKIN, felt_by(), track)
     assert step(PARAMS, state, arm, is_reachable=True)[1].mode == mode
-
-
-@pytest.mark.parametrize("lost", [False, True])
-def test_a_lost_object_is_reached_for_no_more(robot, lost):
-    state = ArmState("reach", 0.0, target_taxel=0)
-    track = Track3D.unknown(0.1) if lost else ball(SKIN.at(robot.at(home(robot)))[0][0] + 0.1)
-    arm = ArmInput(0.1, robot.at(home(robot)), SKIN, felt_by(), track)
-    assert step(PARAMS, state, arm, is_reachable=True)[1].mode == ("hold" if lost else "reach")
 
 
 def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot):
     """A ball comes to the forearm for 0.3 s and waits beside the palm, whose taxels are activated more."""
-    q = home(robot)
-    state = ArmState()
-    points, normals = SKIN.at(robot.at(q))
+    points, normals = SKIN.at(robot.at(home(robot)))
     k = SKIN.index("left_forearm:3")
     at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * normals[k]
     a = np.maximum(felt_by("left_forearm:3", probability=0.6), felt_by("left_palm:101"))
-    smallest = np.full(2, np.inf)
-    for i in range(60):
-        arm = ArmInput(i * DT, robot.at(q), SKIN, a, ball(at, -0.1 * normals[k] * (i < 6)), hold_s=DT)
-        state, response = step(PARAMS, state, arm, is_reachable=True)
-        q = q + DT * response.command.dq_rad_s
-        gaps = np.linalg.norm(SKIN.at(robot.at(q))[0] - at, axis=1) - BALL_M - TOUCH_RADIUS_M
-        smallest = np.minimum(smallest, [gaps[SKIN.part_index == part].min() for part in (0, 1)])
-    assert smallest[0] < 0 < smallest[1]
+    inputs = [(ball(at, -0.1 * normals[k] * (i < 6)), a) for i in range(60)]
+    gaps = np.array([np.linalg.norm(SKIN.at(robot.at(q))[0] - at, axis=1) for q, _ in reach(robot, inputs)])
+    forearm, palm = (gaps[:, SKIN.part_index == part].min() - BALL_M - TOUCH_RADIUS_M for part in (0, 1))
+    assert forearm < 0 < palm
 
 
 def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot):
     """Activation lasts for 0.3 s, while the ball comes; it waits 5 cm from the skin, 40° from the normal."""
-    q = home(robot)
-    state = ArmState()
-    gaps = []
-    points, normals = SKIN.at(robot.at(q))
+    points, normals = SKIN.at(robot.at(home(robot)))
     k = SKIN.index("left_forearm:27")
     out = np.cos(0.7) * normals[k] + np.sin(0.7) * np.cross(normals[k], [0.0, 0.0, 1.0])
     at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * out / np.linalg.norm(out)
-    for i in range(60):
-        a = felt_by("left_forearm:27") * (i < 6)
-        arm = ArmInput(i * DT, robot.at(q), SKIN, a, ball(at, -0.1 * out * (i < 6)), hold_s=DT)
-        state, response = step(PARAMS, state, arm, is_reachable=True)
-        q = q + DT * response.command.dq_rad_s
+    inputs = [(ball(at, -0.1 * out * (i < 6)), felt_by("left_forearm:27") * (i < 6)) for i in range(60)]
+    gaps = []
+    for q, response in reach(robot, inputs):
         gaps.append(np.linalg.norm(SKIN.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)
         assert np.linalg.norm(response.velocity_root) < 0.1 + 1e-9
     assert gaps[0] > TOUCH_RADIUS_M + 0.04
@@ -208,25 +218,15 @@ def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot, damping_m,
     """Through the last stage, 0.7 s of approach and 2 s of waiting; with little damping alone the arm is too slow."""
     skin = icub_skin(("right_forearm", "right_palm"))
     bodies = SelfCollision(robot)
-    q = np.deg2rad(BESIDE_CHEST_DEG)
-    state = ArmState()
-    last = None
-    last_q = None
-    gaps = []
-    home_rad = tuple(q[robot.indices(robot.names.arm("right"))])
+    start = np.deg2rad(BESIDE_CHEST_DEG)
+    home_rad = tuple(start[robot.indices(robot.names.arm("right"))])
     params = ReachingParams(home_rad, "right", min_approach_m=0.0, damping_m=damping_m)
-    for i in range(54):
-        t = i * DT
-        coming = i < 14
-        at = BALL_ENDS - max(0.7 - t, 0.0) * BALL_VELOCITY
-        a = np.zeros(len(skin.taxel_ids))
-        a[skin.index("right_forearm:159")] = 0.9 * coming
-        track = ball(at, BALL_VELOCITY * coming, t)
-        state, response = step(params, state, ArmInput(t, robot.at(q), skin, a, track, self_collision=bodies), True)
-        wanted = JointVelocity(t, response.command.dq_rad_s, MAX_HOLD_S)
-        last = limit(LimitParams(), bodies, robot.at(q), wanted, last, last_q)
-        last_q = q
-        q = q + DT * last.dq_rad_s
+    coming = np.arange(54) < 14
+    places = [BALL_ENDS - max(0.7 - i * DT, 0.0) * BALL_VELOCITY for i in range(54)]
+    a = 0.9 * np.eye(len(skin.taxel_ids))[skin.index("right_forearm:159")]
+    inputs = [(ball(places[i], BALL_VELOCITY * coming[i], i * DT), a * coming[i]) for i in range(54)]
+    gaps = []
+    for (q, _), at in zip(reach(robot, inputs, params, skin, start, bodies), places, strict=True):
         assert bodies.distance_m(q) > LimitParams().clearance_m
         gaps.append(np.linalg.norm(skin.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)
     assert (min(gaps) < TOUCH_RADIUS_M) == touches

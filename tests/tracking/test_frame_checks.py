@@ -1,5 +1,7 @@
 """Eyes that show nothing, or nothing new."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -7,55 +9,50 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Image, StereoFrame
-from tracking.frame_checks import Fingerprints, check, fingerprints, is_blind
+from tracking.frame_checks import check, fingerprints, is_blind
 
 
 def picture(rng: np.random.Generator, contrast: float = 40.0) -> Image:
     return np.clip(120 + contrast * rng.standard_normal((48, 64, 3)), 0, 255).astype(np.uint8)
 
 
-def pair(left: Image, right: Image, stamp_s: float) -> StereoFrame:
-    return StereoFrame(left, right, stamp_s, stamp_s)
-
-
-class Blindness:
-    """`is_blind` of one frame after the other."""
-
-    def __init__(self) -> None:
-        self._last: Fingerprints | None = None
-
-    def step(self, frame: StereoFrame) -> bool:
-        previous = self._last
-        self._last = fingerprints(frame)
-        return is_blind(self._last, previous)
+def blind(*pairs: tuple[Image, Image]) -> bool:
+    """Whether the last of these pairs shows nothing, or nothing new."""
+    last = None
+    for left, right in pairs:
+        previous = last
+        last = fingerprints(StereoFrame(left, right, 0.0, 0.0))
+    return is_blind(last, previous)
 
 
 def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not(rng):
-    for eye in (0, 1):
-        blindness = Blindness()
-        first = [picture(rng), picture(rng)]
-        assert not blindness.step(pair(*first, 0.0))
-        second = [picture(rng), picture(rng)]
-        second[eye] = first[eye].copy()
-        assert blindness.step(pair(*second, 0.1))
-        assert not blindness.step(pair(picture(rng), picture(rng), 0.2))
+    first, second, third = ((picture(rng), picture(rng)) for _ in range(3))
+    assert not blind(first)
+    for repeated in ((first[0].copy(), second[1]), (second[0], first[1].copy())):
+        assert blind(first, repeated)
+        assert not blind(first, repeated, third)
 
 
 def test_a_buffer_that_is_filled_anew_is_not_blind(rng):
-    blindness = Blindness()
-    left = picture(rng)
-    right = picture(rng)
-    blindness.step(pair(left, right, 0.0))
-    left[:] = picture(rng)
-    right[:] = picture(rng)
-    assert not blindness.step(pair(left, right, 0.1))
+    images = np.stack([picture(rng), picture(rng)])
+    last = fingerprints(StereoFrame(*images, 0.0, 0.0))
+    images[:] = picture(rng), picture(rng)
+    assert not is_blind(fingerprints(StereoFrame(*images, 0.1, 0.1)), last)
 
 
 def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng):
+    """A white wall in the light is seen, under a camera of little noise, and something small before a plain ground."""
     dark = np.clip(np.rint(2.0 * rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
-    assert Blindness().step(pair(picture(rng), dark, 0.0))
-    assert Blindness().step(pair(np.full_like(dark, 255), picture(rng), 0.0))
-    assert not Blindness().step(pair(picture(rng), picture(rng, contrast=5.0), 0.0))
+    assert blind((picture(rng), dark))
+    assert blind((np.full_like(dark, 255), picture(rng)))
+    assert not blind((picture(rng), picture(rng, contrast=5.0)))
+    for level in (40, 120, 230):
+        wall = np.clip(np.rint(level + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
+        assert not blind((wall, picture(rng)))
+    for level, row in product((0, 90), range(0, 40, 4)):
+        image = np.full((48, 64, 3), level, np.uint8)
+        image[row : row + 8, 20:28] = (25, 200, 60)
+        assert not blind((picture(rng), image))
 
 
 @pytest.mark.parametrize("n", [10, 40])
@@ -67,24 +64,9 @@ def test_a_covered_sensor_with_hot_pixels_is_blind(rng, n):
     for y, x in rng.choice(grid, n, replace=False):
         dark[y - 1 : y + 2, x - 1 : x + 2, rng.integers(3)] = 255 * tent
     assert dark.std(axis=(0, 1)).max() > 2.0
-    assert Blindness().step(pair(picture(rng), dark, 0.0))
+    assert blind((picture(rng), dark))
     dark[100:108, 100:108] = (25, 200, 60)  # something that is seen
-    assert not Blindness().step(pair(picture(rng), dark, 0.0))
-
-
-@pytest.mark.parametrize("level", [0, 90])
-def test_something_small_before_a_black_or_plain_ground_is_seen(rng, level):
-    for row in range(0, 40, 4):
-        image = np.full((48, 64, 3), level, np.uint8)
-        image[row : row + 8, 20:28] = (25, 200, 60)
-        assert not Blindness().step(pair(picture(rng), image, 0.0))
-
-
-def test_a_plain_wall_in_the_light_is_seen(rng):
-    """A white wall under a camera of little noise."""
-    for level in (40, 120, 230):
-        wall = np.clip(np.rint(level + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
-        assert not Blindness().step(pair(wall, picture(rng), 0.0))
+    assert not blind((picture(rng), dark))
 
 
 @pytest.mark.parametrize(
@@ -92,7 +74,7 @@ def test_a_plain_wall_in_the_light_is_seen(rng):
 )
 def test_black_has_less_than_sixteen_levels_in_each_channel(rgb, is_dark, rng):
     dim = np.clip(np.rint(rgb + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
-    assert Blindness().step(pair(picture(rng), dim, 0.0)) == is_dark
+    assert blind((picture(rng), dim)) == is_dark
 
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
@@ -108,11 +90,10 @@ def test_a_frame_comes_after_the_last_one_in_both_eyes(rng):
             check(StereoFrame(*images, left_s, right_s), RIG, (0.1, 0.2))
 
 
-@pytest.mark.parametrize("shape", [(48, 64, 4), (64, 48, 3), (48, 64)])
-def test_a_frame_has_the_images_of_its_cameras(shape, rng):
-    invalid = np.zeros(shape, np.uint8)
+@pytest.mark.parametrize("invalid", [np.zeros(shape, np.uint8) for shape in ((48, 64, 4), (64, 48, 3), (48, 64))])
+def test_a_frame_has_the_images_of_its_cameras(invalid, rng):
     for images, name in (((invalid, picture(rng)), "left"), ((picture(rng), invalid), "right")):
         with pytest.raises(InputError, match=rf"{name} image .*expected \(48, 64, 3\) uint8"):
             check(StereoFrame(*images, 0.0, 0.0), RIG, (-np.inf, -np.inf))
     with pytest.raises(InputError, match=r"right image .* int16"):
-        check(StereoFrame(picture(rng), picture(rng).astype(np.int16), 0.0, 0.0), RIG, (-np.inf, -np.inf))  # type: ignore[arg-type]
+        check(StereoFrame(picture(rng), picture(rng).astype(np.int16), 0.0, 0.0), RIG, (-np.inf, -np.inf))

@@ -31,10 +31,8 @@ def drawn(*discs: tuple[int, int, int]) -> Image:
 @pytest.mark.parametrize("tolerance_deg", [20.0, 35.0, 90.0])
 def test_hues_within_the_tolerance_count_around_the_whole_circle(hue_deg, tolerance_deg):
     params = MarkerParams(hue_deg, tolerance_deg)
-    for off in (-tolerance_deg + 3, 0.0, tolerance_deg - 3):
-        assert threshold(params, plain((hue_deg + off) % 360)).item() == 255
-    for off in (-tolerance_deg - 3, 180.0, tolerance_deg + 3):
-        assert threshold(params, plain((hue_deg + off) % 360)).item() == 0
+    for off in (-tolerance_deg - 3, -tolerance_deg + 3, 0.0, tolerance_deg - 3, tolerance_deg + 3, 180.0):
+        assert (threshold(params, plain((hue_deg + off) % 360)).item() == 255) == (abs(off) < tolerance_deg)
 
 
 def test_pale_and_dark_colours_do_not_count():
@@ -51,41 +49,37 @@ def test_a_hue_or_tolerance_that_is_none_is_refused(change):
 
 
 def test_the_largest_comes_first_and_at_most_four():
-    markers = find_markers(
-        MarkerParams(), drawn((20, 20, 4), (60, 20, 9), (110, 30, 6), (30, 80, 12), (90, 90, 5)), OPTICS
-    )
-    centers = [marker.center_px.round().tolist() for marker in markers]
+    """A round blob before a longer one of more area; a speck of fewer than 8 px is none."""
+    image = drawn((20, 20, 4), (60, 20, 9), (110, 30, 6), (30, 80, 12), (90, 90, 5))
+    centers = [marker.center_px.round().tolist() for marker in find_markers(MarkerParams(), image, OPTICS)]
     assert centers == [[30, 80], [60, 20], [110, 30], [90, 90]]
-
-
-def test_a_round_blob_comes_before_a_longer_one_of_more_area():
     image = drawn((40, 60, 8))
     image[20:25, 70:150] = GREEN
     assert find_markers(MarkerParams(), image, OPTICS)[0].center_px == pytest.approx([40, 60], abs=0.3)
-
-
-def test_a_speck_is_no_marker():
     image = drawn()
-    image[50:52, 50:54] = GREEN  # 8 px, the least
+    image[50:52, 50:54] = GREEN
     image[80:82, 80:83] = GREEN
     markers = find_markers(MarkerParams(), image, OPTICS)
     assert [marker.center_px.round(1).tolist() for marker in markers] in ([[51.5, 50.5]], [])
     assert len(find_markers(MarkerParams(), drawn((50, 50, 3)), OPTICS)) == 1
 
 
-def test_only_the_square_that_is_asked_for_is_searched():
-    image = drawn((40, 60, 6), (110, 60, 6))
-    assert [
-        marker.center_px[0].round() for marker in find_markers(MarkerParams(), image, OPTICS, near=(112, 58, 20))
-    ] == [110]
-    assert len(find_markers(MarkerParams(), image, OPTICS, near=(75, 60, 20))) == 0
-    assert len(find_markers(MarkerParams(), image, OPTICS, near=(75, 60, 60))) == 2
-    for beyond in ((-50, 60, 20), (300, 60, 20), (75, -50, 20), (75, 300, 20)):
-        assert find_markers(MarkerParams(), image, OPTICS, near=beyond) == []
-    corner = drawn((4, 4, 3), (155, 115, 3))
-    for near, expected in (((0, 0, 9), [4, 4]), ((159, 119, 9), [155, 115])):
-        (marker,) = find_markers(MarkerParams(), corner, OPTICS, near=near)
-        assert marker.center_px == pytest.approx(expected, abs=0.3)
+@pytest.mark.parametrize(
+    ("near", "columns"),
+    [
+        ((112, 58, 20), [110]),
+        ((75, 60, 20), []),
+        ((75, 60, 60), [40, 110]),
+        *((beyond, []) for beyond in ((-50, 60, 20), (300, 60, 20), (75, -50, 20), (75, 300, 20))),
+        ((0, 0, 9), [4]),
+        ((159, 119, 9), [155]),
+    ],
+)
+def test_only_the_square_that_is_asked_for_is_searched(near, columns):
+    markers = find_markers(
+        MarkerParams(), drawn((40, 60, 6), (110, 60, 6), (4, 4, 3), (155, 115, 3)), OPTICS, near=near
+    )
+    assert sorted(marker.center_px[0].round() for marker in markers) == columns
 
 
 def test_what_does_not_differ_from_the_background_is_left_out():

@@ -44,30 +44,27 @@ def test_opening_keeps_what_a_disc_reaches_that_fits_up_to_the_images_border(rad
 def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for():
     large = rectangle(5, 5, 25, 25)
     small = rectangle(40, 5, 45, 10)
-    touching_at_a_corner = rectangle(25, 25, 30, 30)
-    mask = large | small | touching_at_a_corner
-    result = masks.component(mask, rectangle(20, 0, 50, 10))
-    assert result is not None
-    assert np.array_equal(result, large)  # 5 × 5 px each of one and other; the first
-    result = masks.component(mask, rectangle(21, 0, 50, 10))
-    assert result is not None
-    assert np.array_equal(result, small)
+    mask = large | small | rectangle(25, 25, 30, 30)  # touching at a corner
+    for seed, expected in (((20, 0, 50, 10), large), ((21, 0, 50, 10), small)):  # of as many pixels, the first
+        np.testing.assert_array_equal(masks.component(mask, rectangle(*seed)), expected)
     assert masks.component(mask, rectangle(0, 40, 20, 60)) is None
 
 
 def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop():
     ring = disc(40, 30, 25)
     large = disc(40, 30, 10)
-    small = rectangle(55, 30, 57, 32)
-    mask = ring & ~large & ~small
-    assert np.array_equal(masks.filled(mask), ring)
+    mask = ring & ~large & ~rectangle(55, 30, 57, 32)  # 4 px are less than 1 % of it
     everywhere = np.ones_like(mask)
-    assert np.array_equal(masks.filled(mask, everywhere), ring & ~large)  # 4 px are less than 1 % of it
-    assert np.array_equal(masks.filled(mask, ~everywhere), ring)
-    left = large & (np.arange(80) < 40)
-    assert np.array_equal(masks.filled(mask, left), ring)  # less than half of the hole
-    right = large & (np.arange(80) >= 38)
-    assert np.array_equal(masks.filled(mask, right), ring & ~large)
+    left_half = large & (np.arange(80) < 40)
+    right_half = large & (np.arange(80) >= 38)
+    for backdrop, expected in (
+        (None, ring),
+        (everywhere, ring & ~large),
+        (~everywhere, ring),
+        (left_half, ring),  # less than half of the hole
+        (right_half, ring & ~large),
+    ):
+        np.testing.assert_array_equal(masks.filled(mask, *([] if backdrop is None else [backdrop])), expected)
 
 
 @pytest.mark.parametrize(

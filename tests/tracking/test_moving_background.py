@@ -64,16 +64,10 @@ def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng):
 
 
 def test_nothing_moves_and_nothing_differs(rng):
-    """Except at the side where new background comes into view."""
+    """Except at the side where new background comes into view; with a pose that is 1.5° off everything does."""
     background = learned(rng, 12)
     image, _ = seen(turned(12), rng)
     assert background.moving.differs(image, turned(12), (40, 10, 280, 230)).mean() < 1e-3
-
-
-def test_a_mistaken_pose_changes_everything(rng):
-    """The same with a pose that is 1.5° off: it is the pose that makes the wall rest."""
-    background = learned(rng, 12)
-    image, _ = seen(turned(12), rng)
     assert background.moving.differs(image, turned(12, deg=1.125), (40, 10, 280, 230)).mean() > 0.1
 
 
@@ -103,28 +97,13 @@ def test_the_tracked_object_s_place_is_kept(rng):
     """An object that rests for seconds before a turning eye is not learned while it is tracked."""
     background = learned(rng, 12)
     direction = turned(12).rays([150.0, 120.0])
-    for k in range(12, 40):
+    for k in range(12, 32):
         view = turned(24 - k if k > 18 else k)
         u, v = view.project(view.center + WALL_M * direction)
         image, disc = seen(view, rng, (u, v))
         background.update(image, view, DT * k, (u - RADIUS, v - RADIUS, 2 * RADIUS, 2 * RADIUS))
-        if k > 30:
-            break
-    x0 = int(u) - 30
-    y0 = int(v) - 30
-    mask = background.moving.differs(image, view, (x0, y0, x0 + 60, y0 + 60))
-    assert overlap(mask, disc[y0 : y0 + 60, x0 : x0 + 60]) > 0.75
-
-
-def still(rng: np.random.Generator, *images: tuple[float, bool]) -> tuple[MovingBackground, float]:
-    """Background of an eye at rest learned from images at these stamps, some with a disc in the middle; and the share
-    of the disc that is foreground."""
-    background = MovingBackground(EgoMotion(LEFT_EYE))
-    at = (160.0, 120.0)
-    for stamp_s, with_disc in images:
-        background.update(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s, None)
-    image, disc = seen(turned(0), rng, at)
-    return background, float(background.differs(image, turned(0), WHOLE)[disc].mean())
+    box = (int(u) - 30, int(v) - 30, int(u) + 30, int(v) + 30)
+    assert overlap(background.moving.differs(image, view, box), disc[box[1] : box[3], box[0] : box[2]]) > 0.75
 
 
 @pytest.mark.parametrize(
@@ -139,7 +118,13 @@ def still(rng: np.random.Generator, *images: tuple[float, bool]) -> tuple[Moving
     ],
 )
 def test_what_looks_the_same_half_a_second_later_rests(images, is_object, rng):
-    _, share = still(rng, *images)
+    """Images at these stamps of an eye at rest, some with a disc in the middle."""
+    background = MovingBackground(EgoMotion(LEFT_EYE))
+    at = (160.0, 120.0)
+    for stamp_s, with_disc in images:
+        background.update(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s, None)
+    image, disc = seen(turned(0), rng, at)
+    share = background.differs(image, turned(0), WHOLE)[disc].mean()
     assert share > 0.95 if is_object else share < 0.05
 
 
