@@ -19,31 +19,20 @@ def test_gaze_columns_move_what_gaze_of_reads(robot):
     np.testing.assert_allclose(moved, expected, atol=1e-12)
 
 
-def test_the_range_is_the_narrower_of_js_and_the_robots(robot):
-    lower, upper = gaze_range(GazeLimits(), robot.at(np.zeros(robot.n_joints)))
-    np.testing.assert_allclose(lower / DEG, [-55, -40, -35, 5])
-    np.testing.assert_allclose(upper / DEG, [55, 30, 15, 90])  # J's 40° of pitch, the iCub's 30°
-
-
-def test_eyes_turned_aside_have_less_room_to_converge(robot):
-    """With a version of 20° the left eye's 50° leave 60° of vergence."""
-    q = set_gaze(robot, np.zeros(robot.n_joints), version=20 * DEG, vergence=10 * DEG)
-    np.testing.assert_allclose(gaze_range(GazeLimits(), robot.at(q))[1][3] / DEG, 60)
-    q = set_gaze(robot, np.zeros(robot.n_joints), version=-20 * DEG, vergence=10 * DEG)
-    np.testing.assert_allclose(gaze_range(GazeLimits(), robot.at(q))[1][3] / DEG, 60)
-
-
-@pytest.mark.parametrize(("left", "right"), [(55, 52), (-51, -58)])
-def test_with_both_eyes_beyond_their_limits_the_vergence_stays(robot, left, right):
+@pytest.mark.parametrize(
+    ("left_deg", "right_deg", "vergence_deg"),
+    [
+        (0, 0, (5, 90)),
+        (25, 15, (5, 60)),  # with a version of 20° the left eye's 50° leave 60° of vergence
+        (-15, -25, (5, 60)),
+        (49, 49, (2, 2)),  # J's range ends at the robot's: by 2° at most, where J asks for 5°
+        (55, 52, (3, 3)),  # with both eyes beyond their limits the vergence stays
+        (-51, -58, (7, 7)),
+    ],
+)
+def test_the_range_is_the_narrower_of_js_and_the_robots(robot, left_deg, right_deg, vergence_deg):
     q = np.zeros(robot.n_joints)
-    q[robot.indices(robot.names.gaze_joints[3:])] = left * DEG, right * DEG
+    q[robot.indices(robot.names.gaze_joints[3:])] = left_deg * DEG, right_deg * DEG
     lower, upper = gaze_range(GazeLimits(), robot.at(q))
-    assert lower[3] == upper[3] == pytest.approx((left - right) * DEG)
-    np.testing.assert_allclose(lower[:3] / DEG, [-55, -40, -35])
-
-
-def test_js_range_ends_at_the_robots(robot):
-    """Eyes turned aside by 49° converge by 2° at most, where J asks for 5°."""
-    q = set_gaze(robot, np.zeros(robot.n_joints), version=49 * DEG, vergence=0.0)
-    lower, upper = gaze_range(GazeLimits(), robot.at(q))
-    np.testing.assert_allclose([lower[3] / DEG, upper[3] / DEG], [2, 2])
+    np.testing.assert_allclose(lower / DEG, [-55, -40, -35, vergence_deg[0]])
+    np.testing.assert_allclose(upper / DEG, [55, 30, 15, vergence_deg[1]])  # J's 40° of pitch, the iCub's 30°

@@ -88,10 +88,7 @@ def test_the_eyes_compensate_for_the_torso(robot):
     trunk[robot.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = np.array([25, 10, 15]) * DEG
     q = gaze_at(robot, home(robot), AHEAD)
     with_it, without = (
-        max(
-            fixation_error(robot.at(q_followed), AHEAD)
-            for q_followed in follow(robot, q, AHEAD, 20, trunk, compensates)
-        )
+        max(fixation_error(robot.at(q), AHEAD) for q in follow(robot, q, AHEAD, 20, trunk, compensates))
         for compensates in (True, False)
     )
     assert with_it < 0.3 * DEG
@@ -131,12 +128,9 @@ def test_the_error_decreases_by_twelve_and_a_half_times_itself_per_second(robot)
 
 def test_the_neck_takes_over_from_eyes_turned_aside_at_twelve_times_their_angle_per_second(robot):
     """In a step of 10 ms it has taken 12 % of how far the point is aside of eyes that look ahead."""
-    q = gaze_at(robot, home(robot), AHEAD)
-    q = set_gaze(robot, q, version=3 * DEG, tilt=-2 * DEG)
+    q = set_gaze(robot, gaze_at(robot, home(robot), AHEAD), version=3 * DEG, tilt=-2 * DEG)
     p = fixation_point(robot.at(q))
     dq = neck_and_eyes.step(PARAMS, robot.at(q), p, np.zeros(3), 0.01, 0.0, None).dq_rad_s
-    ahead = [
-        features(robot.at(set_gaze(robot, q_start, tilt=0.0, version=0.0)), p)[0] for q_start in (q, q + 0.01 * dq)
-    ]
-    np.testing.assert_allclose(ahead[1][1:], 0.88 * ahead[0][1:], atol=2e-4)
-    assert np.abs(ahead[0][1:]).min() > 1.5 * DEG
+    aside, after = (features(robot.at(set_gaze(robot, q, tilt=0.0, version=0.0)), p)[0][1:] for q in (q, q + 0.01 * dq))
+    np.testing.assert_allclose(after, 0.88 * aside, atol=2e-4)
+    assert np.abs(aside).min() > 1.5 * DEG

@@ -68,7 +68,22 @@ class Log:
         np.testing.assert_allclose(self.q[-1][ARM], HOME_ARM_RAD, atol=within_rad)
 
 
-HOME = tuple(a[SKIN.index("left_forearm:3")] for a in SKIN.at(ROBOT.at(home(ROBOT))))
+def taxel_at(q: Array) -> tuple[Array, Array]:
+    """Place and normal (3,) of a taxel of the forearm."""
+    positions, normals = SKIN.at(ROBOT.at(q))
+    k = SKIN.index("left_forearm:3")
+    return positions[k], normals[k]
+
+
+HOME = taxel_at(home(ROBOT))
+STRAIGHT_DEG = (-30, 20, 0, 5.5, 0, 0, 0)
+
+
+def away_from_home(posture_deg: tuple[float, ...]) -> tuple[Array, tuple[Array, Array]]:
+    """A configuration with these angles of the arm, and where the taxel is then."""
+    start = home(ROBOT)
+    start[ARM] = np.deg2rad(posture_deg)
+    return start, taxel_at(start)
 
 
 def visit(t: float, point: Array = HOME[0], normal: Array = HOME[1]) -> tuple[Array, Array]:
@@ -125,37 +140,26 @@ def test_the_eyes_keep_the_object_in_view_while_the_arm_avoids(gaze):
     rig = icub_rig(ROBOT)
     log = encounter(start=start, fixation=GAZES[gaze])
     avoiding = [k for k, mode in enumerate(log.modes) if mode == "avoid"]
-
-    def in_view(k: int, q: Array) -> bool:
-        view = rig.view(q)
-        p = visit(k * DT)[0]
-        return view.left.sees(p) and view.right.sees(p)
-
     assert len(avoiding) > 20
-    assert all(in_view(k, log.q[k]) for k in avoiding)
-    assert not all(in_view(k, start) for k in avoiding)
+    for qs, expected in ((log.q, True), ([start] * len(log.q), False)):
+        views = [(rig.view(qs[k]), visit(k * DT)[0]) for k in avoiding]
+        assert all(view.left.sees(p) and view.right.sees(p) for view, p in views) == expected
 
 
-@pytest.mark.parametrize("posture_deg", [(-30, 20, 0, 5.5, 0, 0, 0), (-30, 23, -8, 106, -46, 0, 0)])
+@pytest.mark.parametrize("posture_deg", [STRAIGHT_DEG, (-30, 23, -8, 106, -46, 0, 0)])
 def test_an_arm_that_is_straight_and_an_elbow_at_its_limit(posture_deg):
-    start = home(ROBOT)
-    start[ARM] = np.deg2rad(posture_deg)
-    point, normal = (a[SKIN.index("left_forearm:3")] for a in SKIN.at(ROBOT.at(start)))
-
-    at_home = SKIN.at(ROBOT.at(home(ROBOT)))[0][SKIN.index("left_forearm:3")]
-    log = encounter(lambda t: visit(t, point, normal), start=start)
+    start, place = away_from_home(posture_deg)
+    log = encounter(lambda t: visit(t, *place), start=start)
     assert "avoid" in log.modes
     log.at_rest_at_home()
     assert log.reversals() <= 3
-    assert np.linalg.norm(point - at_home) > 0.02, "else it is home"
+    assert np.linalg.norm(place[0] - HOME[0]) > 0.02, "else it is home"
 
 
 def test_an_object_that_stays_on_the_way_home():
     """The arm tries once, then waits out of its way without swinging to and fro."""
-    start = home(ROBOT)
-    start[ARM] = np.deg2rad((-30, 20, 0, 5.5, 0, 0, 0))
-    point, normal = (a[SKIN.index("left_forearm:3")] for a in SKIN.at(ROBOT.at(start)))
-    log = encounter(lambda t: visit(min(t, 2.0), point, normal), start=start, seconds=8.0)
+    start, place = away_from_home(STRAIGHT_DEG)
+    log = encounter(lambda t: visit(min(t, 2.0), *place), start=start, seconds=8.0)
     assert log.modes[-1] == "hold"
     assert not np.any(np.array(log.dq)[-40:, ARM])
     assert log.reversals() <= 4
@@ -258,13 +262,6 @@ def test_activation_that_flickers_about_the_threshold(period):
     assert log.reversals() <= 2 * 80 // period
 
 
-def test_all_taxels_active():
-    log = drive(lambda k: np.full(16, float(k < 60)))
-    assert "avoid" in log.modes
-    log.at_rest_at_home()
-    assert log.reversals() <= 2
-
-
 @pytest.mark.parametrize("ratio", [1.0, 0.999])
 def test_opposite_normals_cancel(ratio):
     """Two stimuli on opposite sides: the arm does not change sides with their noise."""
@@ -273,12 +270,14 @@ def test_opposite_normals_cancel(ratio):
     opposite = int(np.argmin(normals[:12] @ normals[near]))
     assert np.linalg.norm(normals[near] + normals[opposite]) < 1.0, "else this is no test"
     rng = np.random.default_rng(0)
-
-    def activations(k: int) -> Array:
-        a = np.zeros(16)
-        a[[near, opposite]] = np.array([0.9, 0.9 * ratio]) + 0.01 * rng.standard_normal(2)
-        return a * (k < 60)
-
-    log = drive(activations)
+    mean = 0.9 * (np.eye(16)[near] + ratio * np.eye(16)[opposite])
+    log = drive(lambda k: (mean + 0.01 * rng.standard_normal(16) * (mean > 0)) * (k < 60))
     log.at_rest_at_home()
     assert log.reversals() <= 3
+
+
+def test_all_taxels_active():
+    log = drive(lambda k: np.full(16, float(k < 60)))
+    assert "avoid" in log.modes
+    log.at_rest_at_home()
+    assert log.reversals() <= 2

@@ -18,38 +18,36 @@ def disc(radius: int, level: float) -> tuple[Image, Mask]:
     return image, mask.astype(bool)
 
 
-@pytest.mark.parametrize(("covered", "learned", "share"), [(60, 0, 0.0), (0, 60, 1.0), (60, 50, 0.0), (50, 60, 1.0)])
-def test_the_stronger_edge_decides(covered, learned, share):
+@pytest.mark.parametrize(
+    ("radius", "covered", "learned", "gain", "known_to", "share"),
+    [
+        # the stronger edge decides
+        (20, 60, 0, 1.0, 120, 0.0),
+        (20, 0, 60, 1.0, 120, 1.0),
+        (20, 60, 50, 1.0, 120, 0.0),
+        (20, 50, 60, 1.0, 120, 1.0),
+        # 60 levels are as many as 50 under a light 1.2 times as bright
+        (20, 60, 50, 1.1, 120, 0.0),
+        (20, 60, 50, 1.3, 120, 1.0),
+        # the left half of an edge of 80 px, and a fifth, where too few points of the edge are known
+        (14, 0, 60, 1.0, 60, 1.0),
+        (14, 0, 60, 1.0, 48, None),
+    ],
+)
+def test_the_stronger_edge_decides_where_the_background_is_known(radius, covered, learned, gain, known_to, share):
     """All around a disc; also in a box, whose corner the mask begins at."""
-    image, mask = disc(20, covered)
-    mean, _ = disc(20, learned)
-    assert edge_of_background(image, mean.astype(np.float32), 1.0, mask, WHOLE) == share
-    part = mask[20:70, 30:90].copy()
-    assert edge_of_background(image, mean.astype(np.float32), 1.0, part, (30, 20, 90, 70)) == share
-
-
-@pytest.mark.parametrize(("gain", "share"), [(1.1, 0.0), (1.3, 1.0)])
-def test_a_brighter_light_makes_the_background_s_edge_stronger(gain, share):
-    """60 levels are as many as 50 under a light 1.2 times as bright."""
-    image, mask = disc(20, 60)
-    mean, _ = disc(20, 50)
-    measured = edge_of_background(image, mean.astype(np.float32), gain, mask, WHOLE)
-    assert measured == pytest.approx(share, abs=0.05)
-
-
-@pytest.mark.parametrize(("known_to", "share"), [(60, 1.0), (48, None)])
-def test_only_where_the_background_is_known(known_to, share):
-    """The left half of an edge of 80 px at 60 px, a fifth at 48 px, where too few points of the edge are known."""
-    image, mask = disc(14, 0)
-    mean = disc(14, 60)[0].astype(np.float32)
+    image, mask = disc(radius, covered)
+    mean = disc(radius, learned)[0].astype(np.float32)
     mean[:, known_to:] = -1.0
-    assert edge_of_background(image, mean, 1.0, mask, WHOLE) == share
+    expected = share if share is None else pytest.approx(share, abs=0.05 if gain != 1.0 else 0.0)
+    assert edge_of_background(image, mean, gain, mask, WHOLE) == expected
+    assert edge_of_background(image, mean, gain, mask[20:70, 30:90].copy(), (30, 20, 90, 70)) == expected
 
 
 def test_the_image_s_border_is_no_edge():
     """Half of a disc is in view: only edge points whose both sides lie in the image count."""
     image, mask = disc(20, 0)
-    mean, _ = disc(20, 60)
+    mean = disc(20, 60)[0].astype(np.float32)
     cut = np.s_[:, 60:]
-    share = edge_of_background(image[cut].copy(), mean[cut].astype(np.float32), 1.0, mask[cut].copy(), (0, 0, 60, 90))
+    share = edge_of_background(image[cut].copy(), mean[cut].copy(), 1.0, mask[cut].copy(), (0, 0, 60, 90))
     assert share == 1.0
