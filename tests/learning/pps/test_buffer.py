@@ -43,13 +43,15 @@ def test_grid_of_50_ms_back_from_the_last_sample(step_s):
 
 
 def test_between_two_samples_a_series_is_a_straight_line():
-    """Up and down, at any steps: NumPy's own interpolation."""
+    """Up and down, at any steps: NumPy's own interpolation.  One sample is one row."""
     stamps = np.cumsum([0.0, 0.03, 0.08, 0.11, 0.02, 0.14, 0.05, 0.07])
-    rng = np.random.default_rng(2)
-    heights = rng.uniform(0.0, 0.2, len(stamps))
+    heights = np.random.default_rng(2).uniform(0.0, 0.2, len(stamps))
     D, _ = series(filled(stamps, lambda t: np.interp(t, stamps, heights)))
     assert len(D) == 11
     np.testing.assert_allclose(D[:, 0], np.interp(0.5 - 0.05 * np.arange(10, -1, -1), stamps, heights), atol=1e-12)
+    D, TTC = series(filled([1.0]))
+    assert D.shape == TTC.shape == (1, 2)
+    assert D[0, 0] == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize(("gap_s", "is_bridged"), [(0.14, True), (0.2, False)])
@@ -67,18 +69,11 @@ def test_absent_and_infinite_samples_do_not_spread():
     np.testing.assert_array_equal(np.isfinite(TTC), np.isfinite(D))
 
 
-def test_one_sample_and_none():
-    D, TTC = series(filled([1.0]))
-    assert D.shape == TTC.shape == (1, 2)
-    assert D[0, 0] == pytest.approx(0.15)
-    with pytest.raises(ValueError, match="a buffer without samples"):
-        resample(EventBuffer(), np.arange(2))
-
-
 def test_refuses_a_stamp_that_does_not_advance_and_other_taxels():
     buffer = filled([1.0])
-    with pytest.raises(ValueError, match=r"stamp 1.0 s after 1.0 s"):
-        push(buffer, sample(1.0, [0.1, 0.1], [1.0, 1.0]))
     events = TaxelEvents(2.0, ("a",), np.zeros(1), np.zeros(1), np.zeros(1, bool))
-    with pytest.raises(ValueError, match="own taxels"):
-        push(buffer, events)
+    for wrong, message in ((sample(1.0, [0.1, 0.1], [1.0, 1.0]), "stamp 1.0 s after 1.0 s"), (events, "own taxels")):
+        with pytest.raises(ValueError, match=message):
+            push(buffer, wrong)
+    with pytest.raises(ValueError, match="a buffer without samples"):
+        resample(EventBuffer(), np.arange(2))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState, finish, miss, step
@@ -27,29 +28,26 @@ def samples(state):
     return state.memory.counts.sum(axis=(1, 2)).tolist()
 
 
-def test_no_touch_teaches_nothing():
-    assert samples(run([[]] * 40)) == [[0, 0]] * 4
-
-
-def test_taxels_touched_one_after_the_other_are_one_contact():
-    state = run([[]] * 10 + [[0], [0, 2], []])
-    assert samples(state) == [[11, 0], [0, 11], [11, 0], [0, 11]]
-
-
-def test_a_touch_is_learned_when_it_ends_or_lasts():
-    assert samples(run([[]] * 10 + [[1]] * 12)) == [[0, 0]] * 4  # 0.55 s
-    long = run([[]] * 10 + [[1]] * 13)
-    assert samples(long) == [[0, 11], [11, 0], [0, 11], [0, 11]]
-    assert samples(run([[]] * 3, long, start=2.0)) == samples(long)  # its end teaches nothing more
-
-
-def test_the_next_contact_starts_from_a_fresh_buffer():
-    state = run([[]] * 10 + [[0], []] + [[]] * 5 + [[0], []])
-    assert samples(state) == [[11 + 6, 0]] + [[0, 17]] * 3
+@pytest.mark.parametrize(
+    ("touches", "expected"),
+    [
+        ([[]] * 40, [[0, 0]] * 4),  # no touch teaches nothing
+        ([[]] * 10 + [[0], [0, 2], []], [[11, 0], [0, 11], [11, 0], [0, 11]]),  # one after the other: one contact
+        ([[]] * 10 + [[1]] * 12, [[0, 0]] * 4),  # 0.55 s: it has not ended
+        ([[]] * 10 + [[1]] * 13, [[0, 11], [11, 0], [0, 11], [0, 11]]),  # it lasts
+        ([[]] * 10 + [[1]] * 13 + [[]] * 3, [[0, 11], [11, 0], [0, 11], [0, 11]]),  # its end teaches nothing more
+        ([[]] * 10 + [[0], []] + [[]] * 5 + [[0], []], [[11 + 6, 0]] + [[0, 17]] * 3),  # each from a fresh buffer
+    ],
+)
+def test_a_touch_is_learned_when_it_ends_or_lasts(touches, expected):
+    assert samples(run(touches)) == expected
 
 
 def test_a_contact_cut_off_by_the_end_can_be_finished_once():
-    state = finish(run([[]] * 4 + [[3]]))
+    """And is no miss."""
+    cut_off = run([[]] * 4 + [[3]])
+    assert miss(cut_off) is cut_off
+    state = finish(cut_off)
     assert samples(state) == [[0, 5]] * 3 + [[5, 0]]
     assert finish(state) is state
 
@@ -58,11 +56,6 @@ def test_a_miss_is_negative_for_every_taxel_once():
     state = miss(run([[]] * 10 + [[1], []] + [[]] * 5))
     assert samples(state) == [[0, 11 + 5], [11, 5], [0, 16], [0, 16]]
     assert samples(miss(state)) == samples(state)
-
-
-def test_a_contact_is_no_miss():
-    state = run([[]] * 4 + [[3]])
-    assert miss(state) is state
 
 
 def test_a_stale_sample_is_rejected_and_counted():
@@ -77,8 +70,11 @@ def test_a_stale_sample_is_rejected_and_counted():
     assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 6, 0)
 
 
-def test_after_a_reset_clock_learning_goes_on():
-    state = run([[]] * 10, start=1e9)
+@pytest.mark.parametrize(("last", "start_s"), [([], 1e9), ([[0]], 20.0)])
+def test_after_a_reset_clock_learning_goes_on(last, start_s):
+    """It ends a contact, which teaches nothing."""
+    state = run([[]] * 10 + last, start=start_s)
+    assert (state.contact is not None) == bool(last)
     state = run([[]] * 10 + [[1], []], state, start=5.0)
     assert samples(state) == [[0, 11], [11, 0], [0, 11], [0, 11]]
     assert state.stale == 0
@@ -92,10 +88,3 @@ def test_a_touch_by_an_unseen_object_teaches_nothing_and_is_counted():
         state = step(state, TaxelEvents(0.05 * k, SKIN.taxel_ids, nothing, nothing, touched))
     assert samples(state) == [[0, 0]] * 4
     assert (state.stale, state.unseen) == (0, 1)
-
-
-def test_a_reset_clock_ends_a_contact():
-    touching = run([[]] * 10 + [[0]], start=20.0)
-    assert touching.contact is not None
-    after = run([[]] * 10 + [[1], []], touching, start=1.0)
-    assert samples(after) == [[0, 11], [11, 0], [0, 11], [0, 11]]

@@ -180,16 +180,6 @@ def test_what_was_asked_twice_does_no_harm(learned):
     assert wrong < wrong_once + 0.005
 
 
-def test_saved_and_loaded_judges_the_same(learned, fresh, tmp_path):
-    learned.save(tmp_path / "map.npz")
-    again = ReachableMap.load(tmp_path / "map.npz")
-    saved, loaded = (maps.query(fresh.gaze_rad[:50]) for maps in (learned, again))
-    np.testing.assert_array_equal(loaded.probability, saved.probability)
-    np.testing.assert_array_equal(loaded.degree, saved.degree)
-    assert (again.side, again.limits) == ("right", LIMITS)
-    np.testing.assert_array_equal(again.labels.border_rad, learned.labels.border_rad)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

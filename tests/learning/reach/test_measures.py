@@ -42,28 +42,24 @@ def best_measure(side, end_point, params, gaze):
     return best
 
 
-def test_an_end_point_is_where_the_skin_is():
-    rng = np.random.default_rng(SEED)
+@pytest.mark.parametrize(
+    ("side", "name"), [("left", "left_forearm:27"), ("right", "right_forearm:39"), ("right", "right_palm:101")]
+)
+def test_an_end_point_is_where_the_skin_is(side, name):
+    """The palm is the origin of its frame and faces as its skin."""
     skin = icub_skin()
-    for side, name in (("left", "left_forearm:27"), ("right", "right_forearm:39"), ("right", "right_palm:101")):
-        point = EndPoint.of(ROBOT, side, name, 4)
-        q = np.zeros(ROBOT.n_joints)
-        arm = rng.uniform(0, 0.5, 4)
-        q[ROBOT.indices(ROBOT.names.arm(side)[:4])] = arm
-        positions, normals = skin.at(ROBOT.at(q))
-        k = skin.index(name)
-        np.testing.assert_allclose(point.positions(arm[None])[0][0], positions[k], atol=1e-9)
-        np.testing.assert_allclose(point.normals(arm[None])[0], normals[k], atol=1e-9)
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_palm_is_the_origin_of_its_frame_and_faces_as_its_skin(side):
-    skin = icub_skin()
-    point = EndPoint.of(ROBOT, side, "palm", 4)
-    posture = ROBOT.at(np.zeros(ROBOT.n_joints))
-    np.testing.assert_allclose(point.positions(np.zeros((1, 4)))[0][0], posture.point(f"{side}_palm"), atol=1e-12)
-    k = next(k for k, name in enumerate(skin.taxel_ids) if name.startswith(f"{side}_palm"))
-    np.testing.assert_allclose(point.normals(np.zeros((1, 4)))[0], skin.at(posture)[1][k], atol=1e-12)
+    q = np.zeros(ROBOT.n_joints)
+    arm = np.random.default_rng(SEED).uniform(0, 0.5, 4)
+    q[ROBOT.indices(ROBOT.names.arm(side)[:4])] = arm
+    positions, normals = skin.at(ROBOT.at(q))
+    palm_taxel = next(k for k, taxel in enumerate(skin.taxel_ids) if taxel.startswith(f"{side}_palm"))
+    for end_point, position, normal in (
+        (name, positions[skin.index(name)], normals[skin.index(name)]),
+        ("palm", ROBOT.at(q).point(f"{side}_palm"), normals[palm_taxel]),
+    ):
+        point = EndPoint.of(ROBOT, side, end_point, 4)
+        np.testing.assert_allclose(point.positions(arm[None])[0][0], position, atol=1e-9)
+        np.testing.assert_allclose(point.normals(arm[None])[0], normal, atol=1e-9)
 
 
 def test_another_arms_taxel_is_refused():

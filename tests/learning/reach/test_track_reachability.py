@@ -54,22 +54,20 @@ def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all():
         np.testing.assert_allclose(judge(q, track(turned[:3])).gaze_rad, [-0.2, -0.3, 0.3], atol=1e-9)
 
 
-def test_nothing_tracked_is_unknown():
-    for status in (Status.SEARCHING, Status.LOST):
-        reach = TrackReachability(ROBOT, left_half())(home(ROBOT), Track3D.unknown(1.0, status))
-        assert reach.status == ReachStatus.UNKNOWN
-        assert not reach.is_reachable
-        assert np.isnan([*reach.gaze_rad, reach.probability, reach.degree]).all()
-
-
 @pytest.mark.parametrize(
-    "point",
-    [at_gaze(-0.98, 0, 0.3), at_gaze(-0.2, -0.75, 0.3), at_gaze(-0.2, -0.3, 0.08), [0.4, -0.1, 0.3], [-0.04, 0, 0.9]],
-    ids=["aside", "below", "far", "behind", "above"],
+    ("seen", "status"),
+    [
+        *((Track3D.unknown(1.0, status), ReachStatus.UNKNOWN) for status in (Status.SEARCHING, Status.LOST)),
+        (track(at_gaze(-0.98, 0, 0.3)), ReachStatus.NOT_FIXATED),  # aside
+        (track(at_gaze(-0.2, -0.75, 0.3)), ReachStatus.NOT_FIXATED),  # below
+        (track(at_gaze(-0.2, -0.3, 0.08)), ReachStatus.NOT_FIXATED),  # far
+        (track(np.array([0.4, -0.1, 0.3])), ReachStatus.NOT_FIXATED),  # behind
+        (track(np.array([-0.04, 0, 0.9])), ReachStatus.NOT_FIXATED),  # above
+    ],
 )
-def test_beyond_the_maps_limits_it_is_not_fixated_and_nothing_is_claimed(point):
-    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), track(np.array(point)))
-    assert reach.status == ReachStatus.NOT_FIXATED
+def test_of_what_is_unknown_or_beyond_the_maps_limits_nothing_is_claimed(seen, status):
+    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), seen)
+    assert reach.status == status
     assert not reach.is_reachable
     assert np.isnan([*reach.gaze_rad, reach.probability, reach.degree]).all()
 
