@@ -105,13 +105,10 @@ def arm_constraints(
     return ArmConstraints(columns, limits, preferred, rows, most)
 
 
-def arm_velocity(
-    params: ArmParams, posture: Posture, constraints: ArmConstraints, points: Sequence[MovingPoint]
-) -> Array:
+def arm_velocity(params: ArmParams, posture: Posture, bounds: ArmConstraints, points: Sequence[MovingPoint]) -> Array:
     """Joint rates (n_joints,) whose points' velocities are nearest to those commanded, by least squares.
 
-    Where a constraint forbids the motion, the points slide along it, or stop.  InputError for a velocity that is not
-    finite.
+    Where a constraint forbids the motion, the points slide along it, or stop.  InputError unless velocities are finite.
     """
     J: list[Array] = []
     velocities: list[Array] = []
@@ -119,14 +116,14 @@ def arm_velocity(
         velocity = np.asarray(point.velocity_root, dtype=float)
         if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
             raise InputError("arm", f"velocity {velocity} of {point.frame}; expected three finite numbers in m/s")
-        jacobian = posture.jacobian(point.frame, point.point)[:3, constraints.columns]
+        jacobian = posture.jacobian(point.frame, point.point)[:3, bounds.columns]
         if point.free_across:
             speed = float(np.linalg.norm(velocity))
             jacobian = (velocity / max(speed, 1e-9))[None] @ jacobian
             velocity = np.array([speed])
         J.append(np.sqrt(point.weight) * jacobian)
         velocities.append(np.sqrt(point.weight) * velocity)
-    columns, limits, preferred, rows, most = constraints
+    columns, limits, preferred, rows, most = bounds
     dq = np.zeros(posture.robot.n_joints)
     task = np.concatenate(J), np.concatenate(velocities)
     dq[columns] = solve_rates(*task, preferred, params.damping_m, limits, rows, most)

@@ -141,8 +141,7 @@ class Response:
 def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmState, Response]:
     """Advance avoidance by one control step.
 
-    InputError if an activation is not in [0, 1], their number is not that of the taxels, or the stamp is not finite or
-    before the last one.
+    InputError unless there is an activation in [0, 1] for each taxel, and a finite stamp, not before the last one.
     """
     state = observed(state, arm)
     points = _active_taxels(params, arm)
@@ -168,15 +167,13 @@ def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmSt
     return state, response(state, arm, dq)
 
 
-def control_point(
-    threshold: float, posture: Posture, skin: Skin, activations: Array
-) -> tuple[str, Array, Array] | None:
+def control_point(threshold: float, posture: Posture, skin: Skin, activation: Array) -> tuple[str, Array, Array] | None:
     """P = Σ aᵢpᵢ / Σ aᵢ and N = Σ aᵢnᵢ / k over the k taxels above `threshold` (R eq. 6); None if k = 0.
 
     Returns the frame that carries P, that of the body part with the largest Σ a; P (3,) m in it; and N (3,) in the root
     frame.  P is divided by Σ aᵢ as in R's code: as printed, divided by k, it is no point of the arm.
     """
-    a = np.where(activations > threshold, activations, 0.0)
+    a = np.where(activation > threshold, activation, 0.0)
     if not a.any():
         return None
     positions, normals = skin.at(posture)
@@ -293,10 +290,8 @@ def _bare_links(params: AvoidanceParams, arm: ArmInput) -> tuple[list[NearestPoi
     if arm.bare_links is None or not arm.track.is_known:
         return [], []
     present, *later = (
-        arm.bare_links.nearest_points(
-            arm.posture, arm.track.position + ahead_s * arm.track.velocity, arm.object_radius_m
-        )
-        for ahead_s in (0.0, 0.5 * _LINK_LEAD_S, _LINK_LEAD_S)
+        arm.bare_links.nearest_points(arm.posture, arm.track.position + s * arm.track.velocity, arm.object_radius_m)
+        for s in (0.0, 0.5 * _LINK_LEAD_S, _LINK_LEAD_S)
     )
     min_approach_m = 0.1 * params.speed_m_s * _LINK_LEAD_S  # an object at rest approaches by its velocity's noise
     approached = []
@@ -353,9 +348,7 @@ def _redirected(points: tuple[MovingPoint, ...], direction: Array | None) -> tup
     """Control points that move in a direction (3,), if there is one, at their speeds."""
     if direction is None:
         return points
-    return tuple(
-        point._replace(velocity_root=float(np.linalg.norm(point.velocity_root)) * direction) for point in points
-    )
+    return tuple(p._replace(velocity_root=float(np.linalg.norm(p.velocity_root)) * direction) for p in points)
 
 
 def _escape_direction(
@@ -400,8 +393,7 @@ def _escape_direction(
 def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Array:
     """Smallest distances (m,) m from the object's surface to the taxels' centres while the object moves on.
 
-    `rates` (m, k) rad/s of the joints at `columns` are held until a joint limit stops them; taxels follow their
-    Jacobians.
+    `rates` (m, k) rad/s of the joints at `columns` last until a joint limit stops them; taxels follow their Jacobians.
     """
     posture = arm.posture
     position = arm.track.position
@@ -420,8 +412,7 @@ def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Arra
 
 
 def clearance_rows(arm: ArmInput, near: list[NearestPoint]) -> tuple[Array, Array]:
-    """Constraints that keep points of links 3 cm from the object: their speeds (m, n_joints) towards it per joint rate,
-    and the largest ones (m,) m/s."""
+    """Links keep 3 cm from the object: speeds (m, n_joints) towards it per joint rate, and the largest (m,) m/s."""
     near = [link for link in near if np.isfinite(link.distance_m)]
     rows = np.empty((len(near), arm.posture.robot.n_joints))
     for k, link in enumerate(near):

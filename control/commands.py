@@ -28,21 +28,17 @@ def combine(commands: Sequence[JointVelocity]) -> JointVelocity:
     return JointVelocity(stamp_s, rates.sum(axis=0), hold_s)
 
 
-def posture_after(
-    q_rad: Array, commands: Sequence[JointVelocity], from_s: float, until_s: float, latency_s: float
-) -> Array:
-    """The configuration (n_joints,) at `until_s` of a robot at `q_rad` at `from_s` that obeys `commands`.
+def posture_after(q: Array, commands: Sequence[JointVelocity], from_s: float, to_s: float, latency_s: float) -> Array:
+    """The configuration (n_joints,) at `to_s` of a robot at `q` at `from_s` that obeys `commands`.
 
-    The commands are in the order of their stamps.  Each takes effect `latency_s` after its stamp and holds until the
-    next one takes effect or it expires.
+    Each of the commands, in order of stamps, takes effect `latency_s` later, until the next one does or it expires.
     """
-    q = q_rad
     for k, command in enumerate(commands):
         begin = command.stamp_s + latency_s
         end = begin + command.hold_s
         if k + 1 < len(commands):
             end = min(end, commands[k + 1].stamp_s + latency_s)
-        obeyed_s = min(end, until_s) - max(begin, from_s)
+        obeyed_s = min(end, to_s) - max(begin, from_s)
         if obeyed_s > 0:
             q = q + obeyed_s * command.dq_rad_s
     return q

@@ -1,5 +1,4 @@
-"""Double touch: bring the right index fingertip onto a taxel of the left forearm (R, "Double-touch using inverse
-kinematics").
+"""Double touch: the right index fingertip on a taxel of the left forearm (R, "Double-touch using inverse kinematics").
 
 Both arms move.  The finger opposes the taxel's normal and arrives along it, at the speed of a minimum-jerk movement
 that is planned to end under the skin and stops where it touches.
@@ -64,9 +63,8 @@ class DoubleTouching:
         self.params = params or DoubleTouchParams()
         left = robot.names.arm("left")[:5]  # the left wrist moves no forearm
         right = robot.names.arm("right")
-        self._T_root_skin, self._chain = _from_skin_to_finger(
-            robot.chain(left, part.frame), robot.chain(right, robot.names.index_tips[1])
-        )
+        arms = robot.chain(left, part.frame), robot.chain(right, robot.names.index_tips[1])
+        self._T_root_skin, self._chain = _from_skin_to_finger(*arms)
         self._columns = robot.indices(left + right)
         self._limits = robot.lower_rad[self._columns], robot.upper_rad[self._columns]
         self._self_collision = SelfCollision(robot, (_FINGER_BODY,))

@@ -1,7 +1,6 @@
 """Lean: turn the torso until an object just outside the reachable space is within it (J's outlook).
 
-The torso carries both hand and eyes, so the reachable-space map holds for any torso posture: it is queried for the gaze
-that fixates the object from each of them.
+The torso carries hand and eyes, so the reachable-space map, which takes the gaze at the object, holds in any posture.
 """
 
 from collections.abc import Callable

@@ -61,8 +61,7 @@ def limit(
     two bodies that are too near or overlap may only separate.  The self-collision distance takes precedence over the
     acceleration limit.
 
-    InputError if a rate or stamp is not finite, the stamp is before that of the last command, or the command is valid
-    for less than 0 or more than `MAX_HOLD_S`.
+    InputError if a rate or stamp is not finite, the stamp precedes the last, or `hold_s` is out of (0, MAX_HOLD_S].
     """
     check_times("command", wanted.stamp_s, wanted.hold_s, -np.inf if last is None else last.stamp_s)
     robot = posture.robot

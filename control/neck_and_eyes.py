@@ -52,9 +52,8 @@ def step(
     p, v = checked_target(p_root, v_root)
     robot = posture.robot
     neck, eyes = joints(robot)
-    lower, upper = rate_limits(
-        posture.q_rad, robot.lower_rad, robot.upper_rad, fastest(params.limits, robot), 1 / hold_s
-    )
+    q = posture.q_rad
+    lower, upper = rate_limits(q, robot.lower_rad, robot.upper_rad, fastest(params.limits, robot), 1 / hold_s)
     rates, change = change_limits(params.limits, robot, stamp_s, last)
     lower, upper = np.clip([rates - change, rates + change], lower, upper)
     preferred = np.zeros(robot.n_joints)
@@ -68,7 +67,7 @@ def step(
     converging[0, right] = 1.0
     since_s = stamp_s - last.stamp_s if last is not None else 0.0
     period_s = since_s if 0 < since_s < hold_s else hold_s
-    most = [(posture.q_rad[left] - posture.q_rad[right]) / period_s]
+    most = [(q[left] - q[right]) / period_s]
     head = neck + eyes
     limits = lower[head], upper[head]
     dx = -params.eyes_per_s * x - dx_dp @ v

@@ -97,8 +97,7 @@ def _fastest_touch(params: ReachingParams, motion: ArmMotion, target: int) -> Ta
 
 
 def first_touch(motion: ArmMotion, arm_params: ArmParams, target: int) -> TaxelMotion:
-    """The earliest touch with a taxel of the same part and side as the taxel `target`, at the speed towards the object
-    that the constraints allow now."""
+    """The earliest touch with a taxel of the part and side of the taxel `target`, at the speed that is allowed now."""
     arm = motion.arm
     positions, normals = arm.skin.at(arm.posture)
     same_part = arm.skin.part_index == arm.skin.part_index[target]

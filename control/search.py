@@ -23,8 +23,7 @@ _DEG = np.pi / 180
 class SearchParams:
     """Range and speed of the search.
 
-    Covering: all gaze directions in turn, the nearest first, alternating the vergence; random: random turns about the
-    centre, at its vergence (J).
+    Covering: all directions, nearest first, alternating the vergence; random: about the centre, at its vergence (J).
     """
 
     pattern: Literal["covering", "random"] = "covering"
@@ -41,9 +40,8 @@ class SearchParams:
 
     def __post_init__(self) -> None:
         if self.pattern not in ("covering", "random") or not min(self.spacing_rad) > 0:
-            raise ValueError(
-                f"search {self.pattern!r}, spacing {self.spacing_rad}; expected covering or random, above 0"
-            )
+            problem = f"search {self.pattern!r}, spacing {self.spacing_rad}"
+            raise ValueError(f"{problem}; expected covering or random, above 0")
 
 
 @dataclass(frozen=True)
@@ -66,8 +64,7 @@ def step(
 ) -> tuple[SearchState, JointVelocity]:
     """Head rates towards a goal within the limits, the next one as each is reached.
 
-    The rates may be held for `hold_s`: no joint leaves its limits meanwhile.  InputError for a stamp that is not finite
-    or a `hold_s` out of (0, 0.5].
+    No joint leaves its limits within `hold_s`.  InputError unless the stamp is finite, and `hold_s` in (0, 0.5].
     """
     check_times("search", stamp_s, hold_s)
     gaze = gaze_of(posture)

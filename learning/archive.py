@@ -23,8 +23,7 @@ _UNREADABLE = (
 
 
 def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
-    """Write arrays with their kind, the version of the kind and that of this package to a temporary name beside `path`,
-    then rename."""
+    """Write arrays, their kind, its version and that of this package to a temporary name beside `path`, then rename."""
     header = {"kind": kind, "version": version, "written_by": metadata.version("pps-vision")}
     contents: dict[str, Any] = {**{name: np.array(value) for name, value in header.items()}, **arrays}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")

@@ -6,8 +6,7 @@
     for step in pv.track(recording):
         print(step.track.stamp_s, step.track.position, step.track.status)
 
-Names are imported when they are first used, so that `import pps_vision` takes no time.  docs/examples goes through all
-of them.
+Names are imported when they are first used: `import pps_vision` takes no time.  docs/examples goes through all of them.
 """
 
 from importlib import import_module

@@ -7,11 +7,9 @@ from threading import Thread
 
 
 def worker_pool(workers: int, max_tasks_per_child: int | None = None) -> ProcessPoolExecutor:
-    """A pool whose processes are spawned (OpenGL and threads do not survive a fork) and end when this one does, also
-    when it is killed."""
-    return ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=_end_with_parent, max_tasks_per_child=max_tasks_per_child
-    )
+    """A pool of spawned processes (OpenGL and threads survive no fork) that end when this one does, also if killed."""
+    spawn = get_context("spawn")
+    return ProcessPoolExecutor(workers, spawn, initializer=_end_with_parent, max_tasks_per_child=max_tasks_per_child)
 
 
 def _end_with_parent() -> None:

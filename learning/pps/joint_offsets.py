@@ -30,8 +30,7 @@ _GRID = 24  # positions along each axis: about 5 mm apart, as a taxel's own erro
 
 @dataclass(frozen=True, slots=True)
 class TouchTrial:
-    """T samples of a robot and an object, from the start of a movement to its touch or its end; NaN while the object is
-    unknown."""
+    """An object's approach to the skin, T samples until it touches taxels or ends; NaN while the object is unknown."""
 
     stamps_s: Array  # (T,)
     joints_rad: Array  # (T, k) all joints of the robot
@@ -68,8 +67,7 @@ def joint_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[Tou
     """The most probable offsets given the ends of the `trials`, whose `touched` are of `skin`; 0 for joints that
     touches do not constrain (all, where no touch was seen).
 
-    They need not be each joint's own error: another combination of joints, a link or a camera may displace the seen
-    object in the same way.
+    They need not be each joint's own error: other joints, a link or a camera may displace the seen object as they do.
     """
     sightings = [sighting for trial in trials for sighting in _sightings(rig, skin, trial)]
     covs = np.array([sighting.cov for sighting in sightings]).reshape(-1, 3, 3) + _TAXEL_M**2 * np.eye(3)

@@ -23,6 +23,7 @@ _LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keep
 _TORCH_ROWS = 1 << 18  # cases at a time on a torch device, about 100 MB
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class PPSMemory:
     """Counts of touch and no touch of n taxels."""
 
     taxel_ids: tuple[str, ...]  # names of the taxels, "part:id"
-    part_index: NDArray[np.intp]  # (n,) body part of each taxel
+    part_index: Indices  # (n,) body part of each taxel
     counts: Counts  # (n, D bins, TTC bins, 2) positive and negative samples
     params: MemoryParams  # bins and smoothing of the counts
     written_by: str = ""  # version of this package that wrote the file it was read from
@@ -121,14 +122,14 @@ def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: M
     return _counted(memory, taxels, distance_m[..., taxels], ttc_s[..., taxels], touched)
 
 
-def _learning(memory: PPSMemory, touched: Mask) -> NDArray[np.intp]:
+def _learning(memory: PPSMemory, touched: Mask) -> Indices:
     """Indices of the taxels of the body parts that were touched; ValueError unless `touched` is (n,)."""
     if touched.shape != memory.part_index.shape:
         raise ValueError(f"touched {touched.shape}: expected the memory's {len(memory.taxel_ids)} taxels")
     return np.flatnonzero(np.isin(memory.part_index, memory.part_index[touched]))
 
 
-def _counted(memory: PPSMemory, taxels: NDArray[np.intp], distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
+def _counted(memory: PPSMemory, taxels: Indices, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
     """As `count_samples`, with D and TTC (…, k) of these k `taxels`."""
     params = memory.params
     sampled = params.covers(distance_m, ttc_s)
@@ -143,7 +144,7 @@ def _counted(memory: PPSMemory, taxels: NDArray[np.intp], distance_m: Array, ttc
     return replace(memory, counts=counts)
 
 
-def _bins(value: Array, limits: tuple[float, float], n: int) -> tuple[NDArray[np.intp], Mask]:
+def _bins(value: Array, limits: tuple[float, float], n: int) -> tuple[Indices, Mask]:
     """The bins (k,) of values within the limits, and which of them count: the upper limit itself does not."""
     if n == 1:
         return np.zeros(len(value), np.intp), value < limits[1]
@@ -168,7 +169,7 @@ def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, devic
     return np.minimum(activations, 1.0)  # against rounding
 
 
-def smoothed(params: MemoryParams, bins: Array, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array) -> Array:
+def smoothed(params: MemoryParams, bins: Array, taxel: Indices, distance_m: Array, ttc_s: Array) -> Array:
     """(k,) mean of a taxel's `bins` (n, D bins, TTC bins), weighted by the Parzen window about k pairs D, TTC within
     the ranges, of the taxels with these k indices."""
     ranges = np.array([params.distance_range_m, params.ttc_range_s])
@@ -176,9 +177,7 @@ def smoothed(params: MemoryParams, bins: Array, taxel: NDArray[np.intp], distanc
 
 
 @njit(cache=True, error_model="numpy")
-def _smoothed(
-    bins: Array, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array, ranges: Array, sigma_bins: float
-) -> Array:
+def _smoothed(bins: Array, taxel: Indices, distance_m: Array, ttc_s: Array, ranges: Array, sigma_bins: float) -> Array:
     """As `smoothed`."""
     means = np.empty(len(taxel))
     _, n_distance, n_ttc = bins.shape
@@ -198,9 +197,7 @@ def _smoothed(
     return means
 
 
-def _smoothed_by_torch(
-    memory: PPSMemory, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array, device: str
-) -> Array:
+def _smoothed_by_torch(memory: PPSMemory, taxel: Indices, distance_m: Array, ttc_s: Array, device: str) -> Array:
     """(k,) frequencies by `smoothed`, on a torch device."""
     import torch  # takes seconds to load
 

@@ -165,9 +165,7 @@ def _least_squares(A: Array, Z: Array, weight: Array, prior: float) -> tuple[Arr
     return X @ np.append(1.0, o), o
 
 
-def _gauss_newton(
-    A: Array, gaze: Array, W: Array, o: Array, predicted: Array, moves: bool
-) -> tuple[Array, Array, Array]:
+def _gauss_newton(A: Array, gaze: Array, W: Array, o: Array, predicted: Array, moves: bool) -> tuple[Array, ...]:
     """One Gauss–Newton step of W (m, 3) and o (4,) towards the observed gaze postures (N, 3).
 
     Linearised about `predicted` (N, 3), the gaze by the previous W and o; returned updated.  The head stays at

@@ -45,8 +45,7 @@ class Lattice:
         return np.stack([yaw, pitch, 2 * np.arctan(np.exp(log_tan))], axis=1)
 
     def interpolate(self, fields: Array, gaze_rad: Array) -> Array:
-        """(m, N) of fields (m, a, b, c) at gaze postures (N, 3) within the limits, linear between the eight nearest
-        values; cubic splines measured no better."""
+        """(m, N) of fields (m, a, b, c) at gaze postures (N, 3) within the limits, trilinear: cubic is no better."""
         low = isotropic(self.limits.lower)
         at = (isotropic(gaze_rad) - low) / (isotropic(self.limits.upper) - low) * (np.array(self.shape) - 1)
         return np.stack([map_coordinates(field, at.T, order=1, mode="nearest") for field in fields])

@@ -207,8 +207,7 @@ class TrackReachability:
     def __call__(self, q_rad: Array, track: Track3D) -> Reachability:
         """Reachability of a track in the root frame, with the robot at configuration `q_rad` (n_joints,).
 
-        The torso carries both eyes and arms, so only the object's position relative to it counts, not the posture of
-        head and arms.
+        Only the object's position relative to the torso counts, not the posture of the eyes and arms that it carries.
         """
         if not track.is_known:
             return Reachability.without_answer(track.stamp_s, ReachStatus.UNKNOWN)

@@ -94,8 +94,7 @@ def _blocks(n: int) -> list[NDArray[np.intp]]:
 def _solved(
     x: Array, y: Array, precision: Array, lengths: Array, noise: float, inducing: NDArray[np.intp]
 ) -> tuple[Residual, Array]:
-    """The process of all samples, and the residuals (N, 3) of each block by the process of the others; `noise` is σ²
-    over the variance of the process."""
+    """The process of all samples, and residuals (N, 3) of each block by that of the others; `noise`: σ²/variance."""
     scaled = x / lengths
     points = scaled[inducing]
     K = _kernel(scaled, points)

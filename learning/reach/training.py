@@ -1,8 +1,7 @@
 """Training of the reachable-space map (J, "Training the maps") by active learning.
 
 After a first round over all gaze postures, labels are asked for near the border, and some inside for the degree of
-reachability, far from earlier ones.  Where the labels suggest that the map is good enough, a test on fresh gaze
-postures bounds its error.
+reachability, far from earlier ones.  If they suggest that the map is good enough, a test on new ones bounds its error.
 """
 
 from collections.abc import Callable
@@ -152,8 +151,7 @@ def _consistent(labels: Labels) -> Labels:
 
 
 def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
-    """Gaze postures and their signed distance to the border: 0 at border points, elsewhere the
-    distance to the nearest of them."""
+    """Gaze postures and their signed distance to the border: 0 at border points, else the distance to the nearest."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
     if len(labels.gaze_rad) == 0:
         raise InputError(MAP, "inverse kinematics never converged; expected a forward model that it can invert")

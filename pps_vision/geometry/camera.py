@@ -41,9 +41,8 @@ class Camera:
 
     def __post_init__(self) -> None:
         if not (self.fx > 0 and self.fy > 0 and self.width > 0 and self.height > 0):
-            raise ValueError(
-                f"camera {self.width}×{self.height}, focal lengths {self.fx}, {self.fy}: expected positive numbers"
-            )
+            numbers = f"camera {self.width}×{self.height}, focal lengths {self.fx}, {self.fy}"
+            raise ValueError(f"{numbers}: expected positive numbers")
 
     @cached_property
     def K(self) -> Array:

@@ -77,8 +77,7 @@ def projected_from(pose: Pose, lens: Lens, x: float, y: float, z: float) -> Line
 def triangulated(
     left: Sighting, right: Sighting
 ) -> tuple[bool, Vector, tuple[float, float, float, float, float, float], float, float]:
-    """Triangulation after Kanatani's optimal correction: the pixels are moved by the least Mahalanobis distance that
-    makes their rays meet.
+    """Triangulation after Kanatani: the pixels move by the least Mahalanobis distance that makes their rays meet.
 
     Returns whether they meet in front of both cameras; the point; the upper half of its covariance, row by row; the
     squared length of the correction (px²); and its squared Mahalanobis distance (χ²).
@@ -134,8 +133,7 @@ def _linearise(
 ) -> tuple[float, float, tuple[float, float, float, float, float, float, float, float]]:
     """The epipolar constraint, linearised at the ray `x`, where `slope` is its gradient by the ray.
 
-    Returns its change from the ray to the measured pixel, its variance, and what `_moved` needs; NaN where the lens
-    folds back.
+    Returns its change from ray to measured pixel, its variance, and input of `_moved`; NaN where the lens folds back.
     """
     pose, lens, at_u, at_v, uu, uv, vv = eye
     u, v, ux, uy, vx, vy = distorted(lens, x[0], x[1])
@@ -152,8 +150,7 @@ def _linearise(
 def _moved(
     x: tuple[float, float], pull: tuple[float, float, float, float, float, float, float, float], k: float
 ) -> tuple[tuple[float, float], float, float]:
-    """The normalised point of the pixel moved by `k` times its share of the constraint; its distance from `x`, and the
-    squared distance of the pixel (px²)."""
+    """The normalised point moved by `k` times its pull; its distance from `x`, and the pixel's, squared (px²)."""
     du, dv, pu, pv, ux, uy, vx, vy = pull
     u, v = du - k * pu, dv - k * pv
     dx, dy = vy * u - uy * v, ux * v - vx * u

@@ -23,8 +23,7 @@ class Triangulation(NamedTuple):
 
 
 def midpoint(center_a: Array, ray_a: Array, center_b: Array, ray_b: Array) -> Array | None:
-    """Middle of the shortest segment between two rays (3,), or None if it lies behind a centre
-    or the rays are parallel."""
+    """Middle of the shortest segment between two rays (3,); None if it is behind a centre or the rays are parallel."""
     gap = center_b - center_a
     cosine = float(ray_a @ ray_b)
     denominator = 1 - cosine**2
@@ -45,8 +44,7 @@ def triangulate(
     cov_right_px: ArrayLike,
     more_px2: float = 0.0,
 ) -> Triangulation | None:
-    """The point whose two images are most likely the measured ones (Gaussian pixel noise; Kanatani's optimal
-    correction).
+    """The point whose images are most likely the measured ones (Gaussian pixel noise; Kanatani's optimal correction).
 
     Pixels (2,) are as recorded, distortion included; covariances (2, 2) px², to which `more_px2` comes in each
     coordinate.  None where no point in front of both eyes explains them.
