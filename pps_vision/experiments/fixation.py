@@ -23,14 +23,13 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.films.recordings import EYES_M
 from pps_vision.experiments.study import SampledStudy, interval, median, percent, rms
 from pps_vision.experiments.tables import Table, estimate, judged
-from pps_vision.geometry.camera import View
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.model import Posture
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import INNER_FOREARM, icub_skin
-from pps_vision.types import Array, JointVelocity, Mask, Status, Track3D
+from pps_vision.types import Array, JointVelocity, Status, Track3D
 from rendering.motions import Motion, Static, make_approach, make_motion
 from rendering.names import MotionName
 from tracking import kalman
@@ -62,9 +61,7 @@ class Condition:
 
     speed_m_s: float = 0.3  # speed of the target
     latency_s: float = 0.05  # time from a frame until its command takes effect
-    noise_px: float = 0.02
-    """Standard deviation of the target's centre in either image: as of rendered objects, whose 3D error before the
-    filter is 0.2–0.5 mm (`bench stages`)."""
+    noise_px: float = 0.02  # of the centre in an image; rendered objects: 3D error before the filter 0.2–0.5 mm
 
 
 AXES: Mapping[Axis, tuple[str, Mapping[float, Condition]]] = {
@@ -148,14 +145,13 @@ class Head:
         view = self.rig.view(q)
         cov = max(noise_px, 0.01) ** 2 * np.eye(2)
         pixels = [eye.project(p) + noise_px * rng.standard_normal(2) for eye in (view.left, view.right)]
-        if belief is not None:
-            belief = kalman.predict(KalmanParams(), belief, t)
         is_visible = view.left.sees(p) and view.right.sees(p)
-        point = triangulate(view, pixels[0], pixels[1], cov, cov) if is_visible else None
-        if point is None:
-            return belief if belief is not None and t - belief.updated_s < _COAST_S else None
+        point = triangulate(view, *pixels, cov, cov) if is_visible else None
         if belief is None:
-            return kalman.start(KalmanParams(), t, point.p_root, point.cov_root)
+            return None if point is None else kalman.start(KalmanParams(), t, point.p_root, point.cov_root)
+        belief = kalman.predict(KalmanParams(), belief, t)
+        if point is None:
+            return belief if t - belief.updated_s < _COAST_S else None
         return kalman.update(KalmanParams(), belief, point.p_root, point.cov_root)
 
     def _target(
@@ -267,18 +263,12 @@ class Fixation(SampledStudy):
             state = SearchState(gaze_of(head.robot.at(q)))
             for k in range(int(_SEARCH_S[-1] / _DT_S) + 1):
                 view = head.rig.view(q)
-                is_in_view = _within_image(view.left, points) & _within_image(view.right, points)
+                is_in_view = [view.left.sees(point) and view.right.sees(point) for point in points]
                 first_s = np.minimum(first_s, np.where(is_in_view, k * _DT_S, np.inf))
                 state, command = search.step(SearchParams(pattern), state, head.robot.at(q), _DT_S, rng)
                 q = q + _DT_S * command.dq_rad_s
             times_s.append(first_s[first_s > 0])
         return {f"{t:g} s": interval([target <= t for target in times_s], percent) for t in _SEARCH_S}
-
-
-def _within_image(eye: View, points: Array) -> Mask:
-    """(n,) whether an eye sees points (n, 3)."""
-    pixels = eye.project(points)
-    return np.asarray(np.all((pixels >= -0.5) & (pixels <= (eye.camera.width - 0.5, eye.camera.height - 0.5)), axis=1))
 
 
 def _gaze(rng: np.random.Generator) -> Array:

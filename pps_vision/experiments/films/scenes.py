@@ -6,7 +6,7 @@ tracker's inputs use the project's types.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -32,6 +32,7 @@ from pps_vision.experiments.films.sensor import SensorChain, noise_tape
 from pps_vision.experiments.study import DATA
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image, StereoFrame, Truth
 
 TimedPath = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
@@ -355,14 +356,14 @@ class Film:
         return float(drift * (1 + self.scene.flicker * np.sin(2 * np.pi * 100.0 * 1.0013 * t_s)))
 
 
-@lru_cache(maxsize=1)
-def _robot_joints() -> tuple[str, ...]:
-    return tuple(load_icub().joint_names)
+@cache
+def _robot() -> Robot:
+    return load_icub()
 
 
 def configuration(joints_rad: Mapping[str, float]) -> Array:
     """Return joints in the order of the tracker's robot; the others are 0."""
-    return np.array([joints_rad.get(name, 0.0) for name in _robot_joints()])
+    return np.array([joints_rad.get(name, 0.0) for name in _robot().joint_names])
 
 
 def camera_of(lens: FilmLens) -> Camera:

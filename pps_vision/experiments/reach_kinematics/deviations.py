@@ -60,10 +60,6 @@ def _cross_talk(_: Chain, q: Array) -> Array:
     return q + _CROSS_TALK * (following + following**2)
 
 
-def _all(arm: Chain, q: Array) -> Array:
-    return _sag(arm, _gears(arm, _cross_talk(arm, q)))
-
-
 def _head(yaw_first: bool = False, tilt_rad: float = 0.0) -> GazeModel:
     """The iCub's head with its neck's axes exchanged, or its yaw axis tilted sideways."""
     model = GazeModel(load_icub())
@@ -84,7 +80,10 @@ DEVIATIONS: dict[str, tuple[Bend, Callable[[], GazeModel]]] = {
     "cross-talk, 1.5 %": (_cross_talk, _head),
     "neck yaw below pitch": (_ideal, partial(_head, yaw_first=True)),
     "neck yaw axis tilted by 5°": (_ideal, partial(_head, tilt_rad=_TILT_RAD)),
-    "all of these": (_all, partial(_head, yaw_first=True, tilt_rad=_TILT_RAD)),
+    "all of these": (
+        lambda arm, q: _sag(arm, _gears(arm, _cross_talk(arm, q))),
+        partial(_head, yaw_first=True, tilt_rad=_TILT_RAD),
+    ),
 }
 MODELS: dict[str, Callable[[], ForwardModel]] = {
     "structure and process (default)": RevoluteArm,

@@ -161,13 +161,10 @@ def run(seeds: Sequence[int], n_labels: int, n_test: int, names: Sequence[str]) 
     }
 
 
-def _disturbances(numbers: dict[str, Any]) -> dict[str, Any]:
-    return {name: numbers[name] for name in DISTURBANCES if name in numbers}
-
-
 def chart(numbers: dict[str, Any]) -> Figure:
     """Draw misjudged gaze postures over severity."""
-    figure = severities(_disturbances(numbers), "je", "misjudged, JE (%)", _BREAK.bound, 3)
+    shown = {name: numbers[name] for name in DISTURBANCES if name in numbers}
+    figure = severities(shown, "je", "misjudged, JE (%)", _BREAK.bound, 3)
     for axis in figure.axes:
         axis.set_yscale("log")
     return figure

@@ -69,8 +69,9 @@ def chart(numbers: dict[str, Any]) -> Figure:
     for axis, source in zip(axes, sources, strict=True):
         studies = [numbers[source][name] for name in names]
         breaks = [[method["breaks_at"] for method in study["methods"].values()] for study in studies]
+        counts = [(list(study["severities"]), row) for study, row in zip(studies, breaks, strict=True)]
         passed = np.array(
-            [[_passed_percent(study, at) for at in row] for study, row in zip(studies, breaks, strict=True)]
+            [[100 * (s.index(at) / len(s) if at is not None else 1.0) for at in row] for s, row in counts]
         )
         image = axis.imshow(passed, cmap="YlOrRd_r", vmin=0, vmax=100, aspect="auto")
         for y, x in np.ndindex(passed.shape):
@@ -83,12 +84,6 @@ def chart(numbers: dict[str, Any]) -> Figure:
     bar.set_label("severities passed before the break (%); number: severity of the break", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     return figure
-
-
-def _passed_percent(study: dict[str, Any], breaks_at: float | None) -> float:
-    """Percentage of the severities before a method's break."""
-    severities = study["severities"]
-    return 100.0 if breaks_at is None else 100 * severities.index(breaks_at) / len(severities)
 
 
 def _center(seed: int) -> Array:
@@ -147,18 +142,14 @@ def plain(source: SceneSource, seed: int) -> Footage:
     return d.at_rate(fine(source, seed), FINE)
 
 
-def _board(hidden_s: float) -> tuple[Part, ...]:
-    """A board that hides a passing ball from both eyes at once for so long."""
-    return (board((_PASSING_M_S * hidden_s + 2 * _RADIUS_M + 0.010) * _BOARD_M / _FAR_M, 0.3),)
-
-
 def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float | None = None) -> Footage:
     """The ball passes behind a board that hides it for so long; with a `share` only its lower part, for 1 s."""
     passing_s = hidden_s if share is None else 1.0
     middle_s = 1.2 + _RADIUS_M / _PASSING_M_S + passing_s / 2
     center = _center(seed)
     start = np.array([center[0], -_PASSING_M_S * middle_s, center[2]])
-    nearer, drop = _BOARD_M / _FAR_M, start[2] - EYES_M[2]
+    nearer = _BOARD_M / _FAR_M
+    drop = start[2] - EYES_M[2]
     height = nearer * drop
     if share is not None:
         height = nearer * (drop - _RADIUS_M + 2 * _RADIUS_M * share) - 0.15
@@ -168,9 +159,11 @@ def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float 
     def motion(t_s: float) -> tuple[Array, Array]:
         return start + t_s * _PASSING_M_S * _ASIDE, _PASSING_M_S * _ASIDE
 
-    shown = _film(
-        source, seed, motion, 2 * middle_s, prop=_board(passing_s), placed=lambda _: place if is_there else None
-    )
+    width_m = (
+        (_PASSING_M_S * passing_s + 2 * _RADIUS_M + 0.010) * _BOARD_M / _FAR_M
+    )  # hides the ball from both eyes at once
+    prop = (board(width_m, 0.3),)
+    shown = _film(source, seed, motion, 2 * middle_s, prop=prop, placed=lambda _: place if is_there else None)
     return _sensed(shown if share is None else replace(shown, visible=np.ones_like(shown.visible)), seed)
 
 

@@ -34,6 +34,7 @@ BASELINES = ("midpoint", "linear (OpenCV)", "whole BM", "whole SGBM")
 _SECONDS = 1.5
 _SETTLED = 10  # first frame that counts
 _DISTANCE_M = 0.4
+_SGBM = {"P1": 8 * 25, "P2": 32 * 25, "uniquenessRatio": 5}
 _RANGE_PX = 96  # disparities that are searched: at 0.2 m an iCub's rectified eyes have 91
 _NEARER = 0.92  # of its radius: distance from the centre of a ball to the middle of its visible surface
 _METRICS = {"rms_mm": Metric("error_mm", rms), "found_percent": Metric("found", percent)}
@@ -88,12 +89,8 @@ def methods() -> dict[str, Method]:
         "midpoint": pixels(intersection),
         "linear (OpenCV)": pixels(_linear),
         "whole BM": partial(_run, partial(_in_whole_image, lambda: cv2.StereoBM.create(_RANGE_PX, 15))),
-        "whole SGBM": partial(_run, partial(_in_whole_image, _semi_global)),
+        "whole SGBM": partial(_run, partial(_in_whole_image, partial(cv2.StereoSGBM.create, 0, _RANGE_PX, 5, **_SGBM))),
     }
-
-
-def _semi_global() -> cv2.StereoMatcher:
-    return cv2.StereoSGBM.create(0, _RANGE_PX, 5, P1=8 * 25, P2=32 * 25, uniquenessRatio=5)
 
 
 def _linear(view: StereoView, left_px: Array, right_px: Array) -> Array | None:

@@ -23,7 +23,7 @@ from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, Values, compare, mean, percent
 from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, View
-from pps_vision.types import Array, Image
+from pps_vision.types import Image
 from tracking.motion_trigger import MotionTrigger, TriggerParams
 
 DEFAULT = "ours"
@@ -41,15 +41,13 @@ AFTER = 12  # frames of motion
 MISSED = AFTER + 1.0  # delay in frames that stands for a missed object
 _CALM_S = 10.0
 _NEAR_PX = 4.0  # largest distance between a region and the ball's path
-_OWN_SHARE = 0.3  # share of a region on the robot itself above which it is no alarm
 _HEAD_RATE = 3.9  # fastest turn of a film's head per amplitude, 1/s
 _METRICS = {
     "alarms_per_minute": Metric("alarm", lambda values: 60 * FPS * mean(values)),
     "found_in_3_percent": Metric("delay", lambda values: percent(values <= 3)),
     "delay_frames": Metric("delay", mean),
 }
-Watcher = Callable[[Image, View, float, Array | None], list[BoxPx]]
-"""Takes an image, its view, stamp and joints; returns the moving regions."""
+Watcher = Callable[[Image, View, float], list[BoxPx]]  # an image, its view and stamp to the moving regions
 
 
 def run(study: StageParameters) -> dict[str, Any]:
@@ -63,7 +61,7 @@ def run(study: StageParameters) -> dict[str, Any]:
         radius_m, px = OBJECTS[name]
         seconds = calm_s if px == 0 else (STARTS + AFTER) / FPS
         rng = np.random.default_rng((seed, *map(ord, f"independent{name}")))
-        scene = film_scene(rng, seconds, radius_m, px, HEAD_DEG_S)
+        scene = film_scene(rng, seconds, radius_m, px)
         return from_film(Film(scene, int(rng.integers(2**31)), study.data))
 
     calm = recording("nothing", study.seed + 10_000)
@@ -94,9 +92,7 @@ def chart(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def film_scene(
-    rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_deg_s: float
-) -> FilmScene:
+def film_scene(rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float) -> FilmScene:
     """Return a ray-cast scene before photographs: the head sways, its joints are 0–20 ms late, the light drifts and
     flickers; a ball starts to move at frame `STARTS`, or (0 px) rests."""
     distance = float(rng.uniform(0.4, 0.7))
@@ -106,7 +102,7 @@ def film_scene(
         fps=FPS,
         seconds=seconds,
         rig="head",
-        head_deg=speed_deg_s / _HEAD_RATE,
+        head_deg=HEAD_DEG_S / _HEAD_RATE,
         stale_s=float(rng.uniform(0, 0.02)),
         radius_m=radius_m,
         color=tuple(rng.uniform(20, 235, 3).tolist()),
@@ -132,35 +128,28 @@ def methods(calm: Footage) -> dict[str, Method]:
     return ours() | {name: partial(watch, partial(_baseline, name, best_level(name, calm))) for name in TRIGGERS}
 
 
-def _ours(params: TriggerParams, camera: Camera, recording: Footage) -> Watcher:
+def _ours(params: TriggerParams, camera: Camera) -> Watcher:
     trigger = MotionTrigger(params, camera)
-
-    def step(image: Image, view: View, stamp_s: float, joints_rad: Array | None) -> list[BoxPx]:
-        own = None if joints_rad is None else partial(recording.own_body, joints_rad, view)
-        return [region.box_px for region in trigger.step(image, view, stamp_s, own)]
-
-    return step
+    return lambda image, view, stamp_s: [region.box_px for region in trigger.step(image, view, stamp_s)]
 
 
-def _baseline(name: str, level: float, camera: Camera, recording: Footage) -> Watcher:
+def _baseline(name: str, level: float, camera: Camera) -> Watcher:
     method = TRIGGERS[name].make(camera, level)
-    return lambda image, view, _stamp_s, _joints_rad: method(image, view)
+    return lambda image, view, _: method(image, view)
 
 
-def watch(make: Callable[[Camera, Footage], Watcher], recording: Footage, seed: int) -> Values:
+def watch(make: Callable[[Camera], Watcher], recording: Footage, seed: int) -> Values:
     """Return alarms frame by frame where nothing moves, delays where something starts to, and processor times."""
     moves = bool(np.any(np.linalg.norm(np.nan_to_num(recording.velocity), axis=1) > 0))
     values: dict[str, list[Any]] = {"ms": [], "alarm": [], "delay": []}
     for eye in ("left", "right"):
-        watcher = make(getattr(recording.rig, eye), recording)
+        watcher = make(getattr(recording.rig, eye))
         regions = []
         for frame in recording.frames:
             view = getattr(recording.rig.view_of(frame), eye)
-            joints = getattr(frame, f"joints_{eye}_rad")
-            boxes, ms = timed(partial(watcher, getattr(frame, eye), view, frame.stamp_s, joints))
+            boxes, ms = timed(partial(watcher, getattr(frame, eye), view, frame.stamp_s))
             values["ms"].append(ms)
-            own = None if joints is None else recording.own_body(joints, view)
-            regions.append([box for box in boxes if own is None or not _is_own(box, own)])
+            regions.append(boxes)
         if moves:
             values["delay"].append(delay(regions, recording, eye))
         else:
@@ -191,12 +180,8 @@ def delay(boxes: list[list[BoxPx]], recording: Footage, eye: str) -> float:
     margin = views[0].camera.focal_px * recording.radius_m / float(nearest) + _NEAR_PX
     for k in range(STARTS, len(boxes)):
         path = pixels[STARTS - 1 : k + 1]
-        low, high = path.min(axis=0) - margin, path.max(axis=0) + margin
+        low = path.min(axis=0) - margin
+        high = path.max(axis=0) + margin
         if any(x < high[0] and y < high[1] and x + w > low[0] and y + h > low[1] for x, y, w, h in boxes[k]):
             return float(k - STARTS + 1)
     return MISSED
-
-
-def _is_own(box: BoxPx, own: Any) -> bool:
-    x, y, w, h = box
-    return bool(own[y : y + h, x : x + w].mean() > _OWN_SHARE)

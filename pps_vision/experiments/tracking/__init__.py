@@ -6,10 +6,9 @@ from functools import partial
 from typing import Any, ClassVar, get_args
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines.stereo_pipelines import StereoPipelineName
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.experiments.films.score import METRICS, baseline, tracker
 from pps_vision.experiments.study import (
@@ -34,6 +33,9 @@ GOAL_MS = {"ours, generic": 4.5, "ours, marker": 0.8}  # largest median time of 
 MEANT_FOR = {"ball": "ours, generic", "marker": "ours, marker"}  # our pipeline for each object
 _SPEEDS_M_S = (0.05, 0.30)
 _FARTHEST_M = 0.30  # largest distance from the start of an approach to its end
+_PIPELINE_CHART = partial(
+    cells_chart, metric="rms_mm", label="3D RMS error (mm)", baselines=BASELINES, default="ours, generic"
+)
 _PIPELINE_METRICS = {name: METRICS[name] for name in ("rms_mm", "near_percent")}
 
 
@@ -85,11 +87,6 @@ def _pipeline(study: "Tracking") -> dict[str, Any]:
     return {"cells": compare(scenarios, methods, _PIPELINE_METRICS, seeds, "two CSRT", TURNS)}
 
 
-def _pipeline_chart(numbers: dict[str, Any]) -> Figure:
-    """Draw time against 3D error, one panel for each kind of scene."""
-    return speed_errors(numbers["cells"], "rms_mm", "3D RMS error (mm)", BASELINES, "ours, generic")
-
-
 def _warm(method: Method, recording: Footage, seed: int) -> Values:
     """A method's values without the time of its first frame."""
     values = method(recording, seed)
@@ -103,7 +100,7 @@ class Tracking(PartsStudy, TrackingStudy):
     PARTS: ClassVar[Mapping[str, Part]] = {
         "accuracy": Part(_accuracy, table=_accuracy_table),
         "consistency": Part(_consistency, table=consistency.table),
-        "pipeline": Part(_pipeline, _pipeline_chart),
+        "pipeline": Part(_pipeline, _PIPELINE_CHART),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_consistency": 1, "n_approaches": 1}
 

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
-from pps_vision.experiments.study import Metric, SceneSource, Values, mean, measure, median, percent, summarize
+from pps_vision.experiments.study import Metric, SceneSource, mean, measure, median, percent, summarize
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array, Status, Track3D
 
@@ -39,7 +39,8 @@ def measure_coverage(sources: Sequence[SceneSource], seeds: Sequence[int], secon
     cells = {}
     for source in sources:
         kinds = {kind: partial(of_kind, kind, source, seconds) for kind in sorted(KINDS, key=lambda k: k.split(",")[0])}
-        measured = measure(kinds, {"tracker": _run}, seeds)
+        methods = {"tracker": lambda r, seed: judge_covariances(r, [step.track for step in steps_of(r, seed)[0]])}
+        measured = measure(kinds, methods, seeds)
         recordings = [values for methods in measured.values() for values in methods["tracker"]]
         cells[source] = summarize({"all": recordings}, _METRICS)
     return {"cells": cells}
@@ -59,11 +60,6 @@ def table(numbers: dict[str, Any]) -> Table:
 def misses(share: int, coverage: float) -> bool:
     """Whether a coverage, to a tenth of a percent, is farther from the stated share than the goal allows."""
     return abs(round(coverage, 1) - share) > GOALS[share]
-
-
-def _run(recording: Footage, seed: int) -> Values:
-    steps, _ = steps_of(recording, seed)
-    return judge_covariances(recording, [step.track for step in steps])
 
 
 def judge_covariances(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, list[float]]:
