@@ -146,7 +146,7 @@ class Head:
         cov = max(noise_px, 0.01) ** 2 * np.eye(2)
         pixels = [eye.project(p) + noise_px * rng.standard_normal(2) for eye in (view.left, view.right)]
         is_visible = view.left.sees(p) and view.right.sees(p)
-        point = triangulate(view, *pixels, cov, cov) if is_visible else None
+        point = triangulate(view, pixels[0], pixels[1], cov, cov) if is_visible else None
         if belief is None:
             return None if point is None else kalman.start(KalmanParams(), t, point.p_root, point.cov_root)
         belief = kalman.predict(KalmanParams(), belief, t)
