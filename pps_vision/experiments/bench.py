@@ -15,7 +15,7 @@ from pps_vision.app.report.figure_file import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.claims import claims_table
 from pps_vision.experiments.study import PartsStudy, Study, catalogue
-from pps_vision.experiments.tables import Table, filled, markdown, names, read_numbers
+from pps_vision.experiments.tables import filled, markdown, names, read_numbers
 from pps_vision.experiments.timing import processor_s
 from pps_vision.recordings.atomic_write import plain, whole_file
 from pps_vision.worker_pool import worker_pool
@@ -162,40 +162,36 @@ def _fill_documents(catalog: Mapping[str, type[Study]], out: Path) -> None:
 
     If `out` is not the documents' folder, the filled documents are written to it.
     """
-    for document in [*sorted(_DOCUMENTS.glob("*.md")), *Path().glob("README.md")]:
-        text = document.read_text()
-        tables = {}
+    documents = {file: file.read_text() for file in (*sorted(_DOCUMENTS.glob("*.md")), *Path().glob("README.md"))}
+    wanted = [name for text in documents.values() for name in names(text)]
+    shown = [study for study in catalog if any(f"{table}_".startswith(f"{study}_") for table in wanted)]
+    numbers = {study: read_numbers(_result(study, out)) for study in shown if _result(study, out).exists()}
+    tables = {_CLAIMS: claims_table(out / "results")}
+    for study, values in numbers.items():
+        own = catalog[study]().tables(values)
+        tables |= {f"{study}_{name}" if name else study: table for name, table in own.items()}
+    for document, text in documents.items():
         for name in names(text):
-            if name == _CLAIMS:
-                tables[name] = markdown(claims_table(out / "results"))
-                continue
-            studies = [study for study in catalog if name == study or name.startswith(f"{study}_")]
-            if not studies:
-                raise InputError(document, f"table {name}; expected the name of a study (and of its table)")
-            table = _table(catalog, max(studies, key=len), name, out, document)
-            if table is not None:
-                tables[name] = markdown(table)
+            if name not in tables and not _is_unmeasured(name, catalog, numbers):
+                raise InputError(document, f"table {name}; expected the name of a study and of its table")
         target = document if out == _DOCUMENTS else out / document.name
-        new = filled(text, tables, document)
+        new = filled(text, {name: markdown(table) for name, table in tables.items()}, document)
         if names(text) and not (target.exists() and target.read_text() == new):
             with whole_file(target) as partial:
                 partial.write_text(new)
 
 
-def _table(catalog: Mapping[str, type[Study]], study: str, name: str, out: Path, document: Path) -> Table | None:
-    """The table `name` of a study; None where it was not measured."""
-    file = _result(study, out)
-    if not file.exists():
-        return None
+def _is_unmeasured(table: str, catalog: Mapping[str, type[Study]], numbers: Mapping[str, Any]) -> bool:
+    """Whether a table is of a study without a result, or of a part that was skipped or not run."""
+    studies = [study for study in catalog if f"{table}_".startswith(f"{study}_")]
+    if not studies:
+        return False
+    study = max(studies, key=len)
     cls = catalog[study]
-    numbers = read_numbers(file)
-    tables = cls().tables(numbers)
-    table = name[len(study) + 1 :]
-    parts = cls.PARTS if issubclass(cls, PartsStudy) else {}
-    measured = [numbers.get(part, {"skipped": ""}) for part in parts if f"{table}_".startswith(f"{part}_")] or [numbers]
-    if table not in tables and not any("skipped" in value for value in measured):
-        raise InputError(document, f"table {name}; expected one of {study}'s: {', '.join(tables)}")
-    return tables.get(table)
+    if study not in numbers or not issubclass(cls, PartsStudy):
+        return study not in numbers
+    parts = [part for part in cls.PARTS if f"{table}_".startswith(f"{study}_{part}_")]
+    return any("skipped" in numbers[study].get(part, {"skipped": ""}) for part in parts)
 
 
 def _json(value: Any, levels: int, indent: str = "") -> str:

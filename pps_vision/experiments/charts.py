@@ -135,30 +135,20 @@ def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, boun
 
     × marks where a method breaks; the `bound` is dashed.
     """
-    places = np.arange(len(study["severities"]))
-    for name, cell in study["methods"].items():
-        value, low, high = intervals(cell[metric])
-        (line,) = axis.plot(places, value, "o-", ms=3, label=name)
-        axis.fill_between(places, low, high, color=line.get_color(), alpha=0.15, lw=0)
+    severities = study["severities"]
+    methods = study["methods"]
+    curves(axis, range(len(severities)), {name: cell[metric] for name, cell in methods.items()}, study["axis"], label)
+    for line, cell in zip(list(axis.lines), methods.values(), strict=True):
+        line.set_markersize(3)
         if cell["breaks_at"] is not None:
-            k = study["severities"].index(cell["breaks_at"])
-            is_drawn = np.isfinite(value[k])
-            place = axis.transData if is_drawn else axis.get_xaxis_transform()
-            axis.plot(
-                k,
-                value[k] if is_drawn else 0.0,
-                "x",
-                color=line.get_color(),
-                ms=10,
-                mew=2,
-                clip_on=False,
-                transform=place,
-            )
+            k = severities.index(cell["breaks_at"])
+            value = float(np.asarray(line.get_ydata())[k])
+            place = axis.transData if np.isfinite(value) else axis.get_xaxis_transform()
+            y = value if np.isfinite(value) else 0.0
+            axis.plot(k, y, "x", color=line.get_color(), ms=10, mew=2, clip_on=False, transform=place)
     if bound is not None:
         axis.axhline(bound, color=_INK, lw=0.9, ls="--")
-    axis.set_xticks(places, [f"{value:g}" for value in study["severities"]])
-    axis.set(xlabel=study["axis"], ylabel=label)
-    axis.grid(alpha=0.25)
+    axis.set_xticks(range(len(severities)), [f"{value:g}" for value in severities])
 
 
 def severities(studies: Mapping[str, Mapping[str, Any]], metric: str, label: str, bound: float, columns: int) -> Figure:
@@ -175,9 +165,8 @@ def calibration(axis: Axes, stated: Sequence[float], measured: Mapping[str, Sequ
     """Draw measured against stated percentages for each series; the diagonal is perfect."""
     axis.plot([0, 100], [0, 100], color=_INK, lw=0.9, ls="--")
     for k, (name, values) in enumerate(measured.items()):
-        value, low, high = intervals(values)
         at = np.asarray(stated, dtype=float) + 0.6 * (k - (len(measured) - 1) / 2)
-        axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="o-", ms=4, capsize=2, label=name)
+        _error_bars(axis, at, values, fmt="o-", ms=4, label=name)
     axis.set(xlabel="stated (%)", ylabel=label)
     axis.grid(alpha=0.25)
 
@@ -197,13 +186,17 @@ def bars(axis: Axes, groups: Sequence[str], series: Mapping[str, Sequence[Any]],
     """Draw one bar for each series in each group, with intervals."""
     width = 0.8 / len(series)
     for k, (name, values) in enumerate(series.items()):
-        value, low, high = intervals(values)
         at = np.arange(len(groups)) + width * (k - (len(series) - 1) / 2)
-        axis.bar(at, value, width, label=name)
-        axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="none", ecolor=_INK, capsize=2)
+        axis.bar(at, intervals(values)[0], width, label=name)
+        _error_bars(axis, at, values, fmt="none", ecolor=_INK)
     axis.set_xticks(range(len(groups)), list(groups), rotation=30, ha="right")
     axis.set_ylabel(label)
     axis.grid(alpha=0.25, axis="y")
+
+
+def _error_bars(axis: Axes, at: Array, values: Sequence[Any], **style: Any) -> None:
+    value, low, high = intervals(values)
+    axis.errorbar(at, value, np.maximum([value - low, high - value], 0), capsize=2, **style)
 
 
 def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:

@@ -70,9 +70,8 @@ def chart(numbers: dict[str, Any]) -> Figure:
         studies = [numbers[source][name] for name in names]
         breaks = [[method["breaks_at"] for method in study["methods"].values()] for study in studies]
         counts = [(list(study["severities"]), row) for study, row in zip(studies, breaks, strict=True)]
-        passed = np.array(
-            [[100 * (s.index(at) / len(s) if at is not None else 1.0) for at in row] for s, row in counts]
-        )
+        shares = [[1.0 if at is None else s.index(at) / len(s) for at in row] for s, row in counts]
+        passed = 100 * np.array(shares)
         image = axis.imshow(passed, cmap="YlOrRd_r", vmin=0, vmax=100, aspect="auto")
         for y, x in np.ndindex(passed.shape):
             text = "–" if breaks[y][x] is None else f"{breaks[y][x]:g}"
@@ -159,10 +158,8 @@ def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float 
     def motion(t_s: float) -> tuple[Array, Array]:
         return start + t_s * _PASSING_M_S * _ASIDE, _PASSING_M_S * _ASIDE
 
-    width_m = (
-        (_PASSING_M_S * passing_s + 2 * _RADIUS_M + 0.010) * _BOARD_M / _FAR_M
-    )  # hides the ball from both eyes at once
-    prop = (board(width_m, 0.3),)
+    width_m = (_PASSING_M_S * passing_s + 2 * _RADIUS_M + 0.010) * _BOARD_M / _FAR_M
+    prop = (board(width_m, 0.3),)  # hides the ball from both eyes at once
     shown = _film(source, seed, motion, 2 * middle_s, prop=prop, placed=lambda _: place if is_there else None)
     return _sensed(shown if share is None else replace(shown, visible=np.ones_like(shown.visible)), seed)
 
