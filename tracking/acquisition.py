@@ -6,7 +6,7 @@ one object.  A marker is detected by its hue.
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -107,8 +107,7 @@ class Acquisition:
                 for eye, (camera, regions) in enumerate(zip(cameras, (left, right), strict=True))
             )
             self._counts.update(candidates_left=len(a), candidates_right=len(b))
-            pair = self._best_pair(association, cameras, view, a, b, stamp_s)
-        return pair and _with_both_colors(*pair)
+            return self._best_pair(association, cameras, view, a, b, stamp_s)
 
     def find_marker(
         self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
@@ -181,7 +180,6 @@ class Acquisition:
             foreground = MovingForeground(background, camera.view, warp_earlier, camera.image)
         segments = (segment(camera.image, region, self._optics[eye], foreground) for region in regions)
         candidates = [candidate for candidate in segments if candidate is not None]
-        candidates += joined(camera.image, candidates, self._optics[eye])
         if earlier is None and eye == 0:  # the camera moves: flow confirms that a colour region moves by itself
             candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]
         return candidates
@@ -279,38 +277,6 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
     return Candidate(shape, model, evidence, region.flow, by_color, mask, box, is_partly_occluded)
 
 
-def joined(image: Image, candidates: Sequence[Candidate], optics: Optics) -> list[Candidate]:
-    """Join candidates that touch, of several colours, to one object each; every part has its own motion region."""
-    colored = [candidate for candidate in candidates if candidate.by_color]
-    if len(colored) < 2:
-        return []
-    boxes = np.array([candidate.box for candidate in colored])
-    x0, y0 = boxes[:, :2].min(axis=0).tolist()
-    x1, y1 = boxes[:, 2:].max(axis=0).tolist()
-    union = np.zeros((y1 - y0, x1 - x0), bool)
-    for candidate in colored:
-        left, top, right, bottom = candidate.box
-        union[top - y0 : bottom - y0, left - x0 : right - x0] |= candidate.mask
-    _, labels = cv2.connectedComponents(masks.closed(union, masks.square(1)).view(np.uint8))
-    groups: dict[int, list[Candidate]] = {}
-    for candidate in colored:
-        row, column = np.argwhere(candidate.mask)[0] + (candidate.box[1] - y0, candidate.box[0] - x0)
-        groups.setdefault(int(labels[row, column]), []).append(candidate)
-    bins = color_bins(image[y0:y1, x0:x1])
-    objects = []
-    for label, group in groups.items():
-        if len(group) < 2:
-            continue
-        mask = masks.filled(np.asarray(labels == label))
-        model = _model(bins, mask)
-        outline = _object_outline(image, mask, (x0, y0, x1, y1), optics)
-        if outline is not None and model.similarity(model.background) <= _MAX_LIKENESS:
-            evidence = sum(part.evidence for part in group)
-            flow = next((part.flow for part in group if part.flow is not None), None)
-            objects.append(Candidate(outline, model, evidence, flow, True, mask, (x0, y0, x1, y1)))
-    return objects
-
-
 def _sine(a: Array, b: Array) -> float:
     """Sine of the angle between two vectors (3,)."""
     return float(np.linalg.norm(np.cross(a, b)) / np.linalg.norm(a) / np.linalg.norm(b))
@@ -349,9 +315,3 @@ def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
     colors = histogram(bins[mask], _VIVIDNESS[bins[mask]])
     colors[_LOW_SATURATION * (colors @ _VIVIDNESS) > _VIVIDNESS] = 0.0
     return ColorModel(colors / colors.sum(), histogram(bins[~masks.dilated(mask, 2)]))
-
-
-def _with_both_colors(a: Candidate, b: Candidate) -> tuple[Candidate, Candidate]:
-    """Both candidates with the mean of their colours: colours in one image may appear later in the other."""
-    mean = 0.5 * (a.model.object + b.model.object)
-    return replace(a, model=replace(a.model, object=mean)), replace(b, model=replace(b.model, object=mean))

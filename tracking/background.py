@@ -11,7 +11,7 @@ from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
-from tracking.moving_background import ASIDE_PX, MovingBackground, beyond, edge_of_background, ghosts, most, smoothed
+from tracking.moving_background import ASIDE_PX, MovingBackground, beyond, edge_of_background, most, smoothed
 
 CHANGED = 0.3  # least foreground share of an object's image
 _PERIOD_S = 0.2  # in which every row is updated once
@@ -42,7 +42,6 @@ class Background:
         self._mean: Pixels
         self._recent: Image
         self._since_s: NDArray[np.float64]  # since when the pixel has its current colour
-        self._rests: Mask  # constant but foreground
         self._measured: Image | None = None
         self._gain_and_noise: tuple[float, float]
         self._threshold = _MIN_CONTRAST
@@ -133,7 +132,6 @@ class Background:
                 self._recent = smoothed(image, (0, 0, image.shape[1], len(image)))
                 self._mean = self._recent.astype(np.float32)
                 self._since_s = np.full(image.shape[:2], stamp_s)
-                self._rests = np.zeros(image.shape[:2], bool)
                 box = max(int(x), 0), max(int(y), 0), max(int(x + w), 0), max(int(y + h), 0)
                 self._mean[box[1] : box[3], box[0] : box[2]] = self._behind(view, box, image)
                 self.moving.invalidate()
@@ -150,11 +148,8 @@ class Background:
         self._threshold = max(_NOISE_FACTOR * 1.4826 * noise, _MIN_CONTRAST)
         current = smoothed(image, (0, top, image.shape[1], bottom))
         excluded = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
-        layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
+        layers = self._mean[rows], self._recent[rows], self._since_s[rows]
         _learn(current, *layers, gain, self._threshold, stamp_s, self.memory_s, excluded)
-        if bottom == height:
-            for mask, box in ghosts(self._rests.view(np.uint8), image, self._mean, gain, margin=2):
-                self.set_from(image, view, stamp_s, masks.dilated(mask, 2), box)
 
     def _behind(self, view: View, box: Box, image: Image) -> Pixels | float:
         """The moving camera's background of a box that an object hides."""
@@ -229,14 +224,13 @@ def _learn(
     mean: Pixels,
     recent: NDArray[np.uint8],
     since_s: NDArray[np.float64],
-    rests: Mask,
     gain: float,
     threshold: float,
     stamp_s: float,
     memory_s: float,
     excluded: tuple[int, int, int, int],
 ) -> None:
-    """Update `mean`, `recent` (h, w, 3), `since_s` and `rests` (h, w) with the rows `current`; not the mean in the box
+    """Update `mean`, `recent` (h, w, 3) and `since_s` (h, w) with the rows `current`; not the mean in the box
     `excluded`."""
     rows, columns = since_s.shape
     scale, rate, limit = np.float32(1 / gain), np.float32(_RATE), np.float32(threshold)
@@ -252,7 +246,6 @@ def _learn(
             if max(abs(red - recent[y, x, 0]), abs(green - recent[y, x, 1]), abs(blue - recent[y, x, 2])) > limit:
                 recent[y, x, 0], recent[y, x, 1], recent[y, x, 2] = red + half, green + half, blue + half
                 since_s[y, x] = stamp_s
-            rests[y, x] = False
             if excluded[0] <= x < excluded[2] and excluded[1] <= y < excluded[3]:
                 continue
             if max(abs(red - r), abs(green - g), abs(blue - b)) <= limit:
@@ -260,5 +253,3 @@ def _learn(
                 mean[y, x, 2] = b + rate * (blue - b)
             elif stamp_s - since_s[y, x] > memory_s:
                 mean[y, x, 0], mean[y, x, 1], mean[y, x, 2] = red, green, blue
-            else:
-                rests[y, x] = stamp_s > since_s[y, x]

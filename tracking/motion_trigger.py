@@ -28,7 +28,6 @@ Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
 _FLOW_INTERVAL_S = 0.05  # age of the image from which flow is measured
 _COARSE = 2  # side of the coarse comparison's pixels, px
 _COLOR_MARGIN_PX = 24  # around a coarse residual, in which all pixels and colours are compared
-_WIDER_THAN_A_STRIP = np.ones((2, 2), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -260,12 +259,8 @@ class MotionTrigger:
         return match(self._ego, reference.grey, current.grey, ROOM_M, self.params.tolerance_px, boxes)
 
     def _split(self, box: Box, residual: Pixels) -> list[Region2D]:
-        """Connected regions of a residual in `box`, without strips one pixel wide: an error of the pose beyond the
-        tolerance leaves them along an edge at rest."""
-        eroded = cv2.erode((residual > 0).view(np.uint8), _WIDER_THAN_A_STRIP)
-        wide = cv2.dilate(eroded, _WIDER_THAN_A_STRIP, anchor=(0, 0))  # an even kernel's opening needs both corners
-        residual = np.where(wide, residual, np.uint8(0))
-        closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, masks.square(self.params.join_px))
+        """Connected regions of a residual in `box`."""
+        closed = cv2.morphologyEx((residual > 0).view(np.uint8), cv2.MORPH_CLOSE, masks.square(self.params.join_px))
         count, labels, stats, _ = cv2.connectedComponentsWithStats(closed)
         regions = []
         for k in range(1, count):

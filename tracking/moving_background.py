@@ -1,6 +1,5 @@
 """Background model of a moving camera: an earlier image warped to the current pose."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -15,8 +14,6 @@ from tracking.ego_motion import ROOM_M, Box, EgoMotion, color_difference
 # On independent films of seeds 4105 and 4111 `learned_edge` is 0.76-0.96 for ghosts of a red ball and 0.62-0.77 for
 # ghosts of a grey one; for the balls themselves 0.2-0.4 (median), above 0.77 in 5 % of the frames of a grey one.
 LEARNED_EDGE = 0.6  # above it a region is rather a ghost
-_GHOST_EDGE = 0.7  # the same where no object is tracked
-_MIN_GHOST_PX = 64  # area of a ghost where no object is tracked
 ASIDE_PX = 2.5  # distance to both sides of the edge at which colours are compared
 _TANGENT = 4  # edge points to both sides that give the direction
 _MIN_EDGE_POINTS = 30  # with known background
@@ -143,8 +140,6 @@ class MovingBackground:
             inside = np.s_[y : y + h, x : x + w]
             changed_since, _ = self._beyond(current[inside], self._recent, view, (x, y, x + w, y + h))
             moved[inside][changed_since <= self._threshold] = 0
-            for ghost, (x0, y0, x1, y1) in ghosts(moved, image, mean, 1.0):
-                moved[y0:y1, x0:x1][ghost] = 0
         if empty is not None:
             mask, (x0, y0, x1, y1) = empty
             moved[y0:y1, x0:x1][mask] = 0
@@ -257,29 +252,3 @@ def edge_of_background(image: Image, mean: NDArray[Any], gain: float, mask: Mask
     image_step = np.abs(smooth[v - top, u - left] - smooth[y - top, x - left]).max(axis=1)
     background_step = np.abs(mean[v, u].astype(np.float32) - mean[y, x]).max(axis=1)
     return float(np.mean(gain * background_step > image_step))
-
-
-def ghosts(
-    foreground: NDArray[np.uint8], image: Image, mean: NDArray[Any], gain: float, margin: int = 0
-) -> Iterator[tuple[Mask, Box]]:
-    """Yield the ghosts among the components of a foreground (H, W): mask (h, w) and box, with a margin in px.
-
-    Image, background and gain as for `edge_of_background`.
-    """
-    left, top, width, height = cv2.boundingRect(foreground)
-    if not width:
-        return
-    part = foreground[top : top + height, left : left + width]
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(part)
-    for k in range(1, count):
-        x, y, w, h, area = (int(value) for value in stats[k])
-        if area < _MIN_GHOST_PX:
-            continue
-        x += left - margin
-        y += top - margin
-        box = (max(x, 0), max(y, 0), min(x + w + 2 * margin, image.shape[1]), min(y + h + 2 * margin, len(image)))
-        mask = np.pad(np.asarray(labels[y + margin - top :, x + margin - left :][:h, :w] == k), margin)
-        mask = mask[box[1] - y : box[3] - y, box[0] - x : box[2] - x]
-        edge = edge_of_background(image, mean, gain, mask, box)
-        if edge is not None and edge > _GHOST_EDGE:
-            yield mask, box

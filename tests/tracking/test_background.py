@@ -1,6 +1,5 @@
 """The background on images drawn by hand: a wall of constant colour, a patch of another colour, noise."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -87,33 +86,6 @@ def test_it_begins_anew_when_the_eye_moves(rng):
     background.update(draw(rng, patch), moved, 0.6, None)
     assert background.evidence(draw(rng, patch), moved, WHOLE)[INNER].mean() < 0.5
     assert not background.is_known(VIEW)
-
-
-def _textured(rng: np.random.Generator, disc: bool) -> np.ndarray:
-    """A wall of soft spots, a plain disc of another colour before it."""
-    wall = cv2.resize(np.random.default_rng(1).uniform(60, 160, (15, 20, 3)), (320, 240), interpolation=cv2.INTER_CUBIC)
-    if disc:
-        y, x = np.mgrid[:240, :320]
-        wall[(x - 170) ** 2 + (y - 115) ** 2 < 18**2] = (190.0, 40.0, 40.0)
-    return np.clip(np.rint(wall + 2 * rng.standard_normal(wall.shape)), 0, 255).astype(np.uint8)
-
-
-@pytest.mark.parametrize("was_learned", [True, False])
-def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_that_rests_does_not(was_learned, rng):
-    """A disc was there when the background was learned, and has left; or it has come, and stays."""
-    background = Background(EgoMotion(LEFT_EYE), 10.0)
-    place = np.s_[100:130, 155:185]
-    for k in range(12):
-        background.update(_textured(rng, was_learned), VIEW, DT * k, None)
-    current = _textured(rng, not was_learned)
-    mask = background.differs(current, VIEW, WHOLE)
-    share = background.learned_edge(current, VIEW, mask, WHOLE)
-    assert share is not None
-    assert share > 0.8 if was_learned else share < 0.2
-    for k in range(12, 21):
-        background.update(_textured(rng, not was_learned), VIEW, DT * k, None)
-    left = background.differs(_textured(rng, not was_learned), VIEW, WHOLE)[place].mean()
-    assert left < 0.01 if was_learned else left > 0.8
 
 
 def _marked(rng: np.random.Generator, *corners: tuple[int, int]) -> np.ndarray:
