@@ -68,7 +68,10 @@ def limit(
     moves_bodies = self_collision.moving
     if wanted.dq_rad_s.shape != (robot.n_joints,) or not np.isfinite(wanted.dq_rad_s).all():
         raise InputError("command", f"rates {wanted.dq_rad_s}; expected {robot.n_joints} finite numbers in rad/s")
-    lower, upper = _rate_range(params, posture, wanted.hold_s)
+    q = posture.q_rad
+    rate = fastest(params, robot) * min(1.0, wanted.hold_s / params.speed_up_s)  # from which it stops within hold_s
+    lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / wanted.hold_s, -rate, 0.0)
+    upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / wanted.hold_s, 0.0, rate)
     rates, change = change_limits(params, robot, wanted.stamp_s, last)
     brake = rates
     if last is not None and rates.any():  # the last command ends where it would have
@@ -82,27 +85,17 @@ def limit(
         share = _largest_share(brake[group], dq[group], lower[group], upper[group])
         dq[group] = brake[group] + share * (dq[group] - brake[group])
     dq = np.clip(dq, lower, upper)  # against rounding
-    share = self_collision.clear_share(posture.q_rad, wanted.hold_s * dq, params.clearance_m)
+    share = self_collision.clear_share(q, wanted.hold_s * dq, params.clearance_m)
     free = np.where(moves_bodies, share * dq, dq)
     if np.any((free < lower) | (free > upper)):  # too sudden a stop: brake along the last command
         is_as_predicted = False
         if last is not None and last_q_rad is not None:
             predicted = last_q_rad + (wanted.stamp_s - last.stamp_s) * last.dq_rad_s
-            is_as_predicted = np.allclose(posture.q_rad, predicted, rtol=0.0, atol=_MARGIN_RAD)
+            is_as_predicted = np.allclose(q, predicted, rtol=0.0, atol=_MARGIN_RAD)
         if not is_as_predicted:
-            brake = brake * self_collision.clear_share(posture.q_rad, wanted.hold_s * brake, params.clearance_m)
+            brake = brake * self_collision.clear_share(q, wanted.hold_s * brake, params.clearance_m)
         free = np.where(moves_bodies, brake, dq)
     return JointVelocity(wanted.stamp_s, free, wanted.hold_s)
-
-
-def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[Array, Array]:
-    """Lowest and highest rate (n_joints,) that can be held for `hold_s`, and stopped within it."""
-    robot = posture.robot
-    q = posture.q_rad
-    rate = fastest(params, robot) * min(1.0, hold_s / params.speed_up_s)
-    lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / hold_s, -rate, 0.0)
-    upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / hold_s, 0.0, rate)
-    return lower, upper
 
 
 def change_limits(params: LimitParams, robot: Robot, stamp_s: float, last: JointVelocity | None) -> tuple[Array, Array]:

@@ -74,7 +74,9 @@ def step(
     visits = state.visits
     if goal is None or np.abs(goal - gaze).max() < params.arrived_rad:
         if params.pattern == "random":
-            goal = _random_goal(params, state.center, lower, upper, rng)
+            aside, up = rng.uniform(-1, 1, 2) * (params.yaw_rad, params.pitch_rad)
+            yaw, pitch, tilt, vergence = state.center
+            goal = _goal(yaw + aside, pitch + tilt + up, vergence, lower, upper)
         else:
             if not len(unvisited):
                 unvisited = _grid(params, params.vergence_rad[visits % 2], lower, upper)
@@ -86,12 +88,6 @@ def step(
     rates = np.clip(params.gain_per_s * (goal - gaze), slowest, fastest)
     command = JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, hold_s)
     return SearchState(state.center, goal, unvisited, visits), command
-
-
-def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
-    """A random gaze about the centre; the eyes' tilt continues where the neck's pitch ends."""
-    aside, up = rng.uniform(-1, 1, 2) * (params.yaw_rad, params.pitch_rad)
-    return _goal(center[YAW] + aside, center[PITCH] + center[TILT] + up, center[VERGENCE], lower, upper)
 
 
 def _grid(params: SearchParams, vergence: float, lower: Array, upper: Array) -> Array:
@@ -106,6 +102,6 @@ def _grid(params: SearchParams, vergence: float, lower: Array, upper: Array) -> 
 
 
 def _goal(yaw: float, up: float, vergence: float, lower: Array, upper: Array) -> Array:
-    """(4,) the gaze to the side and up, within its limits."""
+    """(4,) the gaze to the side and up, within its limits; the eyes' tilt continues where the neck's pitch ends."""
     pitch = np.clip(up, lower[PITCH], upper[PITCH])
     return np.clip([yaw, pitch, up - pitch, vergence], lower, upper)

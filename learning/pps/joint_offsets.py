@@ -78,7 +78,9 @@ def joint_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[Tou
 
     def residuals(offsets: Array) -> Array:
         sigmas = np.einsum("kij,kj->ki", whitening, errors_m(offsets))
-        return np.concatenate([offsets / _JOINT_RAD, _robust(sigmas, _OUTLIER_SIGMAS).ravel()])
+        squared = np.maximum(np.sum(sigmas**2, axis=1, keepdims=True) / _OUTLIER_SIGMAS**2, 1e-12)
+        robust = sigmas * np.sqrt(np.log1p(squared) / squared)  # Cauchy: squared norms grow logarithmically
+        return np.concatenate([offsets / _JOINT_RAD, robust.ravel()])
 
     zero = np.zeros(robot.n_joints)
     estimate: Array = least_squares(residuals, zero, xtol=1e-4, ftol=1e-4).x
@@ -133,9 +135,3 @@ def _error_m(robot: Robot, rig: StereoRig, sighting: _Sighting, offsets: Array) 
     if p is None:
         return np.full(3, _NO_POINT_M)
     return move_points(inverse(robot.at(q).T_root(sighting.frame)), p) - sighting.felt_at
-
-
-def _robust(residuals: Array, sigmas: float) -> Array:
-    """Residuals (k, 3) scaled so that their squared norms grow logarithmically beyond `sigmas` (Cauchy)."""
-    squared = np.maximum(np.sum(residuals**2, axis=1, keepdims=True) / sigmas**2, 1e-12)
-    return residuals * np.sqrt(np.log1p(squared) / squared)

@@ -161,8 +161,7 @@ class ReachableMap:
         low = isotropic(self.limits.lower)
         high = isotropic(self.limits.upper)
         results = []
-        for start in range(0, len(gaze_rad), _TORCH_ROWS):
-            gaze = isotropic(gaze_rad[start : start + _TORCH_ROWS])
+        for gaze in torch.split(isotropic(gaze_rad), _TORCH_ROWS):
             place = (2 * (gaze - low) / (high - low) - 1).flip(-1).view(1, -1, 1, 1, 3)  # the last axis comes first
             between = functional.grid_sample(values, place, "bilinear", "border", align_corners=True)
             signed, good, bad = between.view(3, -1)
