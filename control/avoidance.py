@@ -37,6 +37,7 @@ _PREDICTION_INSTANTS = 12
 _PASSED_M = 0.05  # the prediction ends when the object is this far beyond the last taxel
 
 Mode = Literal["idle", "avoid", "reach", "hold", "return"]
+Points = tuple[MovingPoint, ...]
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ class ArmState:
     mode: Mode = "idle"
     since_s: float = 0.0  # stamp of the last activation responded to, or of the begin of a hold or return
     active_since_s: float = np.inf  # begin of the uninterrupted activation of any taxel; inf without one
-    points: tuple[MovingPoint, ...] = ()  # control points with their commanded velocities, the most activated first
+    points: Points = ()  # control points with their commanded velocities, the most activated first
     blocked_by: Array | None = None  # (3,) m, position of the object that interrupted the return
     escape_direction: Array | None = None  # (3,) across the object's path, of all points; None: against the normals
     target_taxel: int | None = None  # of reaching: number of the taxel that the object's path passes nearest
@@ -271,7 +272,7 @@ def response(state: ArmState, arm: ArmInput, dq: Array) -> Response:
     return Response(state.mode, command, np.asarray(velocity))
 
 
-def _active_taxels(params: AvoidanceParams, arm: ArmInput) -> tuple[MovingPoint, ...]:
+def _active_taxels(params: AvoidanceParams, arm: ArmInput) -> Points:
     """The taxels above threshold, moving against their normals; weighted by their shares of Σ a."""
     active = np.flatnonzero(arm.activations > params.threshold)
     if not active.size:
@@ -302,7 +303,7 @@ def _bare_links(params: AvoidanceParams, arm: ArmInput) -> tuple[list[NearestPoi
     return present, approached
 
 
-def _link_points(params: AvoidanceParams, arm: ArmInput, links: list[NearestPoint]) -> tuple[MovingPoint, ...]:
+def _link_points(params: AvoidanceParams, arm: ArmInput, links: list[NearestPoint]) -> Points:
     """The nearest points of links, moving away from the object as fully activated taxels would."""
     return tuple(
         MovingPoint(
@@ -328,7 +329,7 @@ class ArmMotion:
         self.arm = arm
         self.constraints = arm_constraints(params.arm, arm.posture, params.side, params.home_arm_rad, *limited_by)
 
-    def rates(self, points: tuple[MovingPoint, ...], arm_params: ArmParams | None = None) -> Array:
+    def rates(self, points: Points, arm_params: ArmParams | None = None) -> Array:
         """Joint rates (n_joints,) that move control points as commanded, none faster than `speed_m_s`."""
         posture = self.arm.posture
         dq = arm_velocity(arm_params or self.params.arm, posture, self.constraints, points)
@@ -344,16 +345,14 @@ class ArmMotion:
         return self.arm.self_collision.clear_share(self.arm.posture.q_rad, change, LimitParams().clearance_m)
 
 
-def _redirected(points: tuple[MovingPoint, ...], direction: Array | None) -> tuple[MovingPoint, ...]:
+def _redirected(points: Points, direction: Array | None) -> Points:
     """Control points that move in a direction (3,), if there is one, at their speeds."""
     if direction is None:
         return points
     return tuple(p._replace(velocity_root=float(np.linalg.norm(p.velocity_root)) * direction) for p in points)
 
 
-def _escape_direction(
-    motion: ArmMotion, points: tuple[MovingPoint, ...], current: Array | None, clearance_m: float
-) -> Array | None:
+def _escape_direction(motion: ArmMotion, points: Points, current: Array | None, clearance_m: float) -> Array | None:
     """Direction (3,) across the object's path in which control points leave the largest predicted distance, as in the
     dynamic window of Fox et al. (1997); None: against the normals.
 

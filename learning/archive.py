@@ -24,12 +24,11 @@ _UNREADABLE = (
 
 def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
     """Write arrays, their kind, its version and that of this package to a temporary name beside `path`, then rename."""
-    header = {"kind": kind, "version": version, "written_by": metadata.version("pps-vision")}
-    contents: dict[str, Any] = {**{name: np.array(value) for name, value in header.items()}, **arrays}
+    content: dict[str, Any] = {"kind": kind, "version": version, "written_by": metadata.version("pps-vision"), **arrays}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with temporary.open("wb") as file:
-            np.savez_compressed(file, **contents)
+            np.savez_compressed(file, **content)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -88,18 +88,16 @@ def hand_and_params(
     return hand, replace(params, measure=_measure(measure, point, lower, upper))
 
 
-def _measure(
-    name: MeasureName, point: EndPoint, lower: Array, upper: Array
-) -> Callable[[Array, Array], Measure] | DirectionCoverage:
+def _measure(name: MeasureName, point: EndPoint, lower: Array, upper: Array) -> Measure | DirectionCoverage | None:
     if name == "approach":
         return DirectionCoverage()
     if name == "joint-limits":
-        return FarFromLimits
+        return None
     if name == "isotropy":
-        return lambda _lower, _upper: Manipulability(isotropy=True)
+        return Manipulability(isotropy=True)
     q = np.random.default_rng(0).uniform(lower, upper, (_N_SAMPLED, len(lower)))
     most = float(Manipulability()(q, point.positions(q)[1]).max())
-    return lambda _lower, _upper: Manipulability(most)
+    return Manipulability(most)
 
 
 class ReachOracle:
@@ -128,8 +126,8 @@ class ReachOracle:
         measure = self.params.measure
         starts = self.starts(points)
         limits = (self.lower, self.upper)
-        optimized = FarFromLimits if isinstance(measure, DirectionCoverage) else measure
-        solution = two_stage(self.forward, points, starts, *limits, optimized(*limits), self.params.inverse)
+        optimized = FarFromLimits(*limits) if measure is None or isinstance(measure, DirectionCoverage) else measure
+        solution = two_stage(self.forward, points, starts, *limits, optimized, self.params.inverse)
         if isinstance(measure, DirectionCoverage):
             covered = self._covered(points, starts, measure)
             return replace(solution, quality=np.where(solution.reachable, covered, np.nan))

@@ -1,15 +1,13 @@
 """Parameters of the reachable-space map's training."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
-from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Measure
+from pps_vision.robot.self_motion import DirectionCoverage, Measure
 from pps_vision.robot.two_stage import TwoStageParams
-from pps_vision.types import Array
 
 MAP = "reachable-space map"
 _DEG = np.pi / 180
@@ -46,8 +44,8 @@ class MapParams:
     """Random arm postures among which inverse kinematics finds its starts."""
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
     """Of inverse kinematics."""
-    measure: Callable[[Array, Array], Measure] | DirectionCoverage = FarFromLimits
-    """Measure that the second stage optimises, made from the joints' lower and upper limits."""
+    measure: Measure | DirectionCoverage | None = None
+    """Measure that the second stage optimises; None: `FarFromLimits` (J IV.5)."""
     border_band: tuple[float, float] = (-0.14, 0.05)
     """Signed distances, in isotropic coordinates, between which later labels are drawn."""
     inside_share: float = 0.05

@@ -11,7 +11,10 @@ import numpy as np
 from pps_vision.jit import njit
 from pps_vision.types import Array
 
+Point = tuple[float, float]
 Vector = tuple[float, float, float]
+Symmetric = tuple[float, float, float, float, float, float]  # upper half of a matrix (3, 3), row by row
+Pull = tuple[float, float, float, float, float, float, float, float]
 Lens = tuple[float, float, float, float, float, float, float, float, float, float]
 """fx, fy, cx, cy px; k1, k2, p1, p2, k3 as OpenCV's; the squared radius (of x = X/Z, y = Y/Z) where it folds back."""
 Pose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
@@ -74,13 +77,11 @@ def projected_from(pose: Pose, lens: Lens, x: float, y: float, z: float) -> Line
 
 
 @njit(cache=True, error_model="numpy")
-def triangulated(
-    left: Sighting, right: Sighting
-) -> tuple[bool, Vector, tuple[float, float, float, float, float, float], float, float]:
+def triangulated(left: Sighting, right: Sighting) -> tuple[bool, Vector, Symmetric, float, float]:
     """Triangulation after Kanatani: the pixels move by the least Mahalanobis distance that makes their rays meet.
 
-    Returns whether they meet in front of both cameras; the point; the upper half of its covariance, row by row; the
-    squared length of the correction (px²); and its squared Mahalanobis distance (χ²).
+    Returns whether they meet in front of both cameras; the point; its covariance; the squared length of the
+    correction (px²); and its squared Mahalanobis distance (χ²).
     """
     nothing = False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
     p, q = left[0], right[0]
@@ -112,7 +113,7 @@ def triangulated(
 
 
 @njit(cache=True, error_model="numpy")
-def _undistorted(eye: Sighting) -> tuple[float, float]:
+def _undistorted(eye: Sighting) -> Point:
     """Approximate normalised point of the pixel, by fixed-point iteration."""
     (fx, fy, cx, cy, k1, k2, p1, p2, k3, _), u, v = eye[1], eye[2], eye[3]
     u, v = (u - cx) / fx, (v - cy) / fy
@@ -128,9 +129,7 @@ def _undistorted(eye: Sighting) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(
-    eye: Sighting, x: tuple[float, float], slope: Vector
-) -> tuple[float, float, tuple[float, float, float, float, float, float, float, float]]:
+def _linearise(eye: Sighting, x: Point, slope: Vector) -> tuple[float, float, Pull]:
     """The epipolar constraint, linearised at the ray `x`, where `slope` is its gradient by the ray.
 
     Returns its change from ray to measured pixel, its variance, and input of `_moved`; NaN where the lens folds back.
@@ -147,9 +146,7 @@ def _linearise(
 
 
 @njit(cache=True, error_model="numpy")
-def _moved(
-    x: tuple[float, float], pull: tuple[float, float, float, float, float, float, float, float], k: float
-) -> tuple[tuple[float, float], float, float]:
+def _moved(x: Point, pull: Pull, k: float) -> tuple[Point, float, float]:
     """The normalised point moved by `k` times its pull; its distance from `x`, and the pixel's, squared (px²)."""
     du, dv, pu, pv, ux, uy, vx, vy = pull
     u, v = du - k * pu, dv - k * pv
@@ -158,7 +155,7 @@ def _moved(
 
 
 @njit(cache=True, error_model="numpy")
-def _slopes(eye: Sighting, at: tuple[float, float], depth: float) -> tuple[Vector, Vector]:
+def _slopes(eye: Sighting, at: Point, depth: float) -> tuple[Vector, Vector]:
     """∂pixel/∂p_root (1/m) of a point at `depth` on the ray, whitened by Cholesky's factor of the pixel covariance."""
     pose, lens, _, _, uu, uv, vv = eye
     x, y = at
@@ -170,7 +167,7 @@ def _slopes(eye: Sighting, at: tuple[float, float], depth: float) -> tuple[Vecto
 
 
 @njit(cache=True, error_model="numpy")
-def _inverse(a: Vector, b: Vector, c: Vector, d: Vector) -> tuple[float, float, float, float, float, float]:
+def _inverse(a: Vector, b: Vector, c: Vector, d: Vector) -> Symmetric:
     """The upper half, row by row, of the inverse of aaᵀ + bbᵀ + ccᵀ + ddᵀ."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = a, b, c, d
     xx, xy, xz = (

@@ -12,7 +12,7 @@ from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.self_motion import DirectionCoverage
+from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits
 from pps_vision.robot.skin import icub_skin
 
 ROBOT = load_icub()
@@ -38,7 +38,8 @@ def best_measure(side, end_point, params, gaze):
             near = np.cos(params.measure.within_rad)
             best[k] = (point.normals(q) @ params.measure.directions.T >= near).any(axis=0).mean()
         elif len(q):
-            best[k] = params.measure(lower, upper)(q, point.positions(q)[1]).max()
+            measure = params.measure or FarFromLimits(lower, upper)
+            best[k] = measure(q, point.positions(q)[1]).max()
     return best
 
 
