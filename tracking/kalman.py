@@ -94,45 +94,26 @@ def scaled(params: KalmanParams, distance_m: float) -> KalmanParams:
 
 
 class Belief(NamedTuple):  # constructing a frozen dataclass is three times slower
-    """State of the filter.
+    """State of the filter."""
 
-    Attributes:
-        stamp_s: Time of the state.
-        mean: (order, 3) position and its derivatives.
-        cov: (3·order, 3·order) covariance of `mean`, without `correlated_cov`.
-        correlated_cov: (3, 3) m² position error that all measurements share.
-        updated_s: Time of the last update.
-        rejections: Number of outliers in a row.
-        nis: Normalised innovation squared of the last update (3 expected); NaN before the first.
-        noise_scale: Ratio of the adapted process noise to that of the parameters.
-    """
-
-    stamp_s: float
-    mean: Array
-    cov: Array
-    correlated_cov: Array
-    updated_s: float
-    rejections: int = 0
-    nis: float = math.nan
-    noise_scale: float = 1.0
+    stamp_s: float  # time of the state
+    mean: Array  # (order, 3) position and its derivatives
+    cov: Array  # (3·order, 3·order) covariance of `mean`, without `correlated_cov`
+    correlated_cov: Array  # (3, 3) m² position error that all measurements share
+    updated_s: float  # time of the last update
+    rejections: int = 0  # number of outliers in a row
+    nis: float = math.nan  # normalised innovation squared of the last update (3 expected); NaN before the first
+    noise_scale: float = 1.0  # ratio of the adapted process noise to that of the parameters
 
 
 class GatedMeasurement(NamedTuple):
-    """A measurement inside the gate.
+    """A measurement inside the gate."""
 
-    Attributes:
-        belief: Predicted belief, inflated if the motion jumped.
-        innovation: (3,) ν, m.
-        information: (3, 3) S⁻¹, 1/m².
-        nis: Normalised innovation squared.
-        correlated_cov: (3, 3) m² part of the measurement's covariance that no filtering averages out.
-    """
-
-    belief: Belief
-    innovation: Array
-    information: Array
-    nis: float
-    correlated_cov: Array
+    belief: Belief  # predicted belief, inflated if the motion jumped
+    innovation: Array  # (3,) ν, m
+    information: Array  # (3, 3) S⁻¹, 1/m²
+    nis: float  # normalised innovation squared
+    correlated_cov: Array  # (3, 3) m² part of the measurement's covariance that no filtering averages out
 
 
 def start(

@@ -33,23 +33,14 @@ _COMMON_STD_PX = 0.1  # standard deviation of the error that all points in a reg
 
 @dataclass(frozen=True, slots=True)
 class Flow2D:
-    """Image velocity of a region relative to its static surroundings.
+    """Image velocity of a region relative to its static surroundings."""
 
-    Attributes:
-        velocity_px_s: (2,).
-        cov: (2, 2) px²/s²: spread of the points' flow, and their common error.
-        now_px: (2,) mean position of the points, without ego-motion compensation.
-        then_px: (2,) their position in the older image.
-        reference_view: View of the older image.
-        interval_s: Age of the older image.
-    """
-
-    velocity_px_s: Array
-    cov: Array
-    now_px: Array
-    then_px: Array
-    reference_view: View
-    interval_s: float
+    velocity_px_s: Array  # (2,)
+    cov: Array  # (2, 2) px²/s²: spread of the points' flow, and their common error
+    now_px: Array  # (2,) mean position of the points, without ego-motion compensation
+    then_px: Array  # (2,) their position in the older image
+    reference_view: View  # view of the older image
+    interval_s: float  # age of the older image
 
 
 class Match(NamedTuple):

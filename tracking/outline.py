@@ -71,7 +71,7 @@ class Outline:
         box_px: Bounding box (x, y, width, height).
         area_px: Area.
         is_partial: A part of the object is hidden or cut off by the image's border.
-        harmonics: Second and third harmonic of the edge (cosine, sine, cosine, sine), relative to the radius.
+        harmonics: Second and third of the edge (cos, sin, cos, sin) over the radius.
         non_circularity: Relative excess of the second moment over a disc's.
     """
 
@@ -425,21 +425,13 @@ def _unmixed(pixel: Color, inner: Color, outer: Color) -> tuple[float, float, fl
 
 
 class Moments(NamedTuple):
-    """Sums over the covered pixels.
+    """Sums over the covered pixels."""
 
-    Attributes:
-        direction: (3,) viewing direction times solid angle.
-        omega: Solid angle, sr.
-        cov: (4, 4) covariance of `direction` and `omega` for independent pixel errors.
-        area: px.
-        box: x, y, width, height of the pixels that are covered by more than half.
-    """
-
-    direction: Color
-    omega: float
-    cov: Array
-    area: float
-    box: tuple[int, int, int, int]
+    direction: Color  # (3,) viewing direction times solid angle
+    omega: float  # solid angle, sr
+    cov: Array  # (4, 4) covariance of `direction` and `omega` for independent pixel errors
+    area: float  # px
+    box: tuple[int, int, int, int]  # x, y, width, height of the pixels that are covered by more than half
 
 
 @njit(cache=True, error_model="numpy")

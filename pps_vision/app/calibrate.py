@@ -27,21 +27,13 @@ _WINDOW = 0.25  # half window relative to the distance of neighbouring corners, 
 
 @dataclass(frozen=True)
 class Board:
-    """A chessboard, or with `marker_m` a charuco board.
+    """A chessboard, or with `marker_m` a charuco board."""
 
-    Attributes:
-        columns: Inner corners (charuco: squares) along the longer side.
-        rows: Inner corners (charuco: squares) along the shorter side.
-        square_m: Side of a square.
-        marker_m: Side of a charuco board's markers.
-        dictionary: Name of the markers' dictionary in OpenCV, without DICT_.
-    """
-
-    columns: int
-    rows: int
-    square_m: float
-    marker_m: float | None = None
-    dictionary: str = "5X5_100"
+    columns: int  # inner corners (charuco: squares) along the longer side
+    rows: int  # inner corners (charuco: squares) along the shorter side
+    square_m: float  # side of a square
+    marker_m: float | None = None  # side of a charuco board's markers
+    dictionary: str = "5X5_100"  # name of the markers' dictionary in OpenCV, without DICT_
 
     def __post_init__(self) -> None:
         if not all(3 <= n <= _MOST_SQUARES for n in (self.columns, self.rows)):
@@ -100,27 +92,16 @@ class BoardView:
 
 @dataclass(frozen=True)
 class StereoCalibration:
-    """Cameras, and residuals of the calibration.
+    """Cameras, and residuals of the calibration."""
 
-    Attributes:
-        image_size: Width and height.
-        K: Camera matrices (2, 3, 3) of left and right.
-        D: Distortions (2, 5): k1, k2, p1, p2, k3.
-        R: (3, 3), p_right = R p_left + T.
-        T: (3,) m.
-        focal_std_px: (2,) standard deviation of fx, each camera calibrated by itself.
-        views: The views that were used.
-        residuals_px: Left and right residuals of every view, (n, 2) each.
-    """
-
-    image_size: tuple[int, int]
-    K: Array
-    D: Array
-    R: Array
-    T: Array
-    focal_std_px: Array
-    views: tuple[BoardView, ...]
-    residuals_px: tuple[tuple[Array, Array], ...]
+    image_size: tuple[int, int]  # width and height
+    K: Array  # camera matrices (2, 3, 3) of left and right
+    D: Array  # distortions (2, 5): k1, k2, p1, p2, k3
+    R: Array  # (3, 3), p_right = R p_left + T
+    T: Array  # (3,) m
+    focal_std_px: Array  # (2,) standard deviation of fx, each camera calibrated by itself
+    views: tuple[BoardView, ...]  # the views that were used
+    residuals_px: tuple[tuple[Array, Array], ...]  # left and right residuals of every view, (n, 2) each
 
     @property
     def rms_px(self) -> float:

@@ -22,23 +22,14 @@ _FEWEST = 3  # positions to compare
 
 @dataclass(frozen=True)
 class Path3D:
-    """Known positions in order of time.
+    """Known positions in order of time."""
 
-    Attributes:
-        name: Where it is from.
-        stamps_s: (n,) increasing.
-        position: (n, 3) m.
-        cov: (n, 3, 3) m², NaN where none is stated.
-        unknown: How many rows or frames without a position were left out.
-        missing: Lines of the file's rows without a position, but for those with a status that says so.
-    """
-
-    name: str
-    stamps_s: Array
-    position: Array
-    cov: Array
-    unknown: int = 0
-    missing: tuple[int, ...] = ()
+    name: str  # where it is from
+    stamps_s: Array  # (n,) increasing
+    position: Array  # (n, 3) m
+    cov: Array  # (n, 3, 3) m², NaN where none is stated
+    unknown: int = 0  # how many rows or frames without a position were left out
+    missing: tuple[int, ...] = ()  # lines of rows without a position whose status does not say so
 
 
 @dataclass(frozen=True)

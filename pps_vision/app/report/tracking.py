@@ -39,31 +39,18 @@ _LARGEST_VIDEO = 20 * 2**20
 
 @dataclass(frozen=True)
 class Tracked:
-    """Contents of a folder of results.
+    """Contents of a folder of results."""
 
-    Attributes:
-        folder: The folder.
-        summary: summary.json.
-        stamps_s: (n,).
-        position: (n, 3) m; NaN where unknown.
-        velocity: (n, 3) m/s.
-        cov: (n, 3, 3) m².
-        status: (n,).
-        reach: (n,) degree of reachability, NaN where unknown; None without a map.
-        activation: activation (n,) of every taxel, by its name; empty without a memory.
-        truth: (m, 4) stamp and true position; (0, 4) without one.
-    """
-
-    folder: Path
-    summary: Mapping[str, Any]
-    stamps_s: Array
-    position: Array
-    velocity: Array
-    cov: Array
-    status: tuple[str, ...]
-    reach: Array | None
-    activation: Mapping[str, Array]
-    truth: Array
+    folder: Path  # the folder
+    summary: Mapping[str, Any]  # summary.json
+    stamps_s: Array  # (n,)
+    position: Array  # (n, 3) m; NaN where unknown
+    velocity: Array  # (n, 3) m/s
+    cov: Array  # (n, 3, 3) m²
+    status: tuple[str, ...]  # (n,)
+    reach: Array | None  # (n,) degree of reachability, NaN where unknown; None without a map
+    activation: Mapping[str, Array]  # activation (n,) of every taxel, by its name; empty without a memory
+    truth: Array  # (m, 4) stamp and true position; (0, 4) without one
 
 
 def _write_page(folder: Path, text: str) -> None:
