@@ -2,7 +2,7 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -127,6 +127,14 @@ class PathStatistics:
             "position_median_mm": 1000 * float(np.median(tracking[:, 0])) if len(tracking) else np.nan,
             "velocity_rms_m_s": _rms(tracking[:, 1]),
         }
+
+
+def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:
+    """Return the errors of tracks, as `PathStatistics.errors`."""
+    statistics = PathStatistics(truth)
+    for track in tracks:
+        statistics.add(track)
+    return statistics.errors()
 
 
 def _rms(values: Array) -> float:

@@ -8,7 +8,7 @@ import pytest
 from tracks import track_at
 
 from pps_vision.app.track import TrackedRecording
-from pps_vision.app.track_statistics import CameraStatistics, PathStatistics
+from pps_vision.app.track_statistics import CameraStatistics, PathStatistics, errors_against
 from pps_vision.app.track_summary import headline
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
@@ -32,13 +32,6 @@ def truth(stamp_s: float, x_m: float = 0.0, speed_m_s: float = 0.0) -> Truth:
 def later(*tracks: Track3D) -> list[Track3D]:
     """These after ten that are a metre off."""
     return [track(0.01 * k, 1.0) for k in range(FRAMES)] + list(tracks)
-
-
-def errors_against(rows: list[Truth], tracks: list[Track3D]) -> dict[str, float]:
-    statistics = PathStatistics(rows)
-    for known in tracks:
-        statistics.add(known)
-    return statistics.errors()
 
 
 def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted() -> None:
