@@ -62,12 +62,11 @@ def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot):
     np.testing.assert_allclose(q[wrist], 0.0, atol=1 * DEG)
 
 
-def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot, rng):
+def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot):
     """Straight arm, then ten seconds of pushing on in each of six directions."""
     for direction in np.vstack([np.eye(3), -np.eye(3)]):
         q = home(robot)
-        arm = robot.indices(robot.names.arm("left"))
-        q[arm] = np.deg2rad([-30, 20, 0, 5.5, 0, 0, 0])  # elbow at its end: the arm is stretched
+        q[robot.indices(robot.names.arm("left"))] = np.deg2rad([-30, 20, 0, 5.5, 0, 0, 0])  # elbow at its end
         for _ in range(200):
             dq = rates(robot, q, MovingPoint("left_palm", (0, 0, 0), 0.1 * direction))
             assert np.all(np.isfinite(dq))
@@ -94,8 +93,8 @@ def test_the_palm_slides_along_its_sphere(robot):
 def test_a_palm_outside_its_sphere_is_brought_back(robot):
     q = home(robot)
     center = robot.at(q).point("left_palm") + np.array([0.0, 0.0, 0.08])
+    keep_in = KeepIn("left_palm", center, 0.05)
     for _ in range(40):
-        keep_in = KeepIn("left_palm", center, 0.05)
         q = q + DT * rates(robot, q, MovingPoint("left_forearm", (0, 0, 0), np.zeros(3)), keep_in)
     assert np.linalg.norm(robot.at(q).point("left_palm") - center) < 0.0505
 

@@ -88,18 +88,15 @@ def test_stamps_that_are_not_finite_or_go_back_are_refused_and_change_nothing(ro
     np.testing.assert_array_equal(repeated.command.dq_rad_s, last.dq_rad_s)
 
 
-@pytest.mark.parametrize("rates", [np.full(23, np.nan), np.r_[np.zeros(22), np.inf], np.zeros(22)])
-def test_rates_that_are_not_finite_are_refused(robot, bodies, rates):
-    with pytest.raises(InputError, match="expected 23 finite numbers"):
-        limit(PARAMS, bodies, robot.at(home(robot)), JointVelocity(0.0, rates, HOLD_S))
-
-
 @pytest.mark.parametrize(
     "change", [{"joint_rad_s": 0.0}, {"eyes_rad_s": np.nan}, {"speed_up_s": 0.0}, {"clearance_m": -1.0}]
 )
-def test_impossible_limits_are_refused(change):
+def test_impossible_limits_and_rates_are_refused(robot, bodies, change):
     with pytest.raises(InputError, match="expected rates and a time above 0"):
         replace(PARAMS, **change)
+    for rates in (np.full(23, np.nan), np.r_[np.zeros(22), np.inf], np.zeros(22)):
+        with pytest.raises(InputError, match="expected 23 finite numbers"):
+            limit(PARAMS, bodies, robot.at(home(robot)), JointVelocity(0.0, rates, HOLD_S))
 
 
 @pytest.mark.parametrize("outside_rad", [0.0, 0.3])
@@ -256,7 +253,7 @@ def near_the_chest(robot: Robot, bodies: SelfCollision, distance_m: float) -> Ar
     return q
 
 
-def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot, bodies):
+def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot):
     """Nothing can be proven free; the way of the last command was."""
 
     class Doubtful(SelfCollision):
@@ -266,11 +263,10 @@ def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot, bod
     q = home(robot)
     last = command(robot, left_elbow=0.4, neck_yaw=0.3)
     posture = robot.at(q + 0.01 * last.dq_rad_s)
-    wanted = command(robot, 0.01)
-    for last_q, left in ((q, 0.98 * 0.4), (q + 1e-6, 0.0), (None, 0.0)):
-        held = limit(PARAMS, Doubtful(robot), posture, wanted, last, last_q)
-        yaw = 0.3 - 0.01 * 10 * np.deg2rad(60)
-        np.testing.assert_allclose(held.dq_rad_s, command(robot, left_elbow=left, neck_yaw=yaw).dq_rad_s, atol=1e-12)
+    yaw = 0.3 - 0.01 * 10 * np.deg2rad(60)
+    for last_q, elbow in ((q, 0.98 * 0.4), (q + 1e-6, 0.0), (None, 0.0)):
+        held = limit(PARAMS, Doubtful(robot), posture, command(robot, 0.01), last, last_q)
+        np.testing.assert_allclose(held.dq_rad_s, command(robot, left_elbow=elbow, neck_yaw=yaw).dq_rad_s, atol=1e-12)
 
 
 @pytest.mark.parametrize("start_m", [-0.01, -0.001, 0.0, 0.015])

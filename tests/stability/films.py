@@ -55,19 +55,15 @@ def film(
 
 
 def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Footage:
-    """The usual film, with disturbed frames between two moments."""
-    # a disturbed stamp may be some ms off its place
-    parts = (usual, disturbed), (0.0, 0.5 / FPS)
-    picked = [
-        (stereo_frame, p)
-        for footage, slack, inside in zip(*parts, (False, True), strict=True)
-        for stereo_frame, p in zip(footage.frames, footage.position, strict=True)
-        if (from_s - 1e-6 - slack <= stereo_frame.stamp_s < to_s - 1e-6 - slack) == inside
-    ]
-    picked.sort(key=lambda stereo_frame: stereo_frame[0].stamp_s)
-    frames = tuple(stereo_frame for stereo_frame, _ in picked)
-    position = np.array([p for _, p in picked])
-    return replace(usual, frames=frames, position=position, visible=np.ones(len(frames), bool))
+    """The usual film, with disturbed frames between two moments; a disturbed stamp may be some ms off its place."""
+    picked = []
+    for footage, slack_s, is_inside in ((usual, 0.0, False), (disturbed, 0.5 / FPS, True)):
+        for stereo_frame, p in zip(footage.frames, footage.position, strict=True):
+            if (from_s - 1e-6 <= stereo_frame.stamp_s + slack_s < to_s - 1e-6) == is_inside:
+                picked.append((stereo_frame, p))
+    picked.sort(key=lambda pair: pair[0].stamp_s)
+    frames, position = zip(*picked, strict=True)
+    return replace(usual, frames=frames, position=np.array(position), visible=np.ones(len(frames), bool))
 
 
 def each(footage: Footage, change: Callable[[StereoFrame], StereoFrame]) -> Footage:

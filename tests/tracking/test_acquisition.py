@@ -3,14 +3,16 @@
 from collections import Counter
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from ball_scenes import Sphere, frame
 
-from pps_vision.geometry.camera import StereoRig, StereoView, View
+from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.icub import home
+from pps_vision.robot.model import Robot
 from pps_vision.types import Image, StereoFrame
 from tracking.acquisition import Acquisition, Candidate, SearchCounts, segment
 from tracking.background import Background
@@ -25,10 +27,14 @@ DT = 0.05
 
 
 class Search:
-    """A search in which nothing is known yet."""
+    """A search in which nothing is known yet, by a robot at home."""
 
-    def __init__(self, rig: StereoRig) -> None:
+    def __init__(self, rig: StereoRig, robot: Robot) -> None:
         self.counts: SearchCounts = Counter()
+        self._rig = rig
+        self._q = home(robot)
+        self._view = rig.view(self._q)
+        self._rng = np.random.default_rng(3)
         optics = Optics(rig.left), Optics(rig.right)
         self._backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
         self._acquisition = Acquisition(
@@ -36,22 +42,27 @@ class Search:
         )
         self._association = Association.untrained(StereoParams(), rig.left.width)
 
-    def step(self, frame: StereoFrame, view: StereoView) -> tuple[Candidate, Candidate] | None:
-        return self._acquisition.step(camera_frames(frame, view), view, frame.stamp_s, self._association)
+    def frame(self, k: int, *balls: Sphere) -> StereoFrame:
+        return frame(self._rig, self._q, list(balls), DT * k, self._rng)
 
-    def find_marker(self, frame: StereoFrame, view: StereoView) -> SearchCounts:
-        cameras = camera_frames(frame, view)
-        self._acquisition.find_marker(MarkerParams(), cameras, view, frame.stamp_s, self._association)
+    def step(self, frame: StereoFrame, is_learned: bool = False) -> tuple[Candidate, Candidate] | None:
+        """The candidates of a frame, which the backgrounds learn afterwards if it is."""
+        cameras = camera_frames(frame, self._view)
+        pair = self._acquisition.step(cameras, self._view, frame.stamp_s, self._association)
+        for camera, background in zip(cameras, self._backgrounds, strict=True):
+            if is_learned:
+                background.update(camera.image, camera.view, frame.stamp_s, None)
+        return pair
+
+    def find_marker(self, left: Image, right: Image) -> SearchCounts:
+        cameras = camera_frames(StereoFrame(left, right, 0.0, 0.0), self._view)
+        self._acquisition.find_marker(MarkerParams(), cameras, self._view, 0.0, self._association)
         return self.counts
-
-    def learn(self, frame: StereoFrame, view: StereoView) -> None:
-        for camera, background in zip(camera_frames(frame, view), self._backgrounds, strict=True):
-            background.update(camera.image, camera.view, frame.stamp_s, None)
 
 
 @pytest.fixture
-def search(rig: StereoRig) -> Search:
-    return Search(rig)
+def search(rig: StereoRig, robot: Robot) -> Search:
+    return Search(rig, robot)
 
 
 def learned_from(picture: Callable[[], Image], view: View) -> Background:
@@ -89,30 +100,26 @@ def green(*boxes: tuple[int, int, int, int], color: tuple[int, int, int] = (25, 
     return image
 
 
-def test_a_ball_on_one_eye_s_line_of_sight_is_found(search, robot, rig, view):
+def test_a_ball_on_one_eye_s_line_of_sight_is_found(search, view):
     """A ball on the right eye's line of sight shifts in the left image only; in the right one it just grows."""
-    rng = np.random.default_rng(3)
-    is_detected = []
     for k in range(9):
         p = view.right.center + (0.45 - 0.012 * max(k - 4, 0)) * view.right.rays([150.0, 120.0])
-        pair = search.step(frame(rig, home(robot), [Sphere(p, 0.03, (210, 45, 40))], DT * k, rng), view)
-        is_detected.append(pair is not None)
-    assert is_detected == [False] * 8 + [True]
+        pair = search.step(search.frame(k, Sphere(p, 0.03, (210, 45, 40))))
+        assert (pair is not None) == (k == 8)
     assert pair[0].flow is not None
     std = np.sqrt(np.linalg.eigvalsh(pair[1].flow.cov)[-1])
     assert np.linalg.norm(pair[1].flow.velocity_px_s) < std  # it grows, but stays where it is
 
 
-def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(search, robot, rig, view):
+def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(search, view):
     """A small red and a large blue ball, both across the view."""
-    rng = np.random.default_rng(3)
     across = view.left.T_root_camera[:3, 1]
     starts = [view.left.center + 0.4 * view.left.rays([u, 100.0]) for u in (80.0, 240.0)]
     taken_px = []
     for k in range(9):
         small, large = (start + 0.012 * max(k - 4, 0) * across for start in starts)
-        balls = [Sphere(small, 0.015, (210, 45, 40)), Sphere(large, 0.035, (40, 60, 210))]
-        pair = search.step(frame(rig, home(robot), balls, DT * k, rng), view)
+        balls = Sphere(small, 0.015, (210, 45, 40)), Sphere(large, 0.035, (40, 60, 210))
+        pair = search.step(search.frame(k, *balls))
         taken_px += [pair[0].outline.center_px[0]] if pair else []
     assert taken_px
     assert np.abs(np.array(taken_px) - 240).max() < 10
@@ -186,9 +193,7 @@ def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(search,
         (u, v), (x, y) = (np.rint(eye.project(p)).astype(int).tolist() for eye in (view.left, view.right))
         right_edge = 320 if k < 9 else 0  # hidden, and out of the left eye's sight
         images = faint(rng, 112, (u, v, 20)), faint(rng, right_edge, (x, y, 20))
-        stereo_frame = StereoFrame(*images, DT * k, DT * k)
-        pair = search.step(stereo_frame, view)
-        search.learn(stereo_frame, view)
+        pair = search.step(StereoFrame(*images, DT * k, DT * k), is_learned=True)
         if pair is not None:
             shares.append(pair[0].mask.sum() / pair[1].mask.sum())
             errors.append(pair[0].outline.center_px - (u, v))
@@ -222,15 +227,12 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(rng, rig, vi
     assert free.outline.center_px == pytest.approx([180, 120], abs=0.5)
 
 
-def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whole(search, robot, rig, view):
+def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whole(search, view):
     """A ball comes into the right image after the left one: its size is known from there."""
-    rng = np.random.default_rng(3)
     errors = []
     for k in range(22):
         p = view.right.center + 0.4 * view.right.rays([-35.0 + 2 * k, 120.0])
-        stereo_frame = frame(rig, home(robot), [Sphere(p, 0.02, (210, 45, 40))], DT * k, rng)
-        pair = search.step(stereo_frame, view)
-        search.learn(stereo_frame, view)
+        pair = search.step(search.frame(k, Sphere(p, 0.02, (210, 45, 40))), is_learned=True)
         if pair is not None:
             errors.append(pair[1].outline.center_px - view.right.project(p))
             assert pair[1].outline.box_px[0] < 0  # goes on beyond the image
@@ -250,9 +252,9 @@ def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whol
         *(((x, y, x + 20, y + 20), True) for x, y in ((1, 30), (30, 1), (299, 30), (30, 219))),
     ],
 )
-def test_a_marker_is_compact_and_whole(box, is_taken, search, view):
+def test_a_marker_is_compact_and_whole(box, is_taken, search):
     """A square is a marker; a meadow that the image cuts and a bar are none, before eyes that move."""
-    counts = search.find_marker(StereoFrame(green(box), green(box), 0.0, 0.0), view)
+    counts = search.find_marker(green(box), green(box))
     assert (counts["candidates_left"], counts["candidates_right"]) == (is_taken, is_taken)
 
 
@@ -267,7 +269,7 @@ def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(side, shi
     for eye, side_px, down in ((view.left, 20, 0), (view.right, side, shift)):
         u, v = np.rint(eye.project(center)).astype(int) - (side_px // 2, side_px // 2 - down)
         images.append(green((u, v, u + side_px, v + side_px)))
-    counts = search.find_marker(StereoFrame(*images, 0.0, 0.0), view)
+    counts = search.find_marker(*images)
     assert (counts["candidates_left"], counts["candidates_right"]) == (1, 1)
     said = [key for key, n in counts.items() if key.startswith("rejected by") and n]
     assert len(said) == (refused is not None)
@@ -276,17 +278,15 @@ def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(side, shi
 
 
 @pytest.mark.parametrize(("right_color", "is_one"), [((210, 45, 40), True), ((40, 60, 210), False)])
-def test_what_has_another_colour_in_the_other_eye_is_another_object(right_color, is_one, search, robot, rig, view):
+def test_what_has_another_colour_in_the_other_eye_is_another_object(right_color, is_one, search, view):
     """A red ball that moves from the fifth frame on in the left image; at its place in the right one the same, or a
     blue one."""
-    q = home(robot)
-    rng = np.random.default_rng(3)
     start = view.left.center + 0.4 * view.left.rays([160.0, 110.0])
     pairs = []
     for k in range(8):
         p = start + 0.012 * max(k - 4, 0) * view.left.T_root_camera[:3, 1]
-        left, right = (frame(rig, q, [Sphere(p, 0.03, color)], DT * k, rng) for color in ((210, 45, 40), right_color))
-        pairs.append(search.step(StereoFrame(left.left, right.right, DT * k, DT * k, q, q), view))
+        left, right = (search.frame(k, Sphere(p, 0.03, color)) for color in ((210, 45, 40), right_color))
+        pairs.append(search.step(replace(left, right=right.right)))
     assert any(pairs) == is_one
     counts = search.counts
     assert counts["frames"] == 8

@@ -20,23 +20,20 @@ def test_bins_are_hue_and_saturation_or_value(rng):
 
 
 def test_a_color_only_the_object_has_is_the_object():
-    red = np.zeros((8, 8, 3), np.uint8)
-    blue = np.zeros((8, 8, 3), np.uint8)
-    red[..., 0] = 200
-    blue[..., 2] = 200
-    model = ColorModel(histogram(color_bins(red)), histogram(color_bins(blue)))
+    red, blue = (color_bins(np.full((8, 8, 3), color, np.uint8)) for color in ((200, 0, 0), (0, 0, 200)))
+    model = ColorModel(histogram(red), histogram(blue))
     table = model.table()
-    assert table[color_bins(red)[0, 0]] > 0.9
-    assert table[color_bins(blue)[0, 0]] == 0
+    assert len(table) == N_BINS
+    assert table[red[0, 0]] > 0.9
+    assert table[blue[0, 0]] == 0
     assert model.similarity(model.object) == pytest.approx(1)
     assert model.similarity(model.background) == 0
     half = model.blend(ColorModel(model.background, model.object), 0.5, 0.25)
     assert half.similarity(model.object) == pytest.approx(np.sqrt(0.5))
     np.testing.assert_allclose(half.background, 0.75 * model.background + 0.25 * model.object)
     rare = ColorModel(0.999 * model.object + 0.001 * model.background, np.zeros(N_BINS))
-    assert rare.table()[color_bins(blue)[0, 0]] < 0.5  # one pixel in a thousand of the object, none elsewhere
+    assert rare.table()[blue[0, 0]] < 0.5  # one pixel in a thousand of the object, none elsewhere
     assert histogram(np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)).sum() == pytest.approx(1)
-    assert len(table) == N_BINS
 
 
 def model(share: float) -> ColorModel:

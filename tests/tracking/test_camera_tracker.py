@@ -115,14 +115,10 @@ def test_an_object_is_in_view_if_a_part_of_it_is(u, is_seen, rng):
 @pytest.mark.parametrize(
     ("off_px", "size_px", "is_it"),
     [
-        ((0.0, 0.0), 36.0, True),
-        ((25.0, 0.0), 36.0, True),
-        ((27.0, 0.0), 36.0, False),
-        ((0.0, -25.0), 36.0, True),
-        ((0.0, -27.0), 36.0, False),
+        *((off_px, 36.0, True) for off_px in ((0.0, 0.0), (25.0, 0.0), (0.0, -25.0))),
+        *((off_px, 36.0, False) for off_px in ((27.0, 0.0), (0.0, -27.0))),
         ((0.0, 0.0), 36.7, True),
-        ((0.0, 0.0), 37.4, False),
-        ((0.0, 0.0), 34.6, False),
+        *(((0.0, 0.0), size_px, False) for size_px in (37.4, 34.6)),
     ],
 )
 def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(off_px, size_px, is_it, rng):

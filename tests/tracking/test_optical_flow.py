@@ -1,5 +1,7 @@
 """Flow of regions on drawn images whose motion is known, and the velocity that it starts a track with."""
 
+from itertools import product
+
 import cv2
 import numpy as np
 import pytest
@@ -59,12 +61,10 @@ def test_flow_of_a_region_is_its_motion(rng, moved):
 
 def test_what_comes_along_the_line_of_sight_moves_although_its_flow_has_no_direction(rng):
     """The square grows by a fifth about its centre: points at its rim move by 2.5 px, in all directions."""
-    wall = texture(rng, (240, 320))
-    square = texture(rng, (30, 30))
-    images = [wall, wall.copy()]
-    grown = cv2.warpAffine(square, np.array([[1.2, 0, -0.2 * 14.5], [0, 1.2, -0.2 * 14.5]]), (30, 30))
-    for image, content in zip(images, (square, grown), strict=True):
-        image[110:140, 150:180] = content
+    images = pair(rng, (0, 0))
+    place = np.s_[110:140, 150:180]
+    grow = np.array([[1.2, 0, -0.2 * 14.5], [0, 1.2, -0.2 * 14.5]])
+    images[1][place] = cv2.warpAffine(images[0][place], grow, (30, 30))
     result = measured(images)
     assert result.moving > 0.5
     assert np.abs(result.flow.velocity_px_s * DT).max() < 1.0  # on average over the square it does not move
@@ -94,11 +94,10 @@ def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng):
     images = pair(rng, (2, 0))
     assert measured(images).moving > 0.7
     wall = images[0].copy()
-    for top in range(20, 200, 20):
-        for left in range(20, 280, 20):
-            if not (100 <= top <= 120 and 140 <= left <= 160):
-                dx, dy = rng.integers(-2, 3, 2)
-                images[1][top : top + 20, left : left + 20] = wall[top - dy : top - dy + 20, left - dx : left - dx + 20]
+    for top, left in product(range(20, 200, 20), range(20, 280, 20)):
+        if not (100 <= top <= 120 and 140 <= left <= 160):
+            dx, dy = rng.integers(-2, 3, 2)
+            images[1][top : top + 20, left : left + 20] = wall[top - dy : top - dy + 20, left - dx : left - dx + 20]
     assert measured(images).moving == 0
 
 

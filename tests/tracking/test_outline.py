@@ -43,14 +43,12 @@ def disc(x: float, y: float, radius: float) -> Mask:
 def test_center_and_size_are_sub_pixel_and_covered(optics, rng, radius, color, rms_px):
     errors = []
     sizes = []
-    for _ in range(8):
-        center = np.array([rng.uniform(-0.12, 0.1), rng.uniform(-0.05, 0.09), rng.uniform(0.28, 0.6)])
+    for center in rng.uniform([-0.12, -0.05, 0.28], [0.1, 0.09, 0.6], (8, 3)):
         sphere = Sphere(center, radius, color)
         shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere), FULL), optics)
-        error = shape.center_px - LEFT_EYE.project(center)
-        errors.append(error)
+        errors.append(shape.center_px - LEFT_EYE.project(center))
         sizes.append(shape.angular_radius_rad / np.arcsin(radius / np.linalg.norm(center)))
-        assert np.all(np.abs(error) < 6 * np.sqrt(np.diag(shape.cov_px)) + 0.05)
+        assert np.all(np.abs(errors[-1]) < 6 * np.sqrt(np.diag(shape.cov_px)) + 0.05)
         assert np.linalg.eigvalsh(shape.cov_px).min() > 0
     assert np.sqrt(np.mean(np.square(errors))) < rms_px
     assert np.mean(sizes) == pytest.approx(1, abs=0.03)

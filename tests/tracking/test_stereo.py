@@ -64,21 +64,18 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var, rng
     n = 1500
     calibration_px = 0.2
     left = exact_outline(VIEW.left, angular_var)
-    right = exact_outline(VIEW.right, angular_var)
-    right = replace(right, cov_px=STD_PX**2 * np.array([[1.0, 0.5], [0.5, 4.0]]))
+    right = exact_outline(VIEW.right, angular_var, cov_px=STD_PX**2 * np.array([[1.0, 0.5], [0.5, 4.0]]))
     params = StereoParams(unknown_error=calibration_px / 320, gate_sigma=100.0)
     stated = Association.untrained(params, 320).observe(VIEW, left, right, 0.0)
+
+    def drawn(eye: Outline) -> Outline:
+        center = rng.multivariate_normal(eye.center_px, eye.cov_px + calibration_px**2 * np.eye(2))
+        radius = eye.angular_radius_rad + np.sqrt(angular_var) * rng.standard_normal()
+        return replace(eye, center_px=center, angular_radius_rad=radius)
+
     samples = np.empty((n, 4))
     for k in range(n):
-        first, second = (
-            replace(
-                eye,
-                center_px=rng.multivariate_normal(eye.center_px, eye.cov_px + calibration_px**2 * np.eye(2)),
-                angular_radius_rad=eye.angular_radius_rad + np.sqrt(angular_var) * rng.standard_normal(),
-            )
-            for eye in (left, right)
-        )
-        observation = Association.untrained(params, 320).observe(VIEW, first, second, 0.0)
+        observation = Association.untrained(params, 320).observe(VIEW, drawn(left), drawn(right), 0.0)
         samples[k] = *observation.p_root, observation.radius_m
     sampled = np.cov(samples.T)
     variance = np.diag(stated.cov_root)
@@ -89,22 +86,14 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var, rng
 
 
 def test_radius_and_its_variance_are_those_of_the_sine_law():
-    """r = |p − c| sin θ, by finite differences in p and θ; stated as the better eye's, which here is the left."""
+    """r = |p − c| sin θ; stated as the better eye's, which here is the left."""
     left = exact_outline(VIEW.left, 1e-7)
-    right = exact_outline(VIEW.right, 3e-7)
-    stated = Association.untrained(StereoParams(), 320).observe(VIEW, left, right, 0.0)
+    stated = Association.untrained(StereoParams(), 320).observe(VIEW, left, exact_outline(VIEW.right, 3e-7), 0.0)
     assert stated.radius_m == pytest.approx(RADIUS_M, rel=1e-6)
-    angle = left.angular_radius_rad
-    h = 1e-6
-    c = VIEW.left.center
-
-    def radius(p: np.ndarray, theta: float) -> float:
-        return float(np.linalg.norm(p - c) * np.sin(theta))
-
-    by_p = [(radius(stated.p_root + d, angle) - radius(stated.p_root - d, angle)) / (2 * h) for d in h * np.eye(3)]
-    by_angle = (radius(stated.p_root, angle + h) - radius(stated.p_root, angle - h)) / (2 * h)
-    expected = np.array(by_p) @ stated.cov_root @ by_p + by_angle**2 * 1e-7
-    assert stated.radius_var_m2 == pytest.approx(expected, rel=1e-6)
+    away = stated.p_root - VIEW.left.center
+    by_p = np.sin(left.angular_radius_rad) * away / np.linalg.norm(away)
+    by_angle = np.linalg.norm(away) * np.cos(left.angular_radius_rad)
+    assert stated.radius_var_m2 == pytest.approx(by_p @ stated.cov_root @ by_p + by_angle**2 * 1e-7, rel=1e-6)
 
 
 def test_why_two_outlines_are_no_pair_is_said():
@@ -187,9 +176,7 @@ def rough(eye: View, center: Array, radius_m: float, edge: Array, optics: Optics
     around = np.interp(np.arctan2(y, x), np.linspace(-np.pi, np.pi, len(edge) + 1), np.append(edge, edge[0]))
     radius = CAMERA.focal_px * radius_m / center[2] + around
     alpha = np.clip(radius - np.hypot(x, y) + 0.5, 0, 1).astype(np.float32)
-    shape = outline(Coverage(alpha, np.zeros_like(alpha), (x0, y0, x0 + 80, y0 + 80)), optics)
-    assert shape is not None
-    return shape
+    return outline(Coverage(alpha, np.zeros_like(alpha), (x0, y0, x0 + 80, y0 + 80)), optics)
 
 
 def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng):
@@ -202,14 +189,10 @@ def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng):
         squared = []
         for k in range(120):
             edge_px = 1.5 * rng.standard_normal(20)
-            edges = (edge_px, edge_px if alike else 1.5 * rng.standard_normal(20))
-            left, right = (
-                rough(eye, center, 0.035, edge, optics)
-                for eye, edge in zip((VIEW.left, VIEW.right), edges, strict=True)
-            )
+            left = rough(VIEW.left, center, 0.035, edge_px, optics)
+            right = rough(VIEW.right, center, 0.035, edge_px if alike else 1.5 * rng.standard_normal(20), optics)
             for _ in range(2):
                 observation = association.observe(VIEW, left, right, 0.0)
-                assert observation is not None
                 association = association.learned(VIEW, observation, left, right)
             if k >= 20:
                 squared.append((observation.p_root - center) ** 2 / np.diag(observation.cov_root))
