@@ -1,4 +1,5 @@
-"""The lattice against its definition, and maps on it whose values are known everywhere."""
+"""The lattice and its splines against their definitions, maps whose values are known everywhere, and their verdicts on
+the tracked object."""
 
 from dataclasses import replace
 
@@ -8,25 +9,27 @@ from data import SEED
 
 from learning.reach.babbling import crossing
 from learning.reach.labels import Labels
-from learning.reach.lattice import Lattice, isotropic
-from learning.reach.map import ReachableMap, both
+from learning.reach.lattice import GazeSpline, Lattice, isotropic
+from learning.reach.map import ReachableMap, TrackReachability, both
 from pps_vision.errors import InputError
-from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.gaze import GazeLimits, fixation_points
+from pps_vision.robot.icub import home, load_icub
+from pps_vision.types import ReachStatus, Status, Track3D
 
 LIMITS = GazeLimits()
 NO_LABELS = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
 
 
-def random_gaze(n):
-    return np.random.default_rng(SEED).uniform(LIMITS.lower, LIMITS.upper, (n, 3))
+def random_gaze(n, seed=SEED):
+    return np.random.default_rng(seed).uniform(LIMITS.lower, LIMITS.upper, (n, 3))
 
 
-def reachable_map(signed, shape=(9, 10, 60), **changes):
+def reachable_map(signed, shape=(9, 10, 60), limits=LIMITS, **changes):
     """A map whose signed distance is a function of isotropic coordinates, linear in each."""
-    values = signed(isotropic(Lattice(LIMITS, shape).gaze_rad)).reshape(shape)
+    values = signed(isotropic(Lattice(limits, shape).gaze_rad)).reshape(shape)
     good = np.full(shape, 0.6)
     off = np.full(shape, 0.05)
-    return replace(ReachableMap("left", LIMITS, values, good, off, 0.1, 0.02, 0.01, NO_LABELS, 0), **changes)
+    return replace(ReachableMap("left", limits, values, good, off, 0.1, 0.02, 0.01, NO_LABELS, 0), **changes)
 
 
 def test_a_step_in_vergence_is_a_share_of_the_viewing_distance():
@@ -121,3 +124,138 @@ def test_every_number_is_saved(tmp_path):
         np.testing.assert_array_equal(getattr(again.labels, name), getattr(labels, name))
     pair = both(again, replace(again, side="right"))
     assert (pair.end_point, pair.measure) == ("left_forearm:27", "isotropy")
+
+
+ROBOT = load_icub()
+
+
+def left_half(limits: GazeLimits = LIMITS, softness: float = 0.01) -> ReachableMap:
+    """A map by which what lies at negative yaw is within reach."""
+    learned = reachable_map(lambda at: -at[:, 0], (41, 5, 5), limits)
+    return replace(learned, error_m=4 * learned.error_m, max_error_m=0.4, softness=softness)
+
+
+def track(point: np.ndarray, status: Status = Status.TRACKING) -> Track3D:
+    mean = np.zeros((4, 3))
+    mean[0] = point
+    return Track3D(3.5, mean, np.eye(12), 0.03, 1e-4, status)
+
+
+def at_gaze(*gaze_rad: float) -> np.ndarray:
+    return fixation_points(ROBOT, [gaze_rad])[0]
+
+
+@pytest.mark.parametrize("status", [Status.TRACKING, Status.COASTING])
+@pytest.mark.parametrize("yaw", [-0.4, -0.05, 0.05, 0.4])
+def test_the_map_is_asked_for_the_gaze_that_fixates_the_track(yaw, status):
+    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3), status))
+    np.testing.assert_allclose(reach.gaze_rad, [yaw, -0.3, 0.3], atol=1e-9)
+    assert reach.stamp_s == 3.5
+    assert reach.status == (ReachStatus.REACHABLE if yaw < 0 else ReachStatus.UNREACHABLE)
+    assert reach.is_reachable == (yaw < 0)
+    assert reach.degree == pytest.approx(0.8 if yaw < 0 else 0.25, abs=1e-6)
+    assert reach.probability == pytest.approx(1 / (1 + np.exp(yaw / 0.01)), abs=1e-6)
+
+
+def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all():
+    judge = TrackReachability(ROBOT, left_half())
+    rng = np.random.default_rng(0)
+    point = at_gaze(-0.2, -0.3, 0.3)
+    chest = ROBOT.at(np.zeros(ROBOT.n_joints)).T_root("chest")
+    for _ in range(5):
+        q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
+        turned = ROBOT.at(q).T_root("chest") @ np.linalg.inv(chest) @ [*point, 1]
+        np.testing.assert_allclose(judge(q, track(turned[:3])).gaze_rad, [-0.2, -0.3, 0.3], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("seen", "status"),
+    [
+        *((Track3D.unknown(1.0, status), ReachStatus.UNKNOWN) for status in (Status.SEARCHING, Status.LOST)),
+        (track(at_gaze(-0.98, 0, 0.3)), ReachStatus.NOT_FIXATED),  # aside
+        (track(at_gaze(-0.2, -0.75, 0.3)), ReachStatus.NOT_FIXATED),  # below
+        (track(at_gaze(-0.2, -0.3, 0.08)), ReachStatus.NOT_FIXATED),  # far
+        (track(np.array([0.4, -0.1, 0.3])), ReachStatus.NOT_FIXATED),  # behind
+        (track(np.array([-0.04, 0, 0.9])), ReachStatus.NOT_FIXATED),  # above
+    ],
+)
+def test_of_what_is_unknown_or_beyond_the_maps_limits_nothing_is_claimed(seen, status):
+    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), seen)
+    assert reach.status == status
+    assert not reach.is_reachable
+    assert np.isnan([*reach.gaze_rad, reach.probability, reach.degree]).all()
+
+
+def test_the_limits_are_the_maps_own():
+    wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
+    below = track(at_gaze(-0.2, -1.2, 0.3))
+    assert TrackReachability(ROBOT, left_half(wide))(home(ROBOT), below).is_reachable
+
+
+def test_few_false_positives_are_asked_for_by_a_higher_probability():
+    """Softness 0.1: at yaw −0.1 the map gives 0.73, and calls that reachable only if many errors are allowed."""
+    soft = left_half(softness=0.1)
+    beside = track(at_gaze(-0.1, -0.3, 0.3))
+    few, many = (TrackReachability(ROBOT, soft, most)(home(ROBOT), beside) for most in (1e-3, 0.3))
+    assert few.probability == many.probability == pytest.approx(0.731, abs=0.001)
+    assert (few.status, many.status) == (ReachStatus.UNREACHABLE, ReachStatus.REACHABLE)
+
+
+def test_a_border_that_lies_between_points_of_the_lattice_leaves_what_is_sure_reachable():
+    """All of the lattice's probabilities but one are 0 or 1."""
+    judge = TrackReachability(ROBOT, left_half(softness=1e-6))
+    said = [judge(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3))).is_reachable for yaw in (-0.4, -0.001, 0.001, 0.4)]
+    assert said == [True, True, False, False]
+
+
+def test_nodes_are_met_and_between_them_it_follows_a_smooth_function():
+    nodes = random_gaze(3000)
+    queries = random_gaze(200, 1) * 0.8 + 0.1 * (LIMITS.lower + LIMITS.upper)
+    spline = GazeSpline(nodes, np.sin(3 * nodes).sum(axis=1))
+    np.testing.assert_allclose(spline(nodes[:50]), np.sin(3 * nodes[:50]).sum(axis=1), atol=1e-9)
+    assert np.sqrt(np.mean((spline(queries) - np.sin(3 * queries).sum(axis=1)) ** 2)) < 3e-3
+    assert spline(np.zeros((0, 3))).shape == (0,)
+
+
+def test_a_linear_function_is_exact():
+    nodes = random_gaze(100)
+    slope = np.array([1.0, 2.0, 3.0])
+    queries = random_gaze(50, 1)
+    spline = GazeSpline(nodes, isotropic(nodes) @ slope)
+    np.testing.assert_allclose(spline(queries), isotropic(queries) @ slope, atol=1e-6)
+
+
+def test_of_repeated_nodes_the_first_counts_and_repeated_queries_are_answered_alike():
+    nodes = random_gaze(100)
+    values = isotropic(nodes) @ [1.0, 2.0, 3.0]
+    repeated = GazeSpline(np.concatenate([nodes, nodes]), np.concatenate([values, -values]))
+    queries = np.repeat(random_gaze(5, 1), 3, axis=0)
+    np.testing.assert_allclose(repeated(queries), isotropic(queries) @ [1.0, 2.0, 3.0], atol=1e-6)
+
+
+def test_nodes_on_a_plane_say_nothing_across():
+    nodes = random_gaze(100) * [1, 1, 0] + [0, 0, 0.5]
+    spline = GazeSpline(nodes, 1 + nodes[:, 0])
+    queries = random_gaze(50, 1) * 0.5 + [0, 0, 0.2]
+    on = queries * [1, 1, 0] + [0, 0, 0.5]
+    np.testing.assert_allclose(spline(on), 1 + on[:, 0], atol=0.05)
+    across = np.array([0, 0, 0.1])
+    above = isotropic(on) + across
+    below = isotropic(on) - across
+    up, down = (spline(np.c_[at[:, :2], 2 * np.arctan(np.exp(at[:, 2]))]) for at in (above, below))
+    np.testing.assert_allclose(up, down, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_fewer_than_four_nodes(n):
+    nodes = random_gaze(n)
+    values = np.arange(2.0, 2.0 + n)
+    spline = GazeSpline(nodes, values)
+    np.testing.assert_allclose(spline(nodes), values, atol=1e-9)
+    assert np.isfinite(spline(random_gaze(20, 1))).all()
+    assert GazeSpline(nodes[:1], values[:1])(random_gaze(5, 1)) == pytest.approx(np.full(5, 2.0))
+
+
+def test_no_nodes_are_refused():
+    with pytest.raises(ValueError, match="no gaze postures"):
+        GazeSpline(random_gaze(0), np.zeros(0))
