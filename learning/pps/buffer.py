@@ -1,7 +1,5 @@
 """Buffer of the last three seconds of D and TTC, resampled back in 50 ms steps (R, "Data collection")."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,24 +8,17 @@ from pps_vision.types import Array, TaxelEvents
 LENGTH_S = 3.0  # how far back the buffer reaches (R)
 STEP_S = 0.05  # time step of the resampled series (R)
 _MAX_GAP_S = 0.15  # longest gap that is interpolated: three steps, our choice
-
-
-@dataclass(frozen=True)
-class EventBuffer:
-    """Samples in order of time."""
-
-    samples: tuple[TaxelEvents, ...] = ()  # all samples of the last `LENGTH_S`, oldest first
+EventBuffer = tuple[TaxelEvents, ...]  # all samples of the last `LENGTH_S`, oldest first
 
 
 def push(buffer: EventBuffer, events: TaxelEvents) -> EventBuffer:
     """The buffer with one more sample; ValueError for a stamp that does not advance."""
-    samples = buffer.samples
-    if samples and events.stamp_s <= samples[-1].stamp_s:
-        raise ValueError(f"stamp {events.stamp_s} s after {samples[-1].stamp_s} s: expected a later one")
-    if samples and events.taxel_ids != samples[-1].taxel_ids:
+    if buffer and events.stamp_s <= buffer[-1].stamp_s:
+        raise ValueError(f"stamp {events.stamp_s} s after {buffer[-1].stamp_s} s: expected a later one")
+    if buffer and events.taxel_ids != buffer[-1].taxel_ids:
         raise ValueError(f"a sample of {len(events.taxel_ids)} taxels: expected the buffer's own taxels")
     oldest_s = events.stamp_s - LENGTH_S
-    return EventBuffer((*(sample for sample in samples if sample.stamp_s >= oldest_s), events))
+    return (*(sample for sample in buffer if sample.stamp_s >= oldest_s), events)
 
 
 def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
@@ -37,14 +28,13 @@ def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.
     Interpolated between two samples that both lie in a taxel's receptive field and approach (D and TTC finite) and are
     at most `_MAX_GAP_S` apart; NaN otherwise.  Of a whole skin few taxels perceive a stimulus; only they cost time.
     """
-    samples = buffer.samples
-    if not samples:
+    if not buffer:
         raise ValueError("a buffer without samples; expected at least one")
-    stamps = np.array([sample.stamp_s for sample in samples])
-    perceived = np.array([np.isfinite(s.distance_m[taxels]) & np.isfinite(s.ttc_s[taxels]) for s in samples])
+    stamps = np.array([sample.stamp_s for sample in buffer])
+    perceived = np.array([np.isfinite(s.distance_m[taxels]) & np.isfinite(s.ttc_s[taxels]) for s in buffer])
     columns = np.flatnonzero(perceived.any(axis=0))
     perceiving = taxels[columns]
-    series = np.array([[s.distance_m[perceiving], s.ttc_s[perceiving]] for s in samples], dtype=float)
+    series = np.array([[s.distance_m[perceiving], s.ttc_s[perceiving]] for s in buffer], dtype=float)
     series[~np.broadcast_to(perceived[:, None, columns], series.shape)] = np.nan  # (samples, 2, k)
     back = np.arange(int((stamps[-1] - stamps[0]) / STEP_S + 1e-6), -1, -1)
     times = stamps[-1] - back * STEP_S

@@ -36,8 +36,7 @@ def step(state: LearnerState, events: TaxelEvents) -> LearnerState:
 
     A stamp that goes back by more than the buffer's length means that the clock was reset: the buffer is emptied.
     """
-    samples = state.buffer.samples
-    ahead_s = events.stamp_s - samples[-1].stamp_s if samples else np.inf
+    ahead_s = events.stamp_s - state.buffer[-1].stamp_s if state.buffer else np.inf
     if not np.isfinite(events.stamp_s) or -LENGTH_S <= ahead_s <= 0:
         return replace(state, stale=state.stale + 1)
     if ahead_s < 0:

@@ -103,10 +103,10 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask | None) -> PPSMe
     learns from touches only, and its negative samples stem from the taxels beside the touched ones.
     """
     taxels = np.arange(len(memory.taxel_ids)) if touched is None else _learning(memory, touched)
-    if not buffer.samples:
+    if not buffer:
         return memory
-    if buffer.samples[0].taxel_ids != memory.taxel_ids:
-        raise ValueError(f"a buffer of {len(buffer.samples[0].taxel_ids)} taxels: expected those of the memory")
+    if buffer[0].taxel_ids != memory.taxel_ids:
+        raise ValueError(f"a buffer of {len(buffer[0].taxel_ids)} taxels: expected those of the memory")
     if touched is None:
         touched = np.zeros(len(memory.taxel_ids), bool)
     return _counted(memory, *resample(buffer, taxels), touched)

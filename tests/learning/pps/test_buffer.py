@@ -28,8 +28,8 @@ def series(buffer: EventBuffer) -> tuple[np.ndarray, np.ndarray]:
 
 def test_keeps_three_seconds():
     buffer = filled(np.arange(0, 10, 0.1))
-    assert buffer.samples[0].stamp_s == pytest.approx(6.9)
-    assert buffer.samples[-1].stamp_s == pytest.approx(9.9)
+    assert buffer[0].stamp_s == pytest.approx(6.9)
+    assert buffer[-1].stamp_s == pytest.approx(9.9)
 
 
 @pytest.mark.parametrize("step_s", [0.05, 1 / 30, 0.04, 0.1])

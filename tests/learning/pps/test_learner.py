@@ -67,7 +67,7 @@ def test_a_stale_sample_is_rejected_and_counted():
     state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
     for sample in events:
         state = step(state, sample)
-    assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 6, 0)
+    assert (len(state.buffer), state.stale, state.unseen) == (1, 6, 0)
 
 
 @pytest.mark.parametrize(("last", "start_s"), [([], 1e9), ([[0]], 20.0)])
