@@ -1,4 +1,4 @@
-"""Commands together: those of the arm and gaze controllers as one, and the posture that earlier ones lead to."""
+"""Sum of the commands of the arm and gaze controllers, and the posture that earlier commands lead to."""
 
 from collections.abc import Sequence
 

@@ -24,8 +24,8 @@ _ROLL_WEIGHT = 1.0  # the neck's roll returns to zero and does not follow
 class NeckAndEyesParams:
     """Gains and limits."""
 
-    eyes_per_s: float = 12.5  # of the fixation error (the iCub's own gain); stable below 2 by the time between commands
-    neck_per_s: float = 12.0  # of the neck towards where the eyes would look straight ahead (`bench fixation`)
+    eyes_per_s: float = 12.5  # gain on the fixation error (the iCub's own); stable below 2 by the time between commands
+    neck_per_s: float = 12.0  # gain of the neck towards where the eyes would look straight ahead (`bench fixation`)
     limits: LimitParams = field(default_factory=LimitParams)  # rates and accelerations
 
 
