@@ -60,25 +60,25 @@ def _of_pairs(compare: Callable[[GreyView, GreyView], list[BoxPx]], blur: bool =
 
     def step(image: Image, view: View) -> list[BoxPx]:
         grey = _grey(image)
-        now = (np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8) if blur else grey, view)
-        boxes = compare(last.pop(), now) if last else []
-        last.append(now)
+        current = (np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8) if blur else grey, view)
+        boxes = compare(last.pop(), current) if last else []
+        last.append(current)
         return boxes
 
     return step
 
 
-def _residual_grid(level: float, before: GreyView, now: GreyView) -> list[BoxPx]:
+def _residual_grid(level: float, previous: GreyView, current: GreyView) -> list[BoxPx]:
     """R's trigger: nodes whose patch pyramidal Lucas–Kanade does not find again (mean difference, grey levels).
 
     Regions have more than 10 nodes, of which each has 4 of 8 neighbours.
     """
-    height, width = now[0].shape
+    height, width = current[0].shape
     m = (1 - _CENTRAL_R) / 2
     y, x = np.mgrid[int(m * height) : int((1 - m) * height) : _STEP, int(m * width) : int((1 - m) * width) : _STEP]
     nodes = np.stack([x, y], axis=-1).astype(np.float32).reshape(-1, 1, 2)
     _, is_matched, residual = cv2.calcOpticalFlowPyrLK(
-        before[0], now[0], nodes, np.empty_like(nodes), winSize=(_WINDOW, _WINDOW), maxLevel=_LEVELS - 1
+        previous[0], current[0], nodes, np.empty_like(nodes), winSize=(_WINDOW, _WINDOW), maxLevel=_LEVELS - 1
     )
     mask = ((residual > level) | (is_matched == 0)).reshape(x.shape).astype(np.uint8)
     neighbours = cv2.filter2D(mask, -1, np.ones((3, 3)), borderType=cv2.BORDER_CONSTANT) - mask
@@ -97,10 +97,10 @@ def _flow_minus_ego(make_flow: Callable[[], Flow], camera: Camera, level: float)
     flow = make_flow()
     pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).astype(np.float32)
 
-    def compare(before: GreyView, now: GreyView) -> list[BoxPx]:
-        moved = flow(now[0], before[0])
-        if not ego.is_still(before[1], now[1]):
-            moved = moved - (ego.maps(before[1], now[1], 1 / ROOM_M) - pixels)
+    def compare(previous: GreyView, current: GreyView) -> list[BoxPx]:
+        moved = flow(current[0], previous[0])
+        if not ego.is_still(previous[1], current[1]):
+            moved = moved - (ego.maps(previous[1], current[1], 1 / ROOM_M) - pixels)
         return regions(np.asarray(cv2.magnitude(moved[..., 0], moved[..., 1])) > level)
 
     return _of_pairs(compare)
@@ -110,11 +110,11 @@ def _difference(warped: bool, camera: Camera, level: float) -> MotionTrigger:
     """Brighter or darker than the last image by a level; `warped`: than that image warped to the present view."""
     ego = EgoMotion(camera)
 
-    def compare(before: GreyView, now: GreyView) -> list[BoxPx]:
-        old = before[0]
-        new = now[0]
-        if warped and not ego.is_still(before[1], now[1]):
-            old = ego.warp(old, before[1], now[1], 1 / ROOM_M)
+    def compare(previous: GreyView, current: GreyView) -> list[BoxPx]:
+        old = previous[0]
+        new = current[0]
+        if warped and not ego.is_still(previous[1], current[1]):
+            old = ego.warp(old, previous[1], current[1], 1 / ROOM_M)
             new = np.where(old == 0, old, new)
         return regions(np.asarray(cv2.absdiff(new, old)) > level)
 

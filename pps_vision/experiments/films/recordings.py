@@ -149,7 +149,7 @@ def film(
     for frame, row in zip(frames, truth, strict=True):
         view = rig.view_of(frame)
         eye_visible = ((view.left, row.visible_left), (view.right, row.visible_right))
-        left, right = (sphere_box(eye, row.position, row.radius_m) if seen else None for eye, seen in eye_visible)
+        left, right = (sphere_box(eye, row.position, row.radius_m) if visible else None for eye, visible in eye_visible)
         boxes.append((left, right))
     return _footage(frames, truth, boxes, rig, own_body_of(source, robot), stimulus.name)
 

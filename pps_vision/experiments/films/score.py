@@ -55,29 +55,31 @@ def tracker(mode: str | None = None) -> Method:
     return run
 
 
-def baseline_tracks(recording: Footage, name: StereoPipelineName) -> tuple[list[Track3D], list[float]]:
-    """Return tracks and times (ms) of a baseline that gets the true boxes of the first frame with the object."""
-    first, boxes = recording.first_boxes
-    pipeline = _started(name, recording.rig, recording.frames[first], boxes)
-    tracks = [*(Track3D.unknown(frame.stamp_s) for frame in recording.frames[:first]), pipeline.first]
-    later, ms = timed_steps(pipeline.step, recording.frames[first + 1 :])
-    return tracks + later, ms
-
-
-def _started(
-    name: StereoPipelineName, rig: StereoRig, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]
-) -> FilteredPipeline:
-    return FilteredPipeline(stereo_pipeline(name, rig, frame, boxes), rig, frame, boxes)
-
-
 def baseline(name: StereoPipelineName) -> Method:
-    """Return a baseline's pipeline as a study's method."""
+    """Return a baseline as a study's method; it gets the true boxes of the first frame with the object."""
 
     def run(recording: Footage, seed: int) -> Values:
-        tracks, ms = baseline_tracks(recording, name)
-        return judge(recording, tracks) | {"ms": ms}
+        first, boxes = recording.first_boxes
+        step = _initialized(name, recording.rig, float(recording.stamps_s[first]), boxes)
+        tracks, ms = timed_steps(step, recording.frames)
+        return judge(recording, tracks) | {"ms": ms[first + 1 :]}
 
     return run
+
+
+def _initialized(name: StereoPipelineName, rig: StereoRig, first_s: float, boxes: tuple[BoxPx, BoxPx]) -> Step:
+    """A baseline that begins with the object's true boxes at a stamp; before, the track is unknown."""
+    pipelines: list[FilteredPipeline] = []
+
+    def step(frame: StereoFrame) -> Track3D:
+        if pipelines:
+            return pipelines[0].step(frame)
+        if frame.stamp_s < first_s:
+            return Track3D.unknown(frame.stamp_s)
+        pipelines.append(FilteredPipeline(stereo_pipeline(name, rig, frame, boxes), rig, frame, boxes))
+        return pipelines[0].first
+
+    return step
 
 
 def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
@@ -108,10 +110,14 @@ def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
 
 
 def measure_film(case: Case, film: Film, baselines: bool) -> dict[str, Scores]:
-    """Track a film with our tracker, which gets its rig alone, and with the baselines; return scores by tracker."""
+    """Track a film with our tracker, which gets its rig alone, and with the baselines; return scores by tracker.
+
+    A baseline gets the true boxes of the first frame that shows the whole object to both eyes.
+    """
     steps: dict[str, Step] = {OURS: _ours(film, case.tracker(film.hue_deg))}
     if baselines:
-        steps |= {name: _initialized(name, film) for name in BASELINES}
+        first, boxes = film.first_boxes
+        steps |= {name: _initialized(name, film.rig, float(film.stamps_s[first]), boxes) for name in BASELINES}
     return _scored(case, film, film, steps)
 
 
@@ -123,22 +129,6 @@ def scored(case: Case, film: Film, frames: Iterable[StereoFrame], params: Tracke
 def _ours(film: Film, params: TrackerParams) -> Step:
     tracker = Tracker(params, film.rig, np.random.default_rng(film.seed))
     return lambda frame: tracker.step(frame).track
-
-
-def _initialized(name: StereoPipelineName, film: Film) -> Step:
-    """A baseline that gets the object's true boxes in the first frame that shows all of it to both eyes."""
-    first, boxes = film.first_boxes
-    pipelines: list[FilteredPipeline] = []
-
-    def step(frame: StereoFrame) -> Track3D:
-        if pipelines:
-            return pipelines[0].step(frame)
-        if frame.stamp_s < film.stamps_s[first]:
-            return Track3D.unknown(frame.stamp_s)
-        pipelines.append(_started(name, film.rig, frame, boxes))
-        return pipelines[0].first
-
-    return step
 
 
 def _scored(case: Case, film: Film, frames: Iterable[StereoFrame], steps: Mapping[str, Step]) -> dict[str, Scores]:

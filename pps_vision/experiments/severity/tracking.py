@@ -94,7 +94,8 @@ def _center(seed: int) -> Array:
 def _circle(seed: int, speed_m_s: float = 0.15, scale: float = 1.0, center: Array | None = None) -> Motion:
     """A circle in a plane that is oblique to the eyes; `scale` 1 is 6 cm."""
     phase = np.random.default_rng((seed, 1)).uniform(0, 2 * np.pi)
-    c, s = np.cos(phase), np.sin(phase)
+    c = np.cos(phase)
+    s = np.sin(phase)
     axes = np.array([[0.5 * c, 0.85, 0.5 * s], [-0.6 * s, 0.1, 0.8 * c]])
     first = axes[0] / np.linalg.norm(axes[0])
     second = axes[1] - (axes[1] @ first) * first
@@ -166,12 +167,13 @@ def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float 
 
 def _twin(source: SceneSource, seed: int, gap_radii: float) -> Footage:
     """After a second an equal ball, nearer to the eyes, crosses the view at 30 cm/s and passes at a gap (in radii)."""
-    motion, middle_s = _circle(seed, 0.08, 0.6), 2.0
+    motion = _circle(seed, 0.08, 0.6)
+    middle_s = 2.0
     passed = motion(middle_s)[0] + gap_radii * _RADIUS_M * _UP
 
     def placed(t: float) -> PropPose | None:
-        seen_at = passed + 0.3 * (t - middle_s) * _ASIDE
-        return PropPose(EYES_M + 0.75 * (seen_at - EYES_M)) if t > 1.0 else None
+        place = passed + 0.3 * (t - middle_s) * _ASIDE
+        return PropPose(EYES_M + 0.75 * (place - EYES_M)) if t > 1.0 else None
 
     pose = stare_at(load_icub(), _center(seed))
     return _sensed(_film(source, seed, motion, 3.2, pose, prop=(sphere(_RADIUS_M, RED),), placed=placed), seed)
@@ -179,16 +181,17 @@ def _twin(source: SceneSource, seed: int, gap_radii: float) -> Footage:
 
 def _two(source: SceneSource, seed: int, gap_radii: float) -> Footage:
     """Two balls of different colours circle against each other; either may be tracked."""
-    motion, center = _circle(seed, 0.12, 0.7), _center(seed)
+    motion = _circle(seed, 0.12, 0.7)
+    center = _center(seed)
 
-    def other(t: float) -> Array:
+    def second_path(t: float) -> Array:
         return 2 * center - motion(t)[0] + np.array([-0.08, gap_radii * _RADIUS_M, 0.0])
 
     pose = stare_at(load_icub(), center)
     ball = (sphere(_RADIUS_M, BLUE),)
-    shown = _film(source, seed, motion, 2.5, pose, prop=ball, placed=lambda t: PropPose(other(t)))
+    shown = _film(source, seed, motion, 2.5, pose, prop=ball, placed=lambda t: PropPose(second_path(t)))
     recording = _sensed(shown, seed)
-    return replace(recording, second_position=np.array([other(t) for t in recording.stamps_s]))
+    return replace(recording, second_position=np.array([second_path(t) for t in recording.stamps_s]))
 
 
 def _dash(source: SceneSource, seed: int, frames_in_view: float) -> Footage:
@@ -209,8 +212,11 @@ def _dash(source: SceneSource, seed: int, frames_in_view: float) -> Footage:
 
 def leave_view(source: SceneSource, seed: int, out_s: float) -> Footage:
     """The ball leaves the view at 50 cm/s, is out of it for so long, and comes back."""
-    hover, speed, way = _circle(seed, 0.08, 0.5), 0.5, 0.36 if out_s > 0 else 0.0
-    there, back = 1.2 + way / speed, 1.2 + way / speed + out_s
+    hover = _circle(seed, 0.08, 0.5)
+    speed = 0.5
+    way = 0.36 if out_s > 0 else 0.0
+    there = 1.2 + way / speed
+    back = there + out_s
 
     def motion(t_s: float) -> tuple[Array, Array]:
         position, velocity = hover(t_s)
