@@ -3,7 +3,7 @@
 A value is a number or [value, low, high] with its 95 % interval; None is a value that does not exist.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -125,9 +125,9 @@ def speed_errors(
     return figure
 
 
-def cells_chart(numbers: Mapping[str, Any], **options: Any) -> Figure:
-    """Return `speed_errors` of a part whose result holds its scenarios as "cells"."""
-    return speed_errors(numbers["cells"], **options)
+def cells_chart(*args: Any, **options: Any) -> Callable[[Mapping[str, Any]], Figure]:
+    """Return the chart of a part whose result holds its scenarios as "cells"; arguments as of `speed_errors`."""
+    return lambda numbers: speed_errors(numbers["cells"], *args, **options)
 
 
 def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, bound: float | None = None) -> None:

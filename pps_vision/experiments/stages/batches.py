@@ -37,7 +37,7 @@ class Pairs(NamedTuple):
     alone: Array
 
 
-chart = partial(cells_chart, metric="error_px", label="RMS error of detections (px)", default=ALONE)
+chart = cells_chart("error_px", "RMS error of detections (px)", default=ALONE)
 
 
 def run(study: StageParameters) -> dict[str, Any]:

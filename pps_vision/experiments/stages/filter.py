@@ -68,8 +68,7 @@ class Measurements:
             yield float(stamp_s), position, cov
 
 
-_CHART: dict[str, Any] = {"metric": "position_mm", "label": "position error (mm RMS)", "time": "time (ms per update)"}
-chart = partial(cells_chart, baselines=BASELINES, default=DEFAULT, **_CHART)
+chart = cells_chart("position_mm", "position error (mm RMS)", BASELINES, DEFAULT, "time (ms per update)")
 
 
 def run(study: StageParameters) -> dict[str, Any]:

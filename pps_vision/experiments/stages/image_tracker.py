@@ -54,10 +54,7 @@ class BoxedFilm:
     hue_deg: float
 
 
-chart = partial(
-    cells_chart, metric="lost_overlap", label="1 − mean IoU", baselines=BASELINES, default=DEFAULT,
-    time="time (ms per frame)", height=2.6,
-)  # fmt: skip
+chart = cells_chart("lost_overlap", "1 − mean IoU", BASELINES, DEFAULT, "time (ms per frame)", 2.6)
 
 
 def run(study: StageParameters) -> dict[str, Any]:

@@ -49,20 +49,13 @@ _METRICS = {"object_error": Metric("object", rms), "error_mm": Metric("error_mm"
 
 
 class Drawing(NamedTuple):
-    """Stamps and states, ray-cast images of the first (grey levels), and the pixels around the object in them."""
+    """Stamps and states, and of both eyes in the first: ray-cast image (grey levels), pixels around the object."""
 
     states: list[SceneState]
-    exact: tuple[Array, Array]
-    around: tuple[Mask, Mask]
+    references: list[tuple[Array, Mask]]
 
 
-chart = partial(
-    cells_chart,
-    metric="object_error",
-    label="image error (grey levels)",
-    default=DEFAULT,
-    time="time (ms per drawn pair)",
-)
+chart = cells_chart("object_error", "image error (grey levels)", (), DEFAULT, "time (ms per drawn pair)")
 
 
 def run(study: StageParameters) -> dict[str, Any]:
@@ -96,14 +89,13 @@ def _drawing(stimulus: StimulusName, seconds: float, seed: int) -> Drawing:
     shape = make_stimulus(stimulus)
     ball = shape.radius_m, shape.parts[0].color
     views = icub_rig(robot).view(states[0].q_rad)
-    images, around = [], []
+    references = []
     for view in (views.left, views.right):
         near = _beyond_rim_px(view, _position(states[0]), shape.radius_m) < _MARGIN_PX
         image = np.array(ray_cast(robot, view, states[0], *ball, 1))
         image[near] = ray_cast(robot, view, states[0], *ball, _RAYS, near)[near]
-        images.append(image)
-        around.append(near)
-    return Drawing(states, (images[0], images[1]), (around[0], around[1]))
+        references.append((image, near))
+    return Drawing(states, references)
 
 
 def _position(state: SceneState) -> Array:
@@ -126,13 +118,15 @@ def _errors(stimulus: StimulusName, eyes: Eyes, drawing: Drawing, seed: int) -> 
     robot = load_icub()
     params = TrackerParams("marker" if stimulus == "marker" else "generic")
     tracker = Tracker(params, icub_rig(robot), np.random.default_rng(seed), own_body=Silhouette(robot))
-    difference, error_mm, ms = [], [], []
+    difference: list[Array] = []
+    error_mm = []
+    ms = []
     for k, state in enumerate(drawing.states):
         frame, frame_ms = timed(partial(eyes.render, state, k / _FPS))
         ms.append(frame_ms)
         if k == 0:
-            pairs = zip((frame.left, frame.right), drawing.exact, drawing.around, strict=True)
-            difference = [(image.astype(float) - exact)[near].ravel() for image, exact, near in pairs]
+            pairs = zip((frame.left, frame.right), drawing.references, strict=True)
+            difference = [(image.astype(float) - exact)[near].ravel() for image, (exact, near) in pairs]
         rng = np.random.default_rng((seed, k))
         left, right = (expose(_SENSOR, image.astype(np.float32), rng) for image in (frame.left, frame.right))
         observation = tracker.step(replace(frame, left=left, right=right)).observation

@@ -8,13 +8,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from learning.reach.labels import ReachOracle
 from learning.reach.params import MapParams
 from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.ipopt import two_stage_by_ipopt
-from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.reach_truth import closed_form
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import rms
@@ -27,6 +26,7 @@ from pps_vision.types import Array
 
 DEFAULT = "batched, 2 starts"
 ERRORS = ("wrong verdicts (%)", "RMS optimality lost")  # against the arm in closed form
+chart = cells_chart("error", "error", ("IPOPT, 1 start", "IPOPT, 2 starts"), DEFAULT, "processor time per problem (ms)")
 
 
 def run(study: StageParameters) -> dict[str, Any]:
@@ -64,10 +64,3 @@ def run(study: StageParameters) -> dict[str, Any]:
                 name = f"{solver}, {n_starts} {'start' if n_starts == 1 else 'starts'}"
                 cells[error][name] = {"ms": [ms / n_solved] * 3, "error": value, "n": n_solved}
     return {"cells": cells}
-
-
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Time per problem against wrong verdicts, and against optimality lost."""
-    cells = numbers["cells"]
-    baselines = [name for name in cells[ERRORS[0]] if name.startswith("IPOPT")]
-    return speed_errors(cells, "error", "error", baselines, DEFAULT, "processor time per problem (ms)")

@@ -50,7 +50,7 @@ class Pair(NamedTuple):
     p: Array
 
 
-chart = partial(cells_chart, metric="rms_mm", label="3D RMS error, 0.4 m (mm)", baselines=BASELINES, default=OURS)
+chart = cells_chart("rms_mm", "3D RMS error, 0.4 m (mm)", BASELINES, OURS)
 
 
 def run(study: StageParameters) -> dict[str, Any]:

@@ -33,9 +33,7 @@ GOAL_MS = {"ours, generic": 4.5, "ours, marker": 0.8}  # largest median time of 
 MEANT_FOR = {"ball": "ours, generic", "marker": "ours, marker"}  # our pipeline for each object
 _SPEEDS_M_S = (0.05, 0.30)
 _FARTHEST_M = 0.30  # largest distance from the start of an approach to its end
-_PIPELINE_CHART = partial(
-    cells_chart, metric="rms_mm", label="3D RMS error (mm)", baselines=BASELINES, default="ours, generic"
-)
+_PIPELINE_CHART = cells_chart("rms_mm", "3D RMS error (mm)", BASELINES, "ours, generic")
 _PIPELINE_METRICS = {name: METRICS[name] for name in ("rms_mm", "near_percent")}
 
 
