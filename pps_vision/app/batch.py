@@ -25,8 +25,7 @@ from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.atomic_write import BUSY, locked_folder, whole_file
-from pps_vision.recordings.parquet import require_pyarrow, write_parquet
-from pps_vision.recordings.tables import csv_rows, write_table
+from pps_vision.recordings.tables import csv_rows, require_pyarrow, write_parquet, write_table
 from pps_vision.recordings.text import finite
 
 TRACK_TABLE: Mapping[str, type] = {

@@ -1,12 +1,15 @@
-"""Camera calibrations in the robot's own form, icubEyes.ini."""
+"""Camera calibrations in the robot's own form, icubEyes.ini, and cameras for images of another size."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
-from pps_vision.recordings.calibration import LARGEST_SIDE_PX, fit_to_images
+from pps_vision.recordings.text import finite
 from pps_vision.recordings.yarp_text import Section, read_sections
 
+LARGEST_SIDE_PX = 2**16
+"""Largest width and height of an image that a calibration may be for."""
 _KEYS = ("w", "h", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 _SECTIONS = {"left": "CAMERA_CALIBRATION_LEFT", "right": "CAMERA_CALIBRATION_RIGHT"}
 
@@ -18,19 +21,16 @@ def read_icub_eyes(file: Path, image_size: tuple[int, int] | None = None) -> tup
         InputError: The file, a section, a key or a number is missing, or the images have other proportions.
     """
     sections = read_sections(file, "a calibration of both eyes")
-    cameras = []
-    for name in _SECTIONS.values():
-        if name not in sections:
-            raise InputError(file, f"no section [{name}]; expected one for each eye")
-        cameras.append(_camera(sections[name]))
-    left, right = cameras
-    return fit_to_images(left, image_size, file), fit_to_images(right, image_size, file)
+    if missing := [name for name in _SECTIONS.values() if name not in sections]:
+        raise InputError(file, f"no section [{missing[0]}]; expected one for each eye")
+    left, right = (fit_to_images(_camera(sections[name]), image_size, file) for name in _SECTIONS.values())
+    return left, right
 
 
 def _camera(section: Section) -> Camera:
     """Return the camera that one section describes."""
     entries = section.required(_KEYS)
-    width, height, fx, fy, *others = (entry.number() for entry in entries)
+    width, height, fx, fy, *others = (entry.number(finite) for entry in entries)
     for entry, value in zip(entries[:4], (width, height, fx, fy), strict=True):
         if not value > 0:
             raise entry.error("a positive number")
@@ -52,3 +52,25 @@ def write_icub_eyes(file: Path, left: Camera, right: Camera) -> None:
         rows = [f"{key} {value!r}" for key, value in zip(_KEYS, values, strict=True)]
         sections.append("\n".join([f"[{_SECTIONS[side]}]", "projection pinhole", *rows, ""]))
     file.write_text("\n".join(sections))
+
+
+def fit_to_images(camera: Camera, image_size: tuple[int, int] | None, file: Path) -> Camera:
+    """The camera for images of another resolution (width, height).
+
+    InputError if their proportions differ, or the camera has no bearing for every pixel.
+    """
+    if not camera.is_usable():
+        numbers = f"fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}"
+        reason = f"{camera.width}×{camera.height} pixels, {numbers}, distortion {camera.distortion}"
+        raise InputError(file, f"{reason}; expected a camera whose pixels can be traced back to distinct directions")
+    if image_size is None or image_size == (camera.width, camera.height):
+        return camera
+    width, height = image_size
+    sx = width / camera.width
+    sy = height / camera.height
+    if abs(sx * camera.height - height) > 1:  # a pixel of rounding
+        reason = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
+        raise InputError(file, f"{reason}; expected the same proportions")
+    cx = (camera.cx + 0.5) * sx - 0.5  # integer coordinates are pixel centres
+    cy = (camera.cy + 0.5) * sy - 0.5
+    return replace(camera, width=width, height=height, fx=camera.fx * sx, fy=camera.fy * sy, cx=cx, cy=cy)

@@ -17,6 +17,7 @@
 
 import re
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Never
@@ -34,11 +35,9 @@ from pps_vision.robot.model import FrameNames, Robot
 from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.types import Array
 
-_FILES = ("urdf", "skin", "cameras")
 _JOINTS = ("gaze_joints", "torso", "left_arm", "right_arm")
 _LINKS = ("root", "left_palm", "right_palm")
 _EYES = ("left_eye", "right_eye")
-_TABLES = ("home_deg", "ports")
 
 
 def robot_setup(file: Path | None = None, urdf: Path | None = None, skin: Path | None = None) -> RobotSetup:
@@ -58,18 +57,15 @@ def robot_setup(file: Path | None = None, urdf: Path | None = None, skin: Path |
 def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -> RobotSetup:
     """The robot that a robot.toml describes; `urdf` and `skin` replace the files that it names."""
     toml = _Toml.read(file)
-    urdf_file = urdf or toml.folder_file("urdf")
-    eyes = {}
-    mounted = {}
-    for eye in _EYES:
-        eyes[eye], pose = toml.eye(eye)
-        if pose is not None:
-            mounted[eye] = pose
+    urdf_file = urdf or file.parent / toml.word("urdf")
+    eyes = {eye: toml.eye(eye) for eye in _EYES}
+    mounted = {eye: pose for eye, (_, pose) in eyes.items() if pose is not None}
     joints = {key: toml.names(key) for key in _JOINTS}
     if len(joints["gaze_joints"]) not in (0, 5):
         toml.refuse("gaze_joints", "neck yaw, neck pitch, eyes tilt, left pan and right pan, or none")
-    links = {key: toml.word(key, "") for key in _LINKS}
-    names = FrameNames(palms=(links["left_palm"], links["right_palm"]), index_tips=("", ""), **eyes, **joints)  # type: ignore[arg-type]
+    links = {key: toml.word(key) for key in _LINKS}
+    frames: Any = {**{eye: frame for eye, (frame, _) in eyes.items()}, **joints}
+    names = FrameNames(palms=(links["left_palm"], links["right_palm"]), index_tips=("", ""), **frames)
     robot = Robot(urdf_file, names, links["root"] or None, mounted)
     for key in _JOINTS:
         toml.check_known(key, joints[key], robot.joint_names)
@@ -82,15 +78,9 @@ def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -
     skin_files = (skin,) if skin else toml.folder_files("skin")
     cameras = toml.folder_files("cameras") if "cameras" in toml.values else ()
     left, right = read_icub_eyes(cameras[0]) if cameras else (LEFT_EYE, RIGHT_EYE)
+    rig = StereoRig(left, right, robot.eye_poses)
     ports = toml.ports(robot)
-    return RobotSetup(
-        robot,
-        StereoRig(left, right, robot.eye_poses),
-        read_skin(skin_files, robot),
-        toml.home(robot),
-        ports,
-        tuple(ports),
-    )
+    return RobotSetup(robot, rig, read_skin(skin_files, robot), toml.home(robot), ports, tuple(ports))
 
 
 @dataclass(frozen=True)
@@ -111,13 +101,13 @@ class _Toml:
             reason = f"cannot be read as TOML: {first_line(error)}"
             raise InputError(file, reason, int(at[1]) if at else None) from error
         toml = cls(file, text.split("\n"), values)
-        valid_keys = (*_FILES, *_JOINTS, *_LINKS, *_EYES, *_TABLES)
+        valid_keys = ("urdf", "skin", "cameras", *_JOINTS, *_LINKS, *_EYES, "home_deg", "ports")
         for key in values:
             if key not in valid_keys:
                 toml.refuse(key, f"one of {', '.join(valid_keys)}", "unknown key")
-        for key in ("urdf", "skin", *_EYES):
-            if key not in values:
-                raise InputError(file, f"no {key}; expected {', '.join(('urdf', 'skin', *_EYES))}")
+        required = ("urdf", "skin", *_EYES)
+        if missing := [key for key in required if key not in values]:
+            raise InputError(file, f"no {missing[0]}; expected {', '.join(required)}")
         return toml
 
     def refuse(self, key: str, expected: str, reason: str | None = None) -> Never:
@@ -127,25 +117,22 @@ class _Toml:
         shown = f"{key} {self.values[key]!r}"[:80] if reason is None else f"{reason} {key}"
         raise InputError(self.file, f"{shown}; expected {expected}", line)
 
-    def word(self, key: str, default: str) -> str:
-        value = self.values.get(key, default)
+    def word(self, key: str) -> str:
+        value = self.values.get(key, "")
         return value if isinstance(value, str) else self.refuse(key, "a name in quotes")
 
     def names(self, key: str) -> tuple[str, ...]:
-        return self._words(key, self.values.get(key, []), key)
+        return self._words(key, self.values.get(key, []))
 
-    def _words(self, key: str, value: object, shown: str) -> tuple[str, ...]:
+    def _words(self, key: str, value: object) -> tuple[str, ...]:
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
-            self.refuse(shown, "a list of names in quotes", f"no list of names: {value!r} of")
+            self.refuse(key, "a list of names in quotes", f"no list of names: {value!r} of")
         return tuple(value)
-
-    def folder_file(self, key: str) -> Path:
-        return self.file.parent / self.word(key, "")
 
     def folder_files(self, key: str) -> tuple[Path, ...]:
         value = self.values[key]
         words = [value] if isinstance(value, str) else value
-        return tuple(self.file.parent / word for word in self._words(key, words, key))
+        return tuple(self.file.parent / word for word in self._words(key, words))
 
     def eye(self, key: str) -> tuple[str, tuple[str, Array] | None]:
         """The name of a camera's frame, and, for one that is mounted on a link, that link and the pose there."""
@@ -163,10 +150,12 @@ class _Toml:
             self.refuse(key, expected)
         return key, (str(value["link"]), pin.SE3(pin.rpy.rpyToMatrix(np.deg2rad(rpy)), xyz).homogeneous)
 
-    def check_known(self, key: str, names: Any, valid_keys: Any) -> None:
+    def check_known(
+        self, key: str, names: Iterable[str], valid: Iterable[str], expected: str = "some", where: str = "in"
+    ) -> None:
         for name in names:
-            if name not in valid_keys:
-                self.refuse(key, f"some of {', '.join(valid_keys)}", f"unknown {name!r} in")
+            if name not in valid:
+                self.refuse(key, f"{expected} of {', '.join(valid)}", f"unknown {name!r} {where}")
 
     def table(self, key: str) -> dict[str, Any]:
         value = self.values.get(key, {})
@@ -188,10 +177,8 @@ class _Toml:
         return robot.clamp(q)
 
     def ports(self, robot: Robot) -> dict[str, tuple[str, ...]]:
-        ports = {port: self._words(port, names, port) for port, names in self.table("ports").items()}
-        valid_keys = (*robot.joint_names, "-", *(("version", "vergence") if robot.names.gaze_joints else ()))
+        ports = {port: self._words(port, names) for port, names in self.table("ports").items()}
+        valid = (*robot.joint_names, "-", *(("version", "vergence") if robot.names.gaze_joints else ()))
         for port, names in ports.items():
-            for name in names:
-                if name not in valid_keys:
-                    self.refuse(port, f"joints of {', '.join(valid_keys)}", f"unknown {name!r} in port")
+            self.check_known(port, names, valid, "joints", "in port")
         return ports or {"joints": robot.joint_names}

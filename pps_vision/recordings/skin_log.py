@@ -12,8 +12,7 @@ from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.recording import Touch
 from pps_vision.recordings.text import finite, whole
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.recordings.yarp_log import read_log
-from pps_vision.recordings.yarp_text import Nested, parse_lists, parse_numbers
+from pps_vision.recordings.yarp_text import Nested, parse_lists, parse_numbers, read_log
 
 Representatives = Mapping[str, tuple[int, ...]]
 """By body part: the virtual taxel of each physical one, −1 none."""

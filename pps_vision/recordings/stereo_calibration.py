@@ -23,8 +23,8 @@ from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.se3 import inverse, transform
-from pps_vision.recordings.calibration import LARGEST_SIDE_PX, fit_to_images
 from pps_vision.recordings.calibration_files import read_matrices
+from pps_vision.recordings.icub_eyes import LARGEST_SIDE_PX, fit_to_images
 from pps_vision.types import Array
 
 _KEYS = {
@@ -102,7 +102,7 @@ def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:
     text = read_bytes(file, "a calibration").decode("utf-8-sig", errors="replace")
     if (others := read_matrices(file, text[: _MOST_CHARACTERS + 1], kitti)) is not None:
         return others
-    if len(text) > _MOST_CHARACTERS or sum(1 for _ in _NODE.finditer(text)) > _MOST_NODES:
+    if len(text) > _MOST_CHARACTERS or len(_NODE.findall(text)) > _MOST_NODES:
         too_much = f"has more than {_MOST_CHARACTERS} characters or {_MOST_NODES} nodes"
         raise InputError(file, f"{too_much}; expected an OpenCV calibration")
     storage = cv2.FileStorage()
@@ -150,13 +150,9 @@ def _camera(
         entry = f"D{side} is {str(coefficients[:-5].tolist())[:80]}"
         raise InputError(entries[f"D{side}"][0], f"{entry}; expected none but k1, k2, p1, p2, k3 other than zero")
     k1, k2, p1, p2, k3 = coefficients[:5].tolist()
-    sizes = [
-        entries[key][1].item() if key in entries else None
-        for name in ("image_width", "image_height")
-        for key in [name + side if name + side in entries else name]
-    ]
     width, height = (
-        expected_size if size is None else size for size, expected_size in zip(sizes, image_size, strict=True)
+        entries.get(name + side, entries.get(name, (file, np.array(size))))[1].item()
+        for name, size in zip(("image_width", "image_height"), image_size, strict=True)
     )
     if not all(1 <= size <= LARGEST_SIDE_PX and float(size).is_integer() for size in (width, height)):
         entry = f"image_width {width}, image_height {height}"

@@ -6,9 +6,10 @@ An empty field is a number that does not exist, such as the position of an unkno
 import csv
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +27,8 @@ TRAJECTORY = (
     *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, "radius_m", "status"),
     *("sigma_x_m", "sigma_y_m", "sigma_z_m", "radius_95_m"),
 )
-REACHABILITY = (
-    *("gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg", "reach_probability", "reach_degree", "reach_status"),
-)
+GAZE = ("yaw_deg", "pitch_deg", "vergence_deg")
+REACHABILITY = (*(f"gaze_{name}" for name in GAZE), "reach_probability", "reach_degree", "reach_status")
 ACTIVATION = "activation.csv"
 BOXES = ("frame", "x", "y", "w", "h", "score")
 TRUTH = (
@@ -36,7 +36,6 @@ TRUTH = (
     *("u_left_px", "v_left_px", "u_right_px", "v_right_px", "visible_left", "visible_right"),
 )
 JOINT_OFFSETS = ("joint", "offset_deg")
-GAZE = ("yaw_deg", "pitch_deg", "vergence_deg")
 
 CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
 _MAX_OFFSET_DEG = 90.0  # an encoder that is further off is a typing error
@@ -106,8 +105,7 @@ def numbers(file: Path, line: int, row: Sequence[str]) -> list[float]:
 
 def covariances(fields: Array) -> Array:
     """(n, 3, 3) symmetric matrices of the fields (n, 6) of `COVARIANCE`."""
-    cov: Array = fields[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    return cov
+    return np.asarray(fields[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])
 
 
 def detection_row(frame: int, detection: Detection2D, status: Status) -> tuple[object, ...]:
@@ -123,13 +121,9 @@ def trajectory_row(track: Track3D, reach: Reachability | None = None) -> tuple[o
     """
     cov = track.cov[:3, :3]
     radius_95 = np.sqrt(CHI2_95 * np.linalg.eigvalsh(cov)[-1]) if np.isfinite(cov).all() else np.nan
-    row = (
-        *(track.stamp_s, *track.position, *track.velocity, *cov[np.triu_indices(3)], track.radius_m, track.status),
-        *(*np.sqrt(np.diag(cov)), radius_95),
-    )
-    if reach is None:
-        return row
-    return (*row, *np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status)
+    state = (track.stamp_s, *track.position, *track.velocity, *cov[np.triu_indices(3)], track.radius_m, track.status)
+    row = (*state, *np.sqrt(np.diag(cov)), radius_95)
+    return row if reach is None else (*row, *np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status)
 
 
 def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:
@@ -139,11 +133,10 @@ def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:
 
 def write_truth(file: Path, rows: Iterable[Truth]) -> None:
     """Write truth.csv, the true path of a rendered object."""
-    values = (
-        (r.stamp_s, *r.position, *r.velocity, r.radius_m, *r.left_px, *r.right_px, r.visible_left, r.visible_right)
-        for r in rows
-    )
-    write_table(file, TRUTH, values)
+    with open_table(file, TRUTH) as add:
+        for r in rows:
+            pixels = (*r.left_px, *r.right_px, r.visible_left, r.visible_right)
+            add((r.stamp_s, *r.position, *r.velocity, r.radius_m, *pixels))
 
 
 def read_truth(file: Path, problems: list[Problem]) -> tuple[Truth, ...]:
@@ -190,11 +183,9 @@ def read_joint_offsets(file: Path, joints: Sequence[str]) -> Array:
 
 def read_gaze(file: Path) -> Array:
     """(N, 3) rad gaze postures: neck yaw, neck pitch, vergence; NaN where the file says so."""
-    degrees = [
-        [_degrees(file, line, *field) for field in zip(GAZE, fields, strict=True)]
-        for line, fields in read_table(file, GAZE)
-    ]
-    return np.deg2rad(np.array(degrees, dtype=float).reshape(-1, 3))
+    rows = read_table(file, GAZE)
+    degrees = [_degrees(file, line, name, text) for line, row in rows for name, text in zip(GAZE, row, strict=True)]
+    return np.deg2rad(np.reshape(degrees, (-1, 3)))
 
 
 def write_reachability(file: Path, rows: Iterable[Iterable[object]]) -> None:
@@ -213,3 +204,21 @@ def _field(value: object) -> str:
     if isinstance(value, float | np.floating):
         return "" if np.isnan(value) else repr(float(value))
     return str(int(value)) if isinstance(value, bool | np.bool_) else str(value)
+
+
+def write_parquet(file: Path, columns: Mapping[str, type], rows: Sequence[Mapping[str, object]]) -> None:
+    """Write rows with columns of str, int or float as Apache Parquet (extra `parquet`); None is a missing value."""
+    pa = require_pyarrow()
+    kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
+    schema = pa.schema([(name, kinds[kind]) for name, kind in columns.items()])
+    pa.parquet.write_table(pa.Table.from_pylist([dict(row) for row in rows], schema=schema), file)
+
+
+def require_pyarrow() -> Any:
+    """The package that writes Parquet; InputError where it is not installed."""
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        expected = "the extra: pip install 'pps-vision[parquet]'"
+        raise InputError("batch", f"--parquet needs pyarrow; expected {expected}") from error
+    return pyarrow

@@ -3,7 +3,7 @@
 The 1-D form knows the distance D only, the 2-D form D and time to contact TTC.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,7 +64,7 @@ def _part(section: Section) -> PartMap:
         raise modality.error(" or ".join(_LIMITS))
     extent = ext.lists(finite, _LIMITS[modality.text])[0]
     n_distances, n_times = bins_num.lists(whole, 2)[0]
-    mapping = mapping_of.lists(whole, size.whole())[0]
+    mapping = mapping_of.lists(whole, size.number(whole))[0]
     if any(low >= high for low, high in zip(extent[::2], extent[1::2], strict=True)):
         raise ext.error("ranges from low to high")
     if min(n_distances, n_times) < 1 or (modality.text == "1D" and n_times != 1):
@@ -80,7 +80,7 @@ def _part(section: Section) -> PartMap:
             raise entry.error("counts from 0 to 2^53")
         samples = [np.array(values, np.int64).reshape(n_distances, n_times) for values in count_lists]
         counts[int(key)] = np.stack(samples, axis=-1)
-    if len(counts) != n_taxels.whole():
+    if len(counts) != n_taxels.number(whole):
         raise n_taxels.error(f"{len(counts)}, as many taxels as follow")
     return PartMap(section.name, extent, (n_distances, n_times), mapping, counts)
 
@@ -92,21 +92,18 @@ def write_taxels(file: Path, parts: Sequence[PartMap]) -> None:
 
 def _section(part: PartMap) -> str:
     modality = next(name for name, n in _LIMITS.items() if n == len(part.extent))
-    head = [
+    rows = [
         f"[{part.name}]",
         f"modality\t{modality}",
         f"size    \t{len(part.mapping)}",
         f"nTaxels \t{len(part.counts)}",
-        f"ext     \t({' '.join(repr(float(end)) for end in part.extent)})",
+        f"ext     \t{_list(map(float, part.extent))}",
         f"binsNum \t({part.bins[0]}\t{part.bins[1]})",
-        f"Mapping\t({_spaced(part.mapping)})",
+        f"Mapping\t{_list(part.mapping)}",
+        *(f"{taxel} {_list(n[..., 0].ravel())} {_list(n[..., 1].ravel())}" for taxel, n in part.counts.items()),
     ]
-    rows = [
-        f"{taxel} ({_spaced(counts[..., 0].ravel())}) ({_spaced(counts[..., 1].ravel())})"
-        for taxel, counts in part.counts.items()
-    ]
-    return "\n".join([*head, *rows, ""])
+    return "\n".join([*rows, ""])
 
 
-def _spaced(numbers: Sequence[int] | NDArray[np.int64]) -> str:
-    return " ".join(str(int(number)) for number in numbers)
+def _list(numbers: Iterable[float]) -> str:
+    return f"({' '.join(map(str, numbers))})"

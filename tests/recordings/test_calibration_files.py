@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pps_vision.errors import InputError
+from pps_vision.recordings.calibration_files import parse_yaml
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
-from pps_vision.recordings.yaml_text import parse_yaml
 
 SIZE = (640, 480)
 K1, K2 = (np.array([[f, 0, 320], [0, f + 5, 240], [0, 0, 1.0]]) for f in (500, 520))

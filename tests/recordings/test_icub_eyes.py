@@ -8,8 +8,7 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
-from pps_vision.recordings.calibration import fit_to_images
-from pps_vision.recordings.icub_eyes import read_icub_eyes, write_icub_eyes
+from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes, write_icub_eyes
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 

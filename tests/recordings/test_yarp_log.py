@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.recordings.yarp_log import read_log
+from pps_vision.recordings.yarp_text import read_log
 
 
 def read(

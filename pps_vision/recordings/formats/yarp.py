@@ -24,7 +24,7 @@ from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.text import first_row
 from pps_vision.recordings.video import Video, VideoFrame
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.recordings.yarp_log import read_log
+from pps_vision.recordings.yarp_text import read_log
 from pps_vision.types import Array
 
 if TYPE_CHECKING:
@@ -66,17 +66,15 @@ def open_source(source: Source) -> Recording:
     offsets_rad = read_joint_offsets(source.joints, robot.joint_names) if source.joints else 0.0
     virtual = representatives(read_taxels(source.taxels)) if source.taxels else None
     ports = find_ports(folder, tuple(setup.ports))
-    for port in ("left", "right", *setup.required):
-        if port not in ports:
-            if port in ("left", "right"):
-                _refuse_depth(folder, port)
-            missing_logs = (
-                f"{port} images" if port in ("left", "right") else "joints" if port == "joints" else f"{port} joints"
-            )
-            raise InputError(folder, f"no {missing_logs}; expected a folder '{port}' with a data.log")
-    joints = {
-        port: _read_joints(ports[port], len(names), problems) for port, names in setup.ports.items() if port in ports
-    }
+    sides = ("left", "right")
+    if missing := [port for port in (*sides, *setup.required) if port not in ports]:
+        port = missing[0]
+        if port in sides:
+            _refuse_depth(folder, port)
+        kind = f"{port} images" if port in sides else "joints" if port == "joints" else f"{port} joints"
+        raise InputError(folder, f"no {kind}; expected a folder '{port}' with a data.log")
+    names = {port: joints for port, joints in setup.ports.items() if port in ports}
+    joints = {port: _read_joints(ports[port], len(names[port]), problems) for port in names}
     touches = read_touches(ports["skin"], virtual, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], source.max_skew_s, problems)
@@ -124,10 +122,8 @@ def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
             if index < len(video.pts):
                 files.append(VideoFrame(video.path, row.stamp_s, log=log, line=row.line, video=video, index=index))
             else:
-                reason = (
-                    f"{row.words[0]} of {len(video.pts)} frames in {video.path.name}; expected a frame for each row"
-                )
-                problems.append(Problem(ProblemKind.IMAGE, log, row.line, reason))
+                reason = f"{row.words[0]} of {len(video.pts)} frames in {video.path.name}"
+                problems.append(Problem(ProblemKind.IMAGE, log, row.line, f"{reason}; expected a frame for each row"))
             continue
         name = PurePath(row.words[0])
         if name.is_absolute() or ".." in name.parts:
@@ -183,20 +179,14 @@ def with_joints(
     posed = []
     for pair in pairs:
         missing = [(file, port) for file in pair for port, log in joints.items() if not _covers(log[0], file.stamp_s)]
-        problems += [
-            Problem(
-                *(ProblemKind.JOINTS, file.cited, file.line),
-                f"{file.path.name} has no {port} joints; expected samples around its stamp, within {MAX_JOINT_GAP_S} s",
-            )
-            for file, port in missing
-        ]
+        for file, port in missing:
+            expected = f"samples around its stamp, within {MAX_JOINT_GAP_S} s"
+            reason = f"{file.path.name} has no {port} joints; expected {expected}"
+            problems.append(Problem(ProblemKind.JOINTS, file.cited, file.line, reason))
         if not missing:
             readings = [{port: interpolated(*log, file.stamp_s) for port, log in joints.items()} for file in pair]
-            left, right = (
-                replace(file, joints_rad=setup.configuration(reading) + offsets_rad)
-                for file, reading in zip(pair, readings, strict=True)
-            )
-            posed.append((left, right))
+            q_left, q_right = (setup.configuration(reading) + offsets_rad for reading in readings)
+            posed.append((replace(pair[0], joints_rad=q_left), replace(pair[1], joints_rad=q_right)))
     return tuple(posed)
 
 
