@@ -176,11 +176,8 @@ def _numbers(file: Path, content: Mapping[str, Any], key: str, *shape: int) -> A
 
 def parse_yaml(file: Path, text: str) -> Any:
     """Return a YAML document as dicts, lists and text, None if it is empty; scalars stay as written (`1e-05`, `1:30`).
-
-    Raises:
-        InputError: The text is no YAML, has anchors, aliases, tags, repeated keys or several documents, or is nested
-            more than 16 levels deep. The message names the line.
-    """
+    InputError where the text is no YAML, has anchors, aliases, tags, repeated keys or several documents, or is nested
+    more than 16 levels deep. The message names the line."""
     try:
         _refuse_anchors_tags_and_depth(file, text)
         node = yaml.compose(text, Loader=yaml.SafeLoader)

@@ -15,11 +15,8 @@ _SECTIONS = {"left": "CAMERA_CALIBRATION_LEFT", "right": "CAMERA_CALIBRATION_RIG
 
 
 def read_icub_eyes(file: Path, image_size: tuple[int, int] | None = None) -> tuple[Camera, Camera]:
-    """Return the left and the right camera; for images of `image_size` (width, height) if given.
-
-    Raises:
-        InputError: The file, a section, a key or a number is missing, or the images have other proportions.
-    """
+    """Return the left and the right camera; for images of `image_size` (width, height) if given.  InputError where the
+    file, a section, a key or a number is missing, or the images have other proportions."""
     sections = read_sections(file, "a calibration of both eyes")
     if missing := [name for name in _SECTIONS.values() if name not in sections]:
         raise InputError(file, f"no section [{missing[0]}]; expected one for each eye")

@@ -24,11 +24,8 @@ Row = tuple[int, str, str, int, list[float]]
 
 
 def read_skin(files: Sequence[Path], robot: Robot) -> Skin:
-    """The skin of a robot from one file or several.
-
-    Raises:
-        InputError: A file cannot be read, or a row has no known frame, no new taxel, or no normal.
-    """
+    """The skin of a robot from one file or several.  InputError where a file cannot be read, or a row has no known
+    frame, no new taxel, or no normal."""
     parts: dict[tuple[str, str], list[Row]] = {}
     taxels_read: set[tuple[str, int]] = set()
     for file in files:

@@ -25,10 +25,7 @@ def read_touches(log: Path, representatives: Representatives | None, problems: l
     """Return the touched virtual taxels by stamp; rows that cannot be read are added to `problems` and left out.
 
     Contacts on body parts that `representatives` does not name are left out; without `representatives` a log of
-    contacts is noted and not read.
-
-    Raises:
-        InputError: The log cannot be opened, or holds rows but no readable one.
+    contacts is noted and not read.  InputError where the log cannot be opened, or holds rows but no readable one.
     """
     rows = read_log(log, None, problems)
     if any(row.words[0].startswith("((") for row in rows if row.words):

@@ -60,11 +60,8 @@ def open_table(file: Path, columns: Sequence[str]) -> Iterator[Callable[[Iterabl
 def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
     """Return the line number and the fields of `columns` for each row that is not empty; other columns are ignored.
 
-    A field that is missing at the end of a row is empty.
-
-    Raises:
-        InputError: The file cannot be read, a column is missing or comes twice, or a row has more fields than the
-            header, as decimal commas make.
+    A field that is missing at the end of a row is empty.  InputError where the file cannot be read, a column is missing
+    or comes twice, or a row has more fields than the header, as decimal commas make.
     """
     rows = csv_rows(file, f"a table of {columns[0]} …")
     header = rows[0][1] if rows else []
@@ -166,11 +163,8 @@ def write_joint_offsets(file: Path, joints: Sequence[str], offsets_rad: Array) -
 
 
 def read_joint_offsets(file: Path, joints: Sequence[str]) -> Array:
-    """(n,) rad for these joints, 0 for those without a row.
-
-    Raises:
-        InputError: A row names another joint, one again, or no offset within ±90°.
-    """
+    """(n,) rad for these joints, 0 for those without a row.  InputError where a row names another joint, one again, or
+    no offset within ±90°."""
     offsets: dict[str, float] = {}
     for line, (joint, text) in read_table(file, JOINT_OFFSETS):
         if joint not in joints or joint in offsets:

@@ -39,11 +39,8 @@ class PartMap:
 
 
 def read_taxels(file: Path) -> tuple[PartMap, ...]:
-    """Return the maps of a taxels*.ini, one a body part.
-
-    Raises:
-        InputError: The file is malformed; the message names file, line and value.
-    """
+    """Return the maps of a taxels*.ini, one a body part.  InputError where the file is malformed; the message names
+    file, line and value."""
     sections = read_sections(file, "a taxels*.ini")
     for entry in sections.pop("").entries.values():
         raise entry.error("a [body part] first")

@@ -7,11 +7,8 @@ from pps_vision.files import read_bytes
 
 
 def read_lines(file: Path, expected: str) -> list[str]:
-    """Return the lines of a file without a byte-order mark; bytes that are not UTF-8 become U+FFFD.
-
-    Raises:
-        InputError: The file cannot be read; the message ends in `expected`.
-    """
+    """Return the lines of a file without a byte-order mark; bytes that are not UTF-8 become U+FFFD.  InputError where
+    the file cannot be read; the message ends in `expected`."""
     return read_bytes(file, expected).decode("utf-8-sig", errors="replace").split("\n")
 
 

@@ -101,11 +101,8 @@ class Section:
 def read_sections(file: Path, expected: str) -> dict[str, Section]:
     """Return the sections of a configuration file by name; keys before the first one are in the section "".
 
-    Comments (// or #) are left out.
-
-    Raises:
-        InputError: The file cannot be read (the message ends in `expected`), or a section, or a key within
-            one, comes twice.
+    Comments (// or #) are left out.  InputError where the file cannot be read (the message ends in `expected`), or a
+    section, or a key within one, comes twice.
     """
     section = Section(file, 1, "", {})
     sections = {"": section}

@@ -172,10 +172,7 @@ class Robot:
 
     def chain(self, joints: tuple[str, ...], frame: str, q_base: ArrayLike | None = None) -> Chain:
         """Return the chain of the named joints that ends at `frame`, with the other joints at `q_base` (default zero).
-
-        Raises:
-            ValueError: The robot has no such joint or frame.
-        """
+        ValueError where the robot has no such joint or frame."""
         indices = self.indices(joints)
         q = np.zeros(self.n_joints) if q_base is None else np.array(q_base, dtype=float)
         q[indices] = 0.0

@@ -57,10 +57,8 @@ def open_source(source: Source) -> Recording:
     The topics are `source.left` and `source.right`, or the only ones whose names hold left and right.  Without
     `source.calib` the calibration is in the CameraInfo topics beside them; the pixels of a topic with the word "rect"
     in the last two parts of its name (image_rect, image_rect_color/compressed) are rectified.  With `source.robot` its
-    joints come from the JointState topics.
-
-    Raises:
-        InputError: The bag cannot be read, or lacks topics, a calibration or joints.
+    joints come from the JointState topics.  InputError where the bag cannot be read, or lacks topics, a calibration or
+    joints.
     """
     file = Path(str(source.folder))
     problems = list[Problem]()

@@ -52,10 +52,8 @@ def open_source(source: Source) -> Recording:
 
     Ports are found by what their folders are called, wherever they lie.  A joint port that was not recorded reads 0;
     the iCub's head, and all ports of another robot, must be there.  Bad rows, unpaired images and images without joints
-    go to `problems`.
-
-    Raises:
-        InputError: No frame remains, or a log, the calibration or another file cannot be read at all.
+    go to `problems`.  InputError where no frame remains, or a log, the calibration or another file cannot be read at
+    all.
     """
     folder = Path(str(source.folder))
     problems = list[Problem]()
