@@ -19,10 +19,13 @@ from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import move_points, rotation_to, transform
 from pps_vision.types import Array, Image
 from rendering.fidelity import Lighting
-from rendering.light import AMBIENT, LAMPS, STRENGTHS, diffuse_light
 from rendering.room import atlas, room_surface
 from rendering.shapes import Surface
 
+LAMPS = ((0.474, 0.237, 0.848), (0.10, -0.81, 0.58), (-0.72, 0.45, 0.53))  # root frame, unit: key, fill, opposite
+STRENGTHS = (0.38, 0.16, 0.12)
+AMBIENT = 0.55
+_BELOW = 0.12  # ambient light lost on surfaces that face away from the key lamp
 _NEAR_M = 0.02
 _FAR_M = 8.0
 _T_CAMERA_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL cameras look along −z, with y up
@@ -45,19 +48,16 @@ class Node:
         return move_points(self.T_root_node, corners)
 
 
-@dataclass(eq=False)
-class _Uploaded:
-    """pyrender's node of a `Node`, and the orientation its vertex colours were computed for."""
-
-    node: Any
-    key: bytes
-
-
 class Renderer:
     """A pyrender scene and its off-screen renderer; keeps the meshes of nodes drawn before, until they are released."""
 
     def __init__(self) -> None:
-        self._api = _pyrender()
+        try:
+            self._api: Any = import_module("pyrender")
+        except (ImportError, AttributeError, OSError) as error:
+            raise ImportError(
+                f"rendering needs OpenGL on EGL ({error}); install Debian's libegl1 and libgl1"
+            ) from error
         try:
             self._screen = self._api.OffscreenRenderer(1, 1)
         except Exception as error:  # EGL errors, AssertionError or IndexError, depending on what is missing
@@ -74,7 +74,7 @@ class Renderer:
             # diffuse reflection of a light of intensity π is 0.96 of the surface's colour; the image is gamma encoded
             intensity = np.pi * ((AMBIENT + strength) ** _GAMMA - AMBIENT**_GAMMA)
             self._scene.add(self._api.DirectionalLight(intensity=intensity), pose=transform(rotation_to(lamp)))
-        self._uploaded: dict[Node, _Uploaded] = {}
+        self._uploaded: dict[Node, tuple[Any, bytes]] = {}  # pyrender's node, and the orientation its light is for
         self._released: list[Node] = []
         self._visible: list[Any] = []
         sampler = self._api.Sampler(minFilter=self._api.GLTF.LINEAR_MIPMAP_NEAREST)
@@ -129,22 +129,22 @@ class Renderer:
         baked = lighting == "baked"
         rotation = _BAKED_STEP * np.rint(node.T_root_node[:3, :3] / _BAKED_STEP)
         key = rotation.tobytes() if baked else b""
-        uploaded = self._uploaded.get(node)
-        if uploaded is None or uploaded.key != key:
-            if uploaded is not None:
-                self._scene.remove_node(uploaded.node)
+        shown, shown_key = self._uploaded.get(node, (None, b""))
+        if shown is None or shown_key != key:
+            if shown is not None:
+                self._scene.remove_node(shown)
             light = diffuse_light(node.surface.normals @ rotation.T) if baked else None
-            uploaded = _Uploaded(self._scene.add(self._mesh(node.surface, light)), key)
-            self._uploaded[node] = uploaded
-        self._scene.set_pose(uploaded.node, node.T_root_node @ transform(translation=_center(node.surface)))
-        return uploaded.node
+            shown = self._scene.add(self._mesh(node.surface, light))
+            self._uploaded[node] = shown, key
+        self._scene.set_pose(shown, node.T_root_node @ transform(translation=_center(node.surface)))
+        return shown
 
     def _remove_released(self) -> None:
         while self._released:
-            uploaded = self._uploaded.pop(self._released.pop(), None)
-            if uploaded is not None:
-                self._scene.remove_node(uploaded.node)
-                self._visible = [shown for shown in self._visible if shown is not uploaded.node]
+            removed, _ = self._uploaded.pop(self._released.pop(), (None, b""))
+            if removed is not None:
+                self._scene.remove_node(removed)
+                self._visible = [shown for shown in self._visible if shown is not removed]
 
     def _mesh(self, surface: Surface, light: Array | None) -> Any:
         """Return pyrender's mesh with `light` (n,) in its vertex colours; None: shaded by pyrender."""
@@ -154,15 +154,21 @@ class Renderer:
         material = self._api.MetallicRoughnessMaterial(
             metallicFactor=0.0, roughnessFactor=1.0, baseColorTexture=self._atlas if is_textured else None
         )
+        vertices = {"positions": surface.positions - _center(surface), "normals": surface.normals, "color_0": color}
         primitive = self._api.Primitive(
-            positions=surface.positions - _center(surface),
-            normals=surface.normals,
-            texcoord_0=surface.texture_uv,
-            color_0=color,
-            indices=surface.faces,
-            material=material,
+            **vertices, texcoord_0=surface.texture_uv, indices=surface.faces, material=material
         )
         return self._api.Mesh([primitive], is_visible=False)  # until all nodes of an image are in place
+
+
+def diffuse_light(normals_root: Array) -> Array:
+    """Return the light (n,) reflected by surfaces with unit normals (n, 3), as a factor on their colour.
+
+    Lambert's law per lamp, plus ambient light, reduced on surfaces that face away from the key lamp.
+    """
+    facing = normals_root @ np.array(LAMPS).T
+    light: Array = AMBIENT + np.maximum(facing, 0) @ np.array(STRENGTHS) + _BELOW * np.minimum(facing[:, 0], 0)
+    return light
 
 
 def _center(surface: Surface) -> Array:
@@ -170,16 +176,7 @@ def _center(surface: Surface) -> Array:
 
     pyrender sorts nodes by their origins' distances; an object and the hand around it must not share an origin.
     """
-    center: Array = surface.bounds.mean(axis=0)
-    return center
-
-
-def _pyrender() -> Any:
-    """Import pyrender; ImportError in one line if the system's OpenGL is missing."""
-    try:
-        return import_module("pyrender")
-    except (ImportError, AttributeError, OSError) as error:
-        raise ImportError(f"rendering needs OpenGL on EGL ({error}); install Debian's libegl1 and libgl1") from error
+    return np.asarray(surface.bounds.mean(axis=0))
 
 
 @cache

@@ -17,16 +17,12 @@ from rendering.stimuli import Stimulus
 TOWARDS_EXPERIMENTER = (-0.75, 0.25, 0.61)  # direction, root frame: the object is held from behind and above
 
 
-def _still() -> Array:
-    return np.zeros(3)
-
-
 @dataclass(frozen=True, slots=True)
 class PropPose:
     """Pose of a prop in the root frame: position m, velocity m/s (used by motion blur only), rotation (3, 3)."""
 
     position: Array
-    velocity: Array = field(default_factory=_still)
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array | None = None
 
     def moved(self, dt_s: float) -> "PropPose":
@@ -48,7 +44,7 @@ class SceneState:
 
     q_rad: Array
     position: Array | None = None
-    velocity: Array = field(default_factory=_still)
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
     dq_rad_s: Array | None = None
     rotation: Array | None = None
     carrier_direction: tuple[float, float, float] | Array = TOWARDS_EXPERIMENTER

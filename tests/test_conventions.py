@@ -8,7 +8,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
 MUTABLE = {
     "controllers.py": {"HomeReturn"},
-    "renderer.py": {"Node", "_Uploaded"},
+    "renderer.py": {"Node"},
 }
 """Dataclasses that a reader, a renderer or an encounter works on, and hands to nobody."""
 

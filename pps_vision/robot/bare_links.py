@@ -44,10 +44,8 @@ class BareLinks:
                 points.append(NearestPoint(body.frame, T[:3, 3], np.zeros(3), np.inf))
                 continue
             result = coal.DistanceResult()
-            distance = coal.distance(
-                shape, coal.Transform3s(T[:3, :3], T[:3, 3]), ball, T_root_ball, coal.DistanceRequest(), result
-            )
-            points.append(
-                NearestPoint(body.frame, result.getNearestPoint1().copy(), result.normal.copy(), float(distance))
-            )
+            T_root_body = coal.Transform3s(T[:3, :3], T[:3, 3])
+            distance = coal.distance(shape, T_root_body, ball, T_root_ball, coal.DistanceRequest(), result)
+            nearest = result.getNearestPoint1().copy()
+            points.append(NearestPoint(body.frame, nearest, result.normal.copy(), float(distance)))
         return points

@@ -36,12 +36,12 @@ class GazeLimits:
     @property
     def lower(self) -> Array:
         """(3,) rad."""
-        return np.array([self.yaw_rad[0], self.pitch_rad[0], self.vergence_rad[0]])
+        return np.array([self.yaw_rad, self.pitch_rad, self.vergence_rad])[:, 0]
 
     @property
     def upper(self) -> Array:
         """(3,) rad."""
-        return np.array([self.yaw_rad[1], self.pitch_rad[1], self.vergence_rad[1]])
+        return np.array([self.yaw_rad, self.pitch_rad, self.vergence_rad])[:, 1]
 
 
 def fixation_points(robot: Robot, gaze_rad: ArrayLike) -> Array:
@@ -86,11 +86,9 @@ class GazeModel:
         self._half_baseline_m = 0.5 * float(np.linalg.norm(right - left))
         samples = np.array(np.meshgrid([-0.7, 0.3], [-0.6, 0.4], [0.1, 1.2])).reshape(3, -1).T
         if not np.allclose(self._closed_form(self.points(samples)), samples, atol=1e-9):
-            raise InputError(
-                robot.urdf,
-                f"gaze joints {', '.join(names.gaze_joints)}; expected a neck that pitches, then yaws, and eyes that "
-                "pan about axes parallel to the yaw axis, symmetric to the neck",
-            )
+            expected = "a neck that pitches, then yaws, and eyes that pan about axes parallel to the yaw axis"
+            reason = f"gaze joints {', '.join(names.gaze_joints)}"
+            raise InputError(robot.urdf, f"{reason}; expected {expected}, symmetric to the neck")
 
     def _of_fixed_cameras(self, robot: Robot) -> None:
         """Eyes that turn about the midpoint of the cameras; the torso is the chain that moves both cameras and arms."""

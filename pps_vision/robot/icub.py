@@ -65,12 +65,11 @@ def set_gaze(
 ) -> Array:
     """A copy of `q` with the named gaze angles (rad) replaced; pan left/right = version ± vergence/2."""
     q_new = np.array(q, dtype=float)
-    i_yaw, i_pitch, i_tilt, i_left, i_right = robot.indices(robot.names.gaze_joints)
-    for index, value in ((i_yaw, yaw), (i_pitch, pitch), (i_tilt, tilt)):
+    *neck, i_left, i_right = robot.indices(robot.names.gaze_joints)
+    for index, value in zip(neck, (yaw, pitch, tilt), strict=True):
         if value is not None:
             q_new[index] = value
     version = 0.5 * (q_new[i_left] + q_new[i_right]) if version is None else version
     vergence = q_new[i_left] - q_new[i_right] if vergence is None else vergence
-    q_new[i_left] = version + vergence / 2
-    q_new[i_right] = version - vergence / 2
+    q_new[[i_left, i_right]] = version + vergence / 2, version - vergence / 2
     return q_new

@@ -81,34 +81,31 @@ def _descend(
 ) -> tuple[Array, Array]:
     """Levenberg–Marquardt from one start each, one damping per problem; solved problems leave the batch."""
     x, J = forward(q)
+    J = J.copy()
     residual: Array = targets - x
     error: Array = length(residual)
-    out_q = q.copy()
-    out_error = error.copy()
     damping = np.full_like(error, params.initial_damping)
     unsolved = np.flatnonzero(error > params.tolerance)
-    q, residual, J, error, damping = (array[unsolved] for array in (q, residual, J, error, damping))
     for _ in range(params.max_steps):
         if len(unsolved) == 0:
             break
-        q_new = (q + _step(q, residual, J, damping, lower, upper)).clip(lower, upper)
+        q_old = q[unsolved]
+        step = _step(q_old, residual[unsolved], J[unsolved], damping[unsolved], lower, upper)
+        q_new = (q_old + step).clip(lower, upper)
         x, J_new = forward(q_new)
         residual_new = targets[unsolved] - x
         error_new = length(residual_new)
-        moved = np.any(np.abs(q_new - q) > params.min_step_rad, axis=1)
-        good = error_new < error
-        q = np.where(good[:, None], q_new, q)
-        residual = np.where(good[:, None], residual_new, residual)
-        J = np.where(good[:, None, None], J_new, J)
-        error = np.where(good, error_new, error)
-        damping = np.where(good, np.maximum(damping * 0.1, _MIN_DAMPING), damping * 10)
-        out_q[unsolved] = q
-        out_error[unsolved] = error
-        active = (error > params.tolerance) & moved
-        unsolved, q, residual, J, error, damping = (
-            array[active] for array in (unsolved, q, residual, J, error, damping)
-        )
-    return out_q, out_error
+        good = error_new < error[unsolved]
+        better = unsolved[good]
+        q[better] = q_new[good]
+        residual[better] = residual_new[good]
+        J[better] = J_new[good]
+        error[better] = error_new[good]
+        scaled = damping[unsolved]
+        damping[unsolved] = np.where(good, np.maximum(scaled * 0.1, _MIN_DAMPING), scaled * 10)
+        moved = np.any(np.abs(q_new - q_old) > params.min_step_rad, axis=1)
+        unsolved = unsolved[(error[unsolved] > params.tolerance) & moved]
+    return q, error
 
 
 def _step(q: Array, residual: Array, J: Array, damping: Array, lower: Array, upper: Array) -> Array:

@@ -107,8 +107,7 @@ class Robot:
         self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
         self.lower_rad: Array = self.model.lowerPositionLimit.copy()
         self.upper_rad: Array = self.model.upperPositionLimit.copy()
-        for array in (self.lower_rad, self.upper_rad):
-            array.flags.writeable = False
+        self.lower_rad.flags.writeable = self.upper_rad.flags.writeable = False
         self.frame_ids = {f.name: i for i, f in enumerate(self.model.frames) if f.type != pin.FrameType.JOINT}
         self.spare_data: list[pin.Data] = []
         missing = [f for f in (names.left_eye, names.right_eye) if f not in self.frame_ids]
@@ -147,8 +146,7 @@ class Robot:
 
     def indices(self, joints: tuple[str, ...]) -> list[int]:
         """Positions of named joints in the configuration vector; ValueError for an unknown one."""
-        unknown = [name for name in joints if name not in self.joint_names]
-        if unknown:
+        if unknown := [name for name in joints if name not in self.joint_names]:
             raise ValueError(f"no joint {unknown[0]!r}; this robot has {', '.join(self.joint_names)}")
         return [self.joint_names.index(name) for name in joints]
 
@@ -191,9 +189,8 @@ class Robot:
         """A copy of a configuration (n_joints,); InputError for a wrong length or a value that is not finite."""
         q: Array = np.array(q_rad, dtype=float)
         if q.shape != (self.n_joints,) or not math.isfinite(sum(q.tolist())):
-            raise InputError(
-                "posture", f"joints {np.array2string(q, precision=3)}; expected {self.n_joints} finite angles"
-            )
+            reason = f"joints {np.array2string(q, precision=3)}"
+            raise InputError("posture", f"{reason}; expected {self.n_joints} finite angles")
         return q
 
     def clamp(self, q_rad: Array) -> Array:
@@ -210,15 +207,14 @@ class Robot:
         shape = obj.geometry
         # Pinocchio places visuals relative to the moving joint, not to their link
         T_frame_body = (frame.placement.inverse() * obj.placement).homogeneous
-        color = (float(obj.meshColor[0]), float(obj.meshColor[1]), float(obj.meshColor[2]))
-        kind = type(shape).__name__.lower()
+        kind: Any = type(shape).__name__.lower()
         if kind == "sphere":
-            return Body(obj.name, frame.name, "sphere", (shape.radius,), T_frame_body, color)
-        if kind == "cylinder":
-            size = (shape.radius, 2 * shape.halfLength)
-            return Body(obj.name, frame.name, "cylinder", size, T_frame_body, color)
-        sides = (2 * float(shape.halfSide[0]), 2 * float(shape.halfSide[1]), 2 * float(shape.halfSide[2]))
-        return Body(obj.name, frame.name, "box", sides, T_frame_body, color)
+            size = [shape.radius]
+        elif kind == "cylinder":
+            size = [shape.radius, 2 * shape.halfLength]
+        else:
+            size = (2 * shape.halfSide).tolist()
+        return Body(obj.name, frame.name, kind, tuple(size), T_frame_body, tuple(obj.meshColor[:3].tolist()))
 
 
 def _box(obj: pin.GeometryObject) -> None:

@@ -80,16 +80,12 @@ class SelfCollision:
         for row, k in enumerate(near):
             n = results[k].normal
             p = results[k].getNearestPoint1()
-            pair = self._geometry.collisionPairs[k]
-            J_first, J_second = (self._spatial_jacobian(body)[:, joints] for body in (pair.first, pair.second))
+            J_first, J_second = (
+                pin.getJointJacobian(self._model, self._data, joint, pin.ReferenceFrame.WORLD)[:, joints]
+                for joint in self._pairs[k].joints
+            )
             rates[row] = np.concatenate([n, pin.skew(p) @ n]) @ (J_second - J_first)
         return np.array([results[k].min_distance for k in near]), rates
-
-    def _spatial_jacobian(self, body: int) -> Array:
-        """(6, n_joints) in the root's axes at its origin."""
-        joint = self._geometry.geometryObjects[body].parentJoint
-        J: Array = pin.getJointJacobian(self._model, self._data, joint, pin.ReferenceFrame.WORLD)
-        return J
 
     def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
         """The share in [0, 1] of a straight motion along which the distance provably stays at `clearance_m` or more.
@@ -199,17 +195,15 @@ class SelfCollision:
             n = self._data.oMi[pair.carrier].rotation @ axis
             a = self._distances.oMg[pair.first]
             b = self._distances.oMg[pair.second]
-            extent = _extent(self._bodies[pair.first], n @ a.rotation) + _extent(
-                self._bodies[pair.second], n @ b.rotation
-            )
-            separations.append(n @ (b.translation - a.translation) - extent)
+            gap = n @ (b.translation - a.translation) - _extent(self._bodies[pair.first], n @ a.rotation)
+            separations.append(gap - _extent(self._bodies[pair.second], n @ b.rotation))
         return np.array(separations)
 
     def _pair(self, first: int, second: int) -> "_Pair":
-        joints = [self._geometry.geometryObjects[i].parentJoint for i in (first, second)]
+        joints = tuple(self._geometry.geometryObjects[i].parentJoint for i in (first, second))
         supports = [set(self._model.supports[joint]) for joint in joints]
         turn = np.isin(np.arange(1, self._model.njoints), list(supports[0] ^ supports[1]))
-        return _Pair(first, second, max(supports[0] & supports[1]), turn)
+        return _Pair(first, second, joints, max(supports[0] & supports[1]), turn)
 
 
 class _Pair(NamedTuple):
@@ -217,6 +211,7 @@ class _Pair(NamedTuple):
 
     first: int
     second: int
+    joints: tuple[int, ...]  # which carry them
     carrier: int  # the last joint that moves both
     turn: Mask  # (n_joints,) whether a joint moves one against the other
 

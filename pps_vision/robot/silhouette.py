@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from pps_vision.geometry.camera import View
+from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.model import Body, Robot
 from pps_vision.types import Array, Mask
 
@@ -20,9 +21,7 @@ class Silhouette:
         self.robot = robot
         self.margin_px = margin_px
         # (frame, points (n, 3) in that frame) of every body
-        self._bodies = [
-            (b.frame, _hull_points(b) @ b.T_frame_body[:3, :3].T + b.T_frame_body[:3, 3]) for b in robot.bodies
-        ]
+        self._bodies = [(body.frame, move_points(body.T_frame_body, _hull_points(body))) for body in robot.bodies]
 
     def __call__(self, joints_rad: Array, view: View) -> Mask:
         """(H, W) mask of the robot at `joints_rad` in `view`, widened by the margin."""
@@ -49,8 +48,7 @@ def _hull_points(body: Body) -> Array:
         return corners * np.array(body.size_m)
     if body.shape == "cylinder":
         radius, length = body.size_m
-        ends = [np.column_stack([radius * circle, np.full(_ROUND, z)]) for z in (-length / 2, length / 2)]
-        return np.vstack(ends)
+        return np.vstack([np.column_stack([radius * circle, np.full(_ROUND, z)]) for z in (-length / 2, length / 2)])
     latitudes = np.deg2rad([-60.0, -20.0, 20.0, 60.0])
     rings = [np.column_stack([np.cos(a) * circle, np.full(_ROUND, np.sin(a))]) for a in latitudes]
     return body.size_m[0] * 1.04 * np.vstack([*rings, [[0, 0, 1], [0, 0, -1]]])

@@ -14,6 +14,7 @@ from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, Mask
 
+PartName = Literal["left_forearm", "right_forearm", "left_palm", "right_palm"]
 TOUCH_RADIUS_M = 0.020  # a touch this near a virtual taxel's centre is a touch of it
 
 # id: position in mm | unit normal, in the left forearm frame (the right one mirrors y and z)
@@ -95,13 +96,9 @@ class Skin:
 
         Normals turn with the body; they are directions and are not translated.
         """
-        positions = []
-        normals = []
-        for part in self.parts:
-            T = posture.T_root(part.frame)
-            positions.append(part.positions_m @ T[:3, :3].T + T[:3, 3])
-            normals.append(part.normals @ T[:3, :3].T)
-        return np.concatenate(positions), np.concatenate(normals)
+        poses = [(part, posture.T_root(part.frame)) for part in self.parts]
+        positions = [part.positions_m @ T[:3, :3].T + T[:3, 3] for part, T in poses]
+        return np.concatenate(positions), np.concatenate([part.normals @ T[:3, :3].T for part, T in poses])
 
     def jacobians(self, posture: Posture, joints: list[int]) -> Array:
         """Velocities (n, 3, k) m/rad of all taxels in the root frame for the rates of k joints."""
@@ -113,14 +110,7 @@ class Skin:
         return np.concatenate(jacobians).transpose(0, 2, 1)
 
 
-def icub_skin(
-    parts: tuple[Literal["left_forearm", "right_forearm", "left_palm", "right_palm"], ...] = (
-        "left_forearm",
-        "right_forearm",
-        "left_palm",
-        "right_palm",
-    ),
-) -> Skin:
+def icub_skin(parts: tuple[PartName, ...] = ("left_forearm", "right_forearm", "left_palm", "right_palm")) -> Skin:
     """The virtual taxels of R, one per triangular module."""
     return Skin(tuple(_icub_part(name) for name in parts))
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.robot_file import read_robot
-from pps_vision.recordings.skin_file import read_skin
+from pps_vision.recordings.robot_file import read_robot, read_skin
 
 ARM7 = Path(__file__).parents[1] / "arm7" / "robot.toml"
 HEADER = "part,frame,taxel,x_m,y_m,z_m,nx,ny,nz\n"

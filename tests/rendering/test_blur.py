@@ -6,11 +6,10 @@ import pytest
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image
-from rendering.eyes import Eyes
+from rendering.eyes import Eyes, instants
 from rendering.fidelity import Fidelity
 from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
-from rendering.shutter import instants
 from rendering.stimuli import make_stimulus
 
 PLACE = np.array([-0.36, -0.06, 0.12])

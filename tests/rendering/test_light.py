@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rendering.light import diffuse_light
+from rendering.renderer import diffuse_light
 
 KEY, FILL, OPPOSITE = (np.array(lamp) for lamp in ((0.474, 0.237, 0.848), (0.10, -0.81, 0.58), (-0.72, 0.45, 0.53)))
 

@@ -15,8 +15,7 @@ from pps_vision.app.cli import main
 from pps_vision.app.simulation import SimulationScene, log_of, make_episode, new_pipeline, open_scene, simulate
 from pps_vision.errors import InputError
 from pps_vision.experiments.reach_kinematics.official_icub import compare_joints
-from pps_vision.recordings.robot_file import read_robot, robot_setup
-from pps_vision.recordings.skin_file import read_skin
+from pps_vision.recordings.robot_file import read_robot, read_skin, robot_setup
 from pps_vision.robot.gaze import GazeModel
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.model import FrameNames, Robot

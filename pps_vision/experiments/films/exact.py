@@ -11,7 +11,7 @@ from pps_vision.experiments.films.raycast import ball_row, cylinder_row, first_h
 from pps_vision.geometry.camera import View
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
-from rendering.light import diffuse_light
+from rendering.renderer import diffuse_light
 from rendering.room import atlas, room_surface
 from rendering.scene import SceneState
 from rendering.shapes import Color
