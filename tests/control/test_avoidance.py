@@ -212,8 +212,7 @@ def test_persistent_activation_moves_the_palm_no_further_than_its_sphere(robot):
 
 
 @pytest.mark.parametrize(
-    "activations",
-    [*(np.r_[np.zeros(11), bad] for bad in (np.nan, 1.1, -0.1)), np.zeros(11), np.zeros((12, 1))],
+    "activations", [*(np.r_[np.zeros(11), bad] for bad in (np.nan, 1.1, -0.1)), np.zeros(11), np.zeros((12, 1))]
 )
 def test_activations_that_are_not_one_number_a_taxel_are_refused(robot, activations):
     with pytest.raises(InputError, match=r"expected 12 numbers in \[0, 1\], one a taxel"):

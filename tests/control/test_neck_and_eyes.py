@@ -75,7 +75,6 @@ def test_the_eyes_turn_back_as_the_neck_comes_and_all_rest_ahead(robot):
     (roll,) = robot.indices(("neck_roll",))
     q[roll] = 15 * DEG
     p = fixation_point(robot.at(q))
-    assert p is not None
     qs = follow(robot, q, p, 60)
     assert max(fixation_error(robot.at(q), p) for q in qs) < 0.3 * DEG
     tilt, left, right = qs[-1][joints(robot)[1]]

@@ -201,7 +201,7 @@ def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot, rng
             continue
         best = side[int(np.where(closing > 0, gaps / closing, np.inf).argmin())]
         arm = ArmInput(0.0, posture, SKIN, felt_by(), ball(at))
-        touch = first_touch(SameRates(PARAMS, arm, NO_ROWS), PARAMS.arm, target)  # type: ignore[arg-type]
+        touch = first_touch(SameRates(PARAMS, arm, NO_ROWS), PARAMS.arm, target)
         np.testing.assert_allclose(posture.point(touch.point.frame, touch.point.point), positions[best], atol=1e-9)
         others += best != side[int(gaps.argmin())]
     assert others > 3

@@ -89,7 +89,7 @@ def test_a_search_that_covers_nothing_is_refused(spacing):
     with pytest.raises(ValueError, match="expected covering or random, above 0"):
         SearchParams(spacing_rad=spacing)
     with pytest.raises(ValueError, match="search 'spiral'"):
-        SearchParams("spiral")  # type: ignore[arg-type]
+        SearchParams("spiral")
 
 
 def test_the_covering_search_goes_to_the_nearest_of_twelve_gazes_then_again_at_another_vergence(robot):

@@ -106,8 +106,8 @@ def encounter(
     If the pipeline assumes another latency, the robot's end stops keep its limits.
     """
     stated_s = latency_s if known_latency_s is None else known_latency_s
-    pipeline_params = PipelineParams(latency_s=stated_s, hold_s=0.2, **params)  # type: ignore[arg-type]
-    pipeline = Pipeline(pipeline_params, ROBOT, SKIN, KnownTrack(motion), MEMORY, np.random.default_rng(0))  # type: ignore[arg-type]
+    pipeline_params = PipelineParams(latency_s=stated_s, hold_s=0.2, **params)
+    pipeline = Pipeline(pipeline_params, ROBOT, SKIN, KnownTrack(motion), MEMORY, np.random.default_rng(0))
     q = home(ROBOT) if start is None else start
     log = Log()
     late = round(latency_s / DT)

@@ -48,9 +48,7 @@ def honest(demand: Demand, position: Position) -> list[Track3D]:
     return tracks
 
 
-DEMANDS = {name: (value.demand, circle) for name, value in DISTURBANCES.items()} | {
-    "leap": (LEAP, leaping),
-}
+DEMANDS = {name: (value.demand, circle) for name, value in DISTURBANCES.items()} | {"leap": (LEAP, leaping)}
 
 
 @pytest.mark.parametrize("name", DEMANDS)

@@ -88,13 +88,15 @@ def test_only_what_comes_is_expected(p, v, expects):
 
 
 def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
-    """The lowest edge belongs to the first bin, an inner one to the bin above it, the highest to none."""
-    d = np.linspace(*PARAMS.distance_range_m, PARAMS.bins[0] + 1)
-    t = np.linspace(*PARAMS.ttc_range_s, PARAMS.bins[1] + 1)
+    """The lowest edge belongs to the first bin, an inner one to the bin above it, the highest to none; samples outside
+    the ranges and unknown ones to none."""
+    d = np.array([-0.11, *np.linspace(*PARAMS.distance_range_m, PARAMS.bins[0] + 1), np.nan])
+    t = np.array([-0.1, *np.linspace(*PARAMS.ttc_range_s, PARAMS.bins[1] + 1), np.nan])
     D, TTC = (np.repeat(g.reshape(-1, 1), 4, axis=1) for g in np.meshgrid(d, t, indexing="ij"))
     memory = count_samples(PPSMemory.empty(SKIN), D, TTC, np.arange(4) == 0)
-    np.testing.assert_array_equal(memory.counts[0, ..., 0], 1)
-    for at in (d[0], d[-1], np.nextafter(d[-1], 1), np.nextafter(d[0], -1)):
+    np.testing.assert_array_equal(memory.counts[0], np.broadcast_to([1, 0], memory.counts[0].shape))
+    np.testing.assert_array_equal(memory.counts[1:], np.broadcast_to([0, 1], memory.counts[1:].shape))
+    for at in (d[1], d[-2], np.nextafter(d[-2], 1), np.nextafter(d[1], -1)):
         expected = activation(MEMORY, np.full(4, at), np.full(4, 0.4))
         assert np.all(expected > 0) == (PARAMS.distance_range_m[0] <= at <= PARAMS.distance_range_m[1])
 

@@ -39,8 +39,8 @@ def both(p: Array = P, **of_outline: float) -> Pair:
     return seen(LEFT, p, **of_outline), seen(RIGHT, p, **of_outline)
 
 
-def tracks(shapes: list[Pair], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[Track3D]:
-    return [step.track for step in steps(shapes, params, right_later_s)]
+def tracks(shapes: list[Pair], params: TrackerParams | None = None) -> list[Track3D]:
+    return [step.track for step in steps(shapes, params)]
 
 
 def statuses(shapes: list[Pair], **params: float) -> list[Status]:
@@ -50,7 +50,6 @@ def statuses(shapes: list[Pair], **params: float) -> list[Status]:
 def steps(
     shapes: list[Pair],
     params: TrackerParams | None = None,
-    right_later_s: float = 0.0,
     rig: StereoRig = RIG,
     followed: dict[int, Pair] | None = None,
     joints: list[Array] | None = None,
@@ -68,7 +67,7 @@ def steps(
     for k, pair in enumerate(shapes):
         left, right = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
         q = joints and joints[k]
-        frame = StereoFrame(0 * left if k in dark else left, right, DT * k, DT * k + right_later_s, q, q)
+        frame = StereoFrame(0 * left if k in dark else left, right, DT * k, DT * k, q, q)
         with pytest.MonkeyPatch.context() as patch:
             for name, outlines in (("_acquire", pair), ("_follow", (followed or {}).get(k, pair))):
                 detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in outlines)
@@ -96,15 +95,6 @@ def test_a_single_wild_pair_is_not_taken():
     results = tracks(wild)
     assert [t.status for t in results[19:22]] == [Status.TRACKING, Status.COASTING, Status.TRACKING]
     assert np.linalg.norm([t.position - P for t in results[19:]], axis=1).max() < 0.002
-
-
-def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean():
-    """At 0.2 m/s aside along the baseline, 20 ms between the eyes would be 4 mm and 29 mm too near or too far."""
-    v = 0.2 * LOOKING[:, 0]
-    start = P - 0.5 * 30 * DT * v
-    shapes = [(seen(LEFT, start + DT * k * v), seen(RIGHT, start + (DT * k + 0.02) * v)) for k in range(30)]
-    last = tracks(shapes, right_later_s=0.02)[-1]
-    assert np.linalg.norm(last.position - (start + last.stamp_s * v)) < 0.001
 
 
 def test_what_errs_alike_in_every_frame_does_not_average_out():

@@ -239,12 +239,8 @@ def test_eyes_that_look_one_after_the_other(world, tracker, rng):
 def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world, tracker, rng):
     tracker.step(world.empty(0, rng))
     good = world.frame(1, rng)
-    small = np.zeros((120, 160, 3), np.uint8)
     for changes, says in (
-        ({"right": small}, r"right image \(120, 160, 3\) uint8; expected \(240, 320, 3\) uint8"),
-        ({"left": good.left.astype(float)}, r"left image \(240, 320, 3\) float64"),
-        ({"left": good.left[..., 0]}, r"left image \(240, 320\) uint8"),
-        ({"stamp_left_s": np.inf}, "left stamp inf s after 0.000000 s"),
+        ({"right": good.right[::2, ::2]}, r"right image \(120, 160, 3\) uint8; expected \(240, 320, 3\) uint8"),
         ({"stamp_left_s": -0.1}, r"left stamp -0\.100000 s after 0\.000000 s"),
         ({"stamp_right_s": np.nan}, "right stamp nan s"),
         ({"joints_right_rad": np.zeros(3)}, "3"),

@@ -12,15 +12,7 @@ from scipy.special import softmax
 from scipy.stats import norm
 
 from learning.pps.buffer import EventBuffer, push, resample
-from learning.pps.memory import (
-    MemoryParams,
-    PPSMemory,
-    activation,
-    count_samples,
-    learn,
-    load_memory,
-    save_memory,
-)
+from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples, learn, load_memory, save_memory
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.errors import InputError
 from pps_vision.robot.skin import icub_skin
@@ -40,16 +32,6 @@ def random_memory(seed=0, params=None):
     memory = PPSMemory.empty(FOREARMS, params)
     counts = np.random.default_rng(seed).integers(0, 20, memory.counts.shape)
     return replace(memory, counts=counts)
-
-
-def test_counts_land_in_equal_bins():
-    D = np.tile(np.array([-0.1, -0.0626, 0.0, 0.1999, 0.2, -0.11, 0.05, np.nan])[:, None], N)
-    TTC = np.tile(np.array([0.0, 0.7499, 0.75, 2.9999, 1.0, 1.0, 3.0, 1.0])[:, None], N)
-    memory = count_samples(PPSMemory.empty(FOREARMS), D, TTC, touched(0))
-    assert memory.counts[0, ..., 0].sum() == memory.counts[1, ..., 1].sum() == 4  # four lie within the ranges
-    for i, j, n in ((0, 0, 2), (2, 1, 1), (7, 3, 1)):
-        assert memory.counts[0, i, j, 0] == n
-        assert memory.counts[1, i, j, 1] == n
 
 
 def test_only_the_touched_body_part_learns():

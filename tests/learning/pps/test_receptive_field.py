@@ -6,11 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from learning.pps.receptive_field import (
-    ReceptiveField,
-    likely_velocities,
-    perceive,
-)
+from learning.pps.receptive_field import ReceptiveField, likely_velocities, perceive
 
 FIELD = ReceptiveField()
 UP = np.array([0.0, 0.0, 1.0])

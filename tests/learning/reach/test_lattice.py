@@ -76,6 +76,8 @@ def test_a_degree_is_between_0_and_1_and_reachable_is_what_is_more_likely_than_n
     gaze = random_gaze(500)
     np.testing.assert_array_equal(beyond.query(gaze).degree, np.where(gaze[:, 0] > 0, 1.0, 0.0))
     np.testing.assert_array_equal(learned.query(gaze).reachable, gaze[:, 0] > 0)
+    with pytest.raises(ValueError, match=r"expected \(N, 3\)"):
+        learned.query([0, 0, 0.3])
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])

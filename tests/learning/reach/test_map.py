@@ -111,18 +111,6 @@ def test_the_labels_are_what_the_closed_form_says():
     assert np.quantile(short, 0.99) < 0.01
 
 
-def test_outside_the_limits_is_said_so(learned):
-    gaze = np.deg2rad([[0, -20, 20], [60, 0, 20], [0, -41, 20], [0, 0, 4], [np.nan, 0, 20]])
-    verdict = learned.query(gaze)
-    assert verdict.within_limits.tolist() == [True, False, False, False, False]
-    assert not verdict.reachable[1:].any()
-    assert np.isnan(verdict.probability[1:]).all()
-    assert np.isnan(verdict.degree[1:]).all()
-    assert np.isfinite([verdict.probability[0], verdict.degree[0]]).all()
-    with pytest.raises(ValueError, match=r"expected \(N, 3\)"):
-        learned.query([0, 0, 0.3])
-
-
 def test_a_wider_gaze_and_fewer_labels():
     """With the eyes' tilt the gaze goes down to −80°, where the home hand is."""
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
