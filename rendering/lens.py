@@ -53,18 +53,10 @@ def pinholes(lenses: Sequence[Lens], scale: float) -> list[Camera]:
 
     At scale 1 and without distortion their pixels coincide with the lens's.
     """
-    fitted = [_pinhole(lens, scale) for lens in lenses]
-    width = max(camera.width for camera in fitted)
-    height = max(camera.height for camera in fitted)
-    return [Camera(width, height, camera.fx, camera.fy, camera.cx, camera.cy) for camera in fitted]
-
-
-def _pinhole(lens: Lens, scale: float) -> Camera:
-    c = lens.camera
-    focal = scale * np.array([c.fx, c.fy])
-    center = scale * (np.array([c.cx, c.cy]) + 0.5) - 0.5  # pixel centres are integers, edges half integers
-    slopes = np.array(lens.slopes).reshape(2, 2)  # least and greatest x/z and y/z
-    first = np.floor(slopes[0] * focal + center)
-    last = np.ceil(slopes[1] * focal + center)
-    width, height = (last - first + 1).astype(int).tolist()
-    return Camera(width, height, *focal.tolist(), *(center - first).tolist())
+    cameras = [lens.camera for lens in lenses]
+    focal = scale * np.array([[c.fx, c.fy] for c in cameras])
+    center = scale * (np.array([[c.cx, c.cy] for c in cameras]) + 0.5) - 0.5  # pixel centres are integers
+    lowest, highest = np.array([lens.slopes for lens in lenses]).reshape(-1, 2, 2).swapaxes(0, 1)  # x/z and y/z
+    first = np.floor(lowest * focal + center)
+    size = (np.ceil(highest * focal + center) - first + 1).max(axis=0).astype(int)
+    return [Camera(*size.tolist(), *f, *c) for f, c in zip(focal.tolist(), (center - first).tolist(), strict=True)]

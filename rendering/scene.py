@@ -8,11 +8,10 @@ from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
-from rendering.carriers import carrier_parts, carrier_pose
 from rendering.names import CarrierName
 from rendering.renderer import Node
 from rendering.shapes import Part, body_part, surface_of
-from rendering.stimuli import Stimulus
+from rendering.stimuli import Stimulus, carrier_parts, carrier_pose
 
 TOWARDS_EXPERIMENTER = (-0.75, 0.25, 0.61)  # direction, root frame: the object is held from behind and above
 

@@ -47,11 +47,8 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
     mesh.apply_scale(_METRES[unit])
     size_m = float(mesh.extents.max())
     if radius_m is None and not _SMALLEST_M <= size_m <= _LARGEST_M:
-        raise InputError(
-            file,
-            f"{size_m:.3g} m across if its unit is {unit}; expected {_SMALLEST_M} to {_LARGEST_M} m "
-            f"(units: {', '.join(get_args(Unit))})",
-        )
+        expected = f"{_SMALLEST_M} to {_LARGEST_M} m (units: {', '.join(get_args(Unit))})"
+        raise InputError(file, f"{size_m:.3g} m across if its unit is {unit}; expected {expected}")
     try:
         hull = mesh.convex_hull
     except QhullError as error:

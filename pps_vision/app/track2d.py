@@ -6,8 +6,8 @@ import numpy as np
 
 from pps_vision.app.progress import progress
 from pps_vision.errors import InputError
-from pps_vision.recordings.image_sequence import ImageSequence
 from pps_vision.recordings.tables import Box
+from pps_vision.recordings.video import ImageSequence
 from pps_vision.types import Image
 from tracking.image_tracker import ImageTrackerParams
 from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTracker, TrackerName

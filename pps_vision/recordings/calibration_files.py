@@ -52,9 +52,9 @@ def read_matrices(file: Path, text: str, cameras: tuple[int, int]) -> Matrices |
     if len(text) > _MOST_CHARACTERS or len(re.findall(r"[\[{.=]|-\s", text)) > 4 * _MOST_NODES:
         raise InputError(file, f"has more than {_MOST_CHARACTERS} characters or is nested; expected a calibration")
     if _KITTI.search(text):
-        return _pair(file, [_kitti(file, text, camera) for camera in cameras])
+        return _pair([_kitti(file, text, camera) for camera in cameras])
     if re.search(r"^\s*\[[\w\"-]+\]\s*$", text, re.MULTILINE):
-        return _pair(file, _anipose(file, text))
+        return _pair(_anipose(file, text))
     content = parse_yaml(file, text)
     if not isinstance(content, Mapping):
         return None
@@ -63,14 +63,11 @@ def read_matrices(file: Path, text: str, cameras: tuple[int, int]) -> Matrices |
     if "T_BS" in content:
         return _intrinsics(file, content) | {"pose": inverse(_numbers(file, content, "T_BS", 4, 4))}
     if "cam0" in content and "cam1" in content:
-        return _pair(file, _kalibr(file, content))
+        left, right = (_table(file, content, name) for name in ("cam0", "cam1"))
+        T_right_left = _numbers(file, right, "T_cn_cnm1", 4, 4)
+        poses = {"pose1": np.eye(4), "pose2": T_right_left}
+        return _pair([_intrinsics(file, left), _intrinsics(file, right)]) | poses
     return None
-
-
-def _kalibr(file: Path, content: Mapping[str, Any]) -> list[Matrices]:
-    left, right = (_table(file, content, name) for name in ("cam0", "cam1"))
-    pose = _numbers(file, right, "T_cn_cnm1", 4, 4)
-    return [_intrinsics(file, left) | {"pose": np.eye(4)}, _intrinsics(file, right) | {"pose": pose}]
 
 
 def _intrinsics(file: Path, content: Mapping[str, Any]) -> Matrices:
@@ -132,7 +129,7 @@ def _sized(K: Array, D: Array, width: float, height: float) -> Matrices:
     return {"K": K, "D": D, "image_width": np.asarray(width), "image_height": np.asarray(height)}
 
 
-def _pair(file: Path, cameras: list[Matrices]) -> Matrices:
+def _pair(cameras: list[Matrices]) -> Matrices:
     return {f"{key}{side}": value for side, camera in enumerate(cameras, start=1) for key, value in camera.items()}
 
 

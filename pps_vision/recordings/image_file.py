@@ -17,6 +17,7 @@ from pps_vision.types import Array, Image
 
 # An orientation tag would turn the image away from its calibration: pixels are taken as recorded.
 _AS_RGB = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
 MOST_PIXELS = 2**25  # 100 MB decoded
 _STAMP = re.compile(r"(?<![0-9.])(?:([0-9]{10}\.[0-9]+)|([0-9]{13}|[0-9]{16}|[0-9]{19}))$", re.ASCII)
@@ -112,3 +113,15 @@ def _pixels_stated(data: bytes) -> int:
 
 def _bad(file: ImageFile, why: str, expected: str = "an image") -> Problem:
     return Problem(ProblemKind.IMAGE, file.cited, file.line, f"{file.title} {why}; expected {expected}")
+
+
+def images_in(folder: Path) -> list[Path]:
+    """The image files of a folder in natural order."""
+    paths = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()]
+    return sorted(paths, key=natural_order)
+
+
+def natural_order(path: Path) -> tuple[tuple[int, str], ...]:
+    """A sorting key under which frame2 comes before frame10."""
+    words = re.findall(r"[0-9]+|[^0-9]+", str(path))
+    return tuple((int(word), "") if word[0] in "0123456789" else (-1, word) for word in words)

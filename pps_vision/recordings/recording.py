@@ -1,10 +1,11 @@
 """A stereo recording, however it is stored: pairs of images with their stamps and joints."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.image_file import ImageFile, decode
+from pps_vision.recordings.text import finite, read_lines
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import StereoFrame, Truth
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:  # kinematics take 0.2 s to load, and are not installed where 
 Pair = tuple[ImageFile, ImageFile]
 FileT = TypeVar("FileT", bound=ImageFile)
 
+_STAMPS_EXPECTED = "a stamp a row, in s or digits of ms, µs or ns since 1970, each later than the last"
 _SIZED = 10  # readable images whose sizes are compared
 _SAME_RATE = 0.01  # by which 29.97 and 30 frames a second differ, and more
 
@@ -217,3 +220,62 @@ def _match(left: list[float], right: list[float], max_skew_s: float) -> list[tup
         i, j, link = link
         matches.append((i, j))
     return matches[::-1]
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """A file of stamps, in the order of its rows, and the names of their images, if given.
+
+    A row is a stamp in seconds, "stamp name" as TUM writes it, or EuRoC's CSV in nanoseconds.
+    """
+
+    file: Path
+    stamps_s: tuple[float, ...]
+    names: tuple[str, ...]
+
+    def stamp(self, files: list[FileT], problems: list[Problem]) -> list[FileT]:
+        """The files with their stamps: by name, an image without a row being noted, or by place.
+
+        InputError if the rows have no names and are not as many as the files.
+        """
+        if self.names:
+            by_name = dict(zip(self.names, self.stamps_s, strict=True))
+            problems += [
+                Problem(ProblemKind.STAMP, file.path, None, f"has no row in {self.file}; expected its stamp there")
+                for file in files
+                if file.path.name not in by_name
+            ]
+            return [replace(file, stamp_s=by_name[file.path.name]) for file in files if file.path.name in by_name]
+        if len(files) != len(self.stamps_s):
+            where = f"{files[0].path.parent}" if files and type(files[0]) is ImageFile else "the video"
+            reason = f"{len(self.stamps_s)} stamps for {len(files)} images of {where}"
+            raise InputError(self.file, f"{reason}; expected one for each, or rows of stamp and name")
+        return [replace(file, stamp_s=stamp_s) for file, stamp_s in zip(files, self.stamps_s, strict=True)]
+
+
+def read_times(file: Path) -> Times:
+    """Read the stamps; InputError for a row that is none, or is not later than the one before."""
+    stamps: list[float] = []
+    names: list[str] = []
+    for line, row in enumerate(read_lines(file, _STAMPS_EXPECTED), start=1):
+        words = re.split(r"[\s,]+", row.partition("#")[0].strip())
+        if words == [""]:
+            continue
+        try:
+            stamp_s = _seconds(words[0])
+        except ValueError as error:
+            raise InputError(file, f"{error}; expected {_STAMPS_EXPECTED}", line) from None
+        if stamps and stamp_s <= stamps[-1]:
+            raise InputError(file, f"{words[0]} after {stamps[-1]} s; expected {_STAMPS_EXPECTED}", line)
+        stamps.append(stamp_s)
+        names += [PurePath(word).name for word in words[1:2]]
+    if not stamps or (names and len(names) != len(stamps)):
+        reason = f"{len(stamps)} stamps, {len(names)} names"
+        raise InputError(file, f"{reason}; expected {_STAMPS_EXPECTED}, all with a name or none")
+    return Times(file, tuple(stamps), tuple(names))
+
+
+def _seconds(word: str) -> float:
+    if word.isascii() and word.isdecimal() and len(word) in (13, 16, 19):
+        return int(word) / 10 ** (len(word) - 10)
+    return finite(word)

@@ -1,4 +1,4 @@
-"""Frames of a video file with the file's own stamps, decoded one at a time."""
+"""Frames of a video file with the file's own stamps, decoded one at a time; the frames of one camera."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -13,8 +13,9 @@ from av.video.frame import VideoFrame as Decoded
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import check_regular
-from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile
-from pps_vision.recordings.times import Times
+from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode, images_in
+from pps_vision.recordings.recording import Times
+from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Image
 
 _SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts")
@@ -154,3 +155,40 @@ def open_halves(file: Path, fps: float | None, times: Times | None = None) -> tu
         raise InputError(file, f"is {left[0].video.image_size[0]} pixels wide; expected two halves of one width")
     right = [VideoFrame(file, f.stamp_s, video=f.video, index=f.index, part="right") for f in left]
     return left, right
+
+
+@dataclass(frozen=True)
+class ImageSequence:
+    """One camera's frames in natural order; iterating yields (frame, image), the first file being 1."""
+
+    files: tuple[ImageFile, ...]
+    image_size: tuple[int, int]  # width, height
+    problems: list[Problem]  # from the last iteration
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __iter__(self) -> Iterator[tuple[int, Image]]:
+        self.problems.clear()
+        for frame, file in enumerate(self.files, start=1):
+            image = decode(file, self.image_size)
+            if isinstance(image, Problem):
+                self.problems.append(image)
+            else:
+                yield frame, image
+
+
+def open_frames(folder: Path) -> ImageSequence:
+    """The images of a folder in natural order, or of a video; InputError if none is readable."""
+    files: tuple[ImageFile, ...]
+    if is_video(folder):
+        files = tuple(open_video(folder, fps=1.0))
+    elif folder.is_dir():
+        files = tuple(ImageFile(path, 0.0) for path in images_in(folder))
+    else:
+        reason = "is no folder and no video" if folder.exists() else "no such folder"
+        raise InputError(folder, f"{reason}; expected a folder with the frames of a sequence, or a video")
+    first = next((image for image in map(decode, files) if not isinstance(image, Problem)), None)
+    if first is None:
+        raise InputError(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")
+    return ImageSequence(files, (first.shape[1], first.shape[0]), [])

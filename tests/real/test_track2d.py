@@ -5,7 +5,7 @@ import pytest
 from data import shared_data
 
 from pps_vision.experiments.baselines.image_trackers import intersection_over_union
-from pps_vision.recordings.image_sequence import open_frames
+from pps_vision.recordings.video import open_frames
 from pps_vision.types import Array, Image
 from tracking.image_tracker import ImageTrackerParams
 from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTracker

@@ -8,7 +8,8 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
-from pps_vision.recordings.image_sequence import natural_order, open_frames
+from pps_vision.recordings.image_file import natural_order
+from pps_vision.recordings.video import open_frames
 from pps_vision.recordings.warnings import ProblemKind
 
 

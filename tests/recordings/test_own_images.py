@@ -11,8 +11,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import fixed_rig, open_stereo_images
 from pps_vision.recordings.image_file import stamp_in
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.times import read_times
+from pps_vision.recordings.recording import Recording, read_times
 from pps_vision.recordings.warnings import ProblemKind
 
 NS = [1403636579763555584 + 50_000_000 * k for k in range(4)]

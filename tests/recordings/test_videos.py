@@ -11,10 +11,9 @@ from videos import number_of, write_calibration, write_video
 from pps_vision.app.track import track
 from pps_vision.errors import InputError
 from pps_vision.recordings import video as reader
-from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.video import Video, open_video
+from pps_vision.recordings.video import Video, open_frames, open_video
 from pps_vision.recordings.warnings import ProblemKind
 
 UNEVEN = [0.0, 0.033, 0.1, 0.104, 0.25, 0.3]  # a variable frame rate

@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from pps_vision.robot.model import Body
 from pps_vision.types import Array
-from rendering.carriers import carrier_parts, carrier_pose
 from rendering.names import StimulusName
 from rendering.shapes import board, body_part, sphere, surface_of, tube
-from rendering.stimuli import Stimulus, make_stimulus
+from rendering.stimuli import Stimulus, carrier_parts, carrier_pose, make_stimulus
 
 
 def silhouettes(stimulus: Stimulus, n: int = 60) -> tuple[float, Array]:

@@ -33,8 +33,8 @@ class Track2d:
         from pps_vision.app.track2d import track_boxes
         from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.exchange import SeenBox, open_coco, write_mot
-        from pps_vision.recordings.image_sequence import open_frames
         from pps_vision.recordings.tables import write_boxes
+        from pps_vision.recordings.video import open_frames
 
         with whole_file(self.out, [self.frames_dir]) as partial:
             sequence = open_frames(self.frames_dir)

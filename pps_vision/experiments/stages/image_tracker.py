@@ -26,7 +26,7 @@ from pps_vision.experiments.films.recordings import HUES_DEG, moving
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean, median, percent
 from pps_vision.experiments.timing import timed_steps
-from pps_vision.recordings.image_sequence import open_frames
+from pps_vision.recordings.video import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName
 from tracking.image_tracker import ImageTrackerParams

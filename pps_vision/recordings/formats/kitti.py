@@ -5,8 +5,7 @@ from pathlib import Path
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import check_options, open_stereo_images, with_calibration
-from pps_vision.recordings.recording import Recording, Source
-from pps_vision.recordings.times import read_times
+from pps_vision.recordings.recording import Recording, Source, read_times
 
 FORMAT = "a KITTI folder, image_0 and image_1 or image_2 and image_3 with times.txt and calib.txt"
 _PAIRS = ((2, 3), (0, 1))

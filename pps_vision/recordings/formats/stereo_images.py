@@ -12,20 +12,20 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.recordings import MAX_SKEW_S
-from pps_vision.recordings.image_file import ImageFile, number_in, stamp_in
-from pps_vision.recordings.image_sequence import images_in, natural_order
+from pps_vision.recordings.image_file import ImageFile, images_in, natural_order, number_in, stamp_in
 from pps_vision.recordings.recording import (
     Pair,
     Recording,
     Source,
+    Times,
     distinct_stamps,
     note_unpaired,
     pair_by_stamp,
+    read_times,
     replaced_rate,
     usual_size,
 )
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
-from pps_vision.recordings.times import Times, read_times
 from pps_vision.recordings.video import is_video
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import Array
