@@ -249,8 +249,7 @@ def in_cap(rng: np.random.Generator, normal: Array) -> Array:
     cosine = rng.uniform(np.cos(START_ANGLE), 1.0)
     azimuth = rng.uniform(0, 2 * np.pi)
     sine = np.sqrt(1 - cosine**2)
-    away: Array = rotation_to(normal) @ np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
-    return away
+    return np.asarray(rotation_to(normal) @ np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine]))
 
 
 def _in_ball(rng: np.random.Generator) -> Array:

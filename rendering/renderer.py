@@ -167,8 +167,7 @@ def diffuse_light(normals_root: Array) -> Array:
     Lambert's law per lamp, plus ambient light, reduced on surfaces that face away from the key lamp.
     """
     facing = normals_root @ np.array(LAMPS).T
-    light: Array = AMBIENT + np.maximum(facing, 0) @ np.array(STRENGTHS) + _BELOW * np.minimum(facing[:, 0], 0)
-    return light
+    return np.asarray(AMBIENT + np.maximum(facing, 0) @ np.array(STRENGTHS) + _BELOW * np.minimum(facing[:, 0], 0))
 
 
 def _center(surface: Surface) -> Array:

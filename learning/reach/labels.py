@@ -16,9 +16,16 @@ from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Manipulability, Measure, covered_directions
+from pps_vision.robot.self_motion import (
+    DirectionCoverage,
+    FarFromLimits,
+    Manipulability,
+    Measure,
+    TwoStage,
+    covered_directions,
+    two_stage,
+)
 from pps_vision.robot.skin import Skin
-from pps_vision.robot.two_stage import TwoStage, two_stage
 from pps_vision.types import Array, Mask
 
 # m/rad: with a steeper descent left, inverse kinematics is farther than 0.1 mm from the nearest point.  Matters for

@@ -6,8 +6,7 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
-from pps_vision.robot.self_motion import DirectionCoverage, Measure
-from pps_vision.robot.two_stage import TwoStageParams
+from pps_vision.robot.self_motion import DirectionCoverage, Measure, TwoStageParams
 
 MAP = "reachable-space map"
 _DEG = np.pi / 180

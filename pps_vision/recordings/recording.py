@@ -127,12 +127,10 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
     bad = [*problems]
     for pair in pairs:
         images = [decode(file) for file in pair]
+        bad += [image for image in images if isinstance(image, Problem)]
         read = [image for image in images if not isinstance(image, Problem)]
-        if len(read) == len(pair):
-            for counts, image in zip(sizes, read, strict=True):
-                counts[image.shape[1], image.shape[0]] += 1
-        else:
-            bad += [image for image in images if isinstance(image, Problem)]
+        for counts, image in zip(sizes, read if len(read) == len(pair) else (), strict=False):
+            counts[image.shape[1], image.shape[0]] += 1
         if sizes[0].total() >= _SIZED / 2:
             break
     if not sizes[0]:

@@ -41,8 +41,7 @@ class Chain:
 
     def pose(self, q_rad: Array) -> Array:
         """`T_root_frame` (4, 4) at one posture (k,)."""
-        pose: Array = _forward(self.screws, self._order, self.T_root_frame, q_rad[None])[0][0]
-        return pose
+        return np.asarray(_forward(self.screws, self._order, self.T_root_frame, q_rad[None])[0][0])
 
     @cached_property
     def _order(self) -> NDArray[np.intp]:

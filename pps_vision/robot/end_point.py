@@ -44,5 +44,4 @@ class EndPoint:
 
     def normals(self, q_rad: Array) -> Array:
         """(N, 3) unit normals of the skin in the root frame at postures (N, k)."""
-        normals: Array = self.chain.frames(q_rad)[0] @ self.normal
-        return normals
+        return np.asarray(self.chain.frames(q_rad)[0] @ self.normal)

@@ -119,11 +119,9 @@ def damped_step(J: Array, residual: Array, damping: Array | float) -> Array:
     """Jᵀ(JJᵀ + λI)⁻¹ r, (N, k) of J (N, m, k), r (N, m) and λ (N,)."""
     J_T = np.swapaxes(J, 1, 2)
     A = J @ J_T + np.asarray(damping)[..., None, None] * np.eye(J.shape[1])
-    dq: Array = (J_T @ np.linalg.solve(A, residual[..., None]))[..., 0]
-    return dq
+    return np.asarray((J_T @ np.linalg.solve(A, residual[..., None]))[..., 0])
 
 
 def length(vectors: Array) -> Array:
     """(N,) of vectors (N, m)."""
-    norm: Array = np.sqrt(np.einsum("nm,nm->n", vectors, vectors))
-    return norm
+    return np.asarray(np.sqrt(np.einsum("nm,nm->n", vectors, vectors)))

@@ -250,8 +250,7 @@ class Posture:
 
     def T_root(self, frame: str) -> Array:
         """`T_root_frame` (4, 4)."""
-        T: Array = self._data.oMf[self._frame_id(frame)].homogeneous
-        return T
+        return np.asarray(self._data.oMf[self._frame_id(frame)].homogeneous)
 
     def point(self, frame: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """A point (…, 3) of `frame` in root coordinates."""

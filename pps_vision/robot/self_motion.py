@@ -1,4 +1,4 @@
-"""Second stage of inverse kinematics: the best posture on the self-motion manifold, by any measure (J).
+"""Inverse kinematics in two stages (J): reach the target, then find the best posture on its self-motion manifold.
 
 An arm with one joint more than the task needs can move along a closed curve, its self-motion manifold, while the hand
 stays in place.  The curve is followed all around from a posture that reaches the target, also beyond the joint limits,
@@ -7,11 +7,11 @@ over) need other starts.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from pps_vision.robot.inverse_kinematics import ForwardModel, damped_step, length
+from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, IKSolution, damped_step, length, solve_ik
 from pps_vision.types import Array, Mask
 
 _DAMPING = 1e-9  # keeps JJᵀ invertible in all steps
@@ -114,8 +114,7 @@ class FarFromLimits:
         """(N,) of postures (N, k)."""
         half = (self.upper_rad - self.lower_rad) / 2
         away = (q - (self.upper_rad + self.lower_rad) / 2) / np.where(half > 0, half, 1)
-        quality: Array = 1 - np.mean(away**2, axis=-1)
-        return quality
+        return np.asarray(1 - np.mean(away**2, axis=-1))
 
 
 @dataclass(frozen=True)
@@ -128,8 +127,7 @@ class Manipulability:
     def __call__(self, q: Array, J: Array) -> Array:
         """(N,) of Jacobians (N, m, k)."""
         values = np.linalg.svdvals(J)
-        ratio: Array = values[:, -1] / values[:, 0] if self.isotropy else np.prod(values, axis=1) / self.largest
-        return ratio
+        return np.asarray(values[:, -1] / values[:, 0] if self.isotropy else np.prod(values, axis=1) / self.largest)
 
 
 @dataclass(frozen=True)
@@ -148,3 +146,73 @@ class DirectionCoverage:
         z = 1 - (2 * np.arange(self.n) + 1) / self.n
         turn = np.pi * (1 + 5**0.5) * np.arange(self.n)
         return np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+
+
+@dataclass(frozen=True)
+class TwoStageParams:
+    """Both stages of inverse kinematics."""
+
+    reach: IKParams = IKParams(tolerance=1e-4, max_steps=100, min_step_rad=3e-4)
+    """First stage; its tolerance (m) is J's ε."""
+    improve: WalkParams = field(default_factory=WalkParams)  # second stage
+
+
+@dataclass(frozen=True)
+class TwoStage:
+    """The best posture for each of N targets."""
+
+    q_rad: Array  # (N, k)
+    error: Array  # (N,) smallest distance between hand and target, m
+    reachable: Mask  # (N,) whether a posture reaches the target
+    quality: Array  # (N,) quality of the best posture, NaN out of reach
+
+
+def two_stage(
+    forward: ForwardModel,
+    targets: Array,
+    starts: Array,
+    lower_rad: Array,
+    upper_rad: Array,
+    measure: Measure,
+    params: TwoStageParams | None = None,
+) -> TwoStage:
+    """Solve both stages as one batch.
+
+    `targets` (N, m); all `starts` (S, N, k) are tried; limits (k,).  ValueError for shapes that do not fit.
+    """
+    params = params or TwoStageParams()
+    return best_of_starts(
+        lambda points, start: solve_ik(forward, points, start[None], lower_rad, upper_rad, params.reach),
+        lambda points, q: walk(forward, points, q, lower_rad, upper_rad, measure, params.improve),
+        targets,
+        starts,
+    )
+
+
+def best_of_starts(
+    reach: Callable[[Array, Array], IKSolution],
+    improve: Callable[[Array, Array], tuple[Array, Array]],
+    targets: Array,
+    starts: Array,
+) -> TwoStage:
+    """Run both stages from every start (S, N, k) and keep the best posture of each target (N, m).
+
+    `reach`: targets (N, m), starts (N, k) → postures near the targets; `improve`: targets, postures that reach them →
+    the best postures (N, k), their quality (N,).
+    """
+    best_q = starts[0].copy()
+    best_error = np.full(len(targets), np.inf)
+    best = np.full(len(targets), -np.inf)
+    for start in starts:
+        first = reach(targets, start)
+        nearer = (first.error < best_error) & (best == -np.inf)
+        best_q = np.where(nearer[:, None], first.q_rad, best_q)
+        best_error = np.minimum(first.error, best_error)
+        reached = np.flatnonzero(first.converged)
+        if len(reached):
+            q, quality = improve(targets[reached], first.q_rad[reached])
+            better = quality > best[reached]
+            best_q[reached] = np.where(better[:, None], q, best_q[reached])
+            best[reached] = np.where(better, quality, best[reached])
+    reachable = best > -np.inf
+    return TwoStage(best_q, best_error, reachable, np.where(reachable, best, np.nan))

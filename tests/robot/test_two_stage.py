@@ -6,8 +6,7 @@ from data import SEED
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams, IKSolution
-from pps_vision.robot.self_motion import FarFromLimits
-from pps_vision.robot.two_stage import TwoStageParams, best_of_starts, two_stage
+from pps_vision.robot.self_motion import FarFromLimits, TwoStageParams, best_of_starts, two_stage
 
 ROBOT = load_icub()
 LOWER, UPPER = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])  # J's

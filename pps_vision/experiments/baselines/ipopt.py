@@ -9,8 +9,7 @@ import numpy as np
 
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.inverse_kinematics import IKSolution, length
-from pps_vision.robot.self_motion import FarFromLimits
-from pps_vision.robot.two_stage import TwoStage, TwoStageParams, best_of_starts
+from pps_vision.robot.self_motion import FarFromLimits, TwoStage, TwoStageParams, best_of_starts
 from pps_vision.types import Array
 
 _OPTIONS: dict[str, Any] = {

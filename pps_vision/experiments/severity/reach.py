@@ -26,8 +26,7 @@ from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_se
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams
-from pps_vision.robot.self_motion import WalkParams
-from pps_vision.robot.two_stage import TwoStageParams
+from pps_vision.robot.self_motion import TwoStageParams, WalkParams
 from pps_vision.types import Array, Mask
 
 _N_TRIED = 5800

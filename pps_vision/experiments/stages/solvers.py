@@ -20,8 +20,7 @@ from pps_vision.experiments.study import rms
 from pps_vision.experiments.timing import timed
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.self_motion import FarFromLimits
-from pps_vision.robot.two_stage import TwoStage, two_stage
+from pps_vision.robot.self_motion import FarFromLimits, TwoStage, two_stage
 from pps_vision.types import Array
 
 DEFAULT = "batched, 2 starts"

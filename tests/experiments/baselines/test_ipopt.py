@@ -6,8 +6,7 @@ from data import SEED
 from pps_vision.experiments.baselines.ipopt import two_stage_by_ipopt
 from pps_vision.experiments.reach_truth import closed_form
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.self_motion import FarFromLimits
-from pps_vision.robot.two_stage import TwoStageParams
+from pps_vision.robot.self_motion import FarFromLimits, TwoStageParams
 
 
 def test_the_best_posture_is_found_within_reach_and_none_out_of_it():
