@@ -133,10 +133,10 @@ def test_an_idle_arm_stays_where_it_is(robot):
 
 def test_short_activation_is_not_confirmed_and_a_new_one_is_followed_at_once(robot):
     """Three frames are too short; during a response or a return, activation of any taxel is enough."""
-    other = activations_of(FOREARM, left_forearm_87=1.0)
+    second_taxel = activations_of(FOREARM, left_forearm_87=1.0)
     assert set(modes_of(robot, activated(ON, ON, ON, OFF) * 5)) == {"idle"}
     assert modes_of(robot, activated(ON) * 5) == ["idle"] * 3 + ["avoid"] * 2
-    *_, (q, _, response) = run_arm(robot, activated(*[ON] * 5, OFF, other))
+    *_, (q, _, response) = run_arm(robot, activated(*[ON] * 5, OFF, second_taxel))
     normal = FOREARM.at(robot.at(q))[1][FOREARM.index("left_forearm:87")]
     np.testing.assert_allclose(response.velocity_root, -0.1 * normal, atol=1e-12)
     returning = modes_of(robot, activated(*[ON] * 10, *[OFF] * 12, *[ON] * 4))
@@ -296,7 +296,7 @@ class Ball:
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_no_ball_that_turns_back_touches_an_arm_with_avoidance(robot, rng, side):
-    """All of them touch an arm without activation; 1.2 s of warning are enough, and mostly 0.2 s."""
+    """Every ball touches an arm without activation; 1.2 s of warning are enough, and mostly 0.2 s."""
     skin = icub_skin((f"{side}_forearm",))
     params = replace(PARAMS, side=side)
     balls = [Ball(robot, skin, taxel, rng, rng.uniform(0.05, 0.15), turns=True) for taxel in range(12)]

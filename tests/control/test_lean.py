@@ -92,8 +92,8 @@ def test_the_head_compensates_for_the_torso():
     dq[TORSO] = np.deg2rad([12.0, -9.0])
     carried = head.carried_velocity(ROBOT.at(q), ASIDE, dq)
     rates = (fixation.step(FixationParams(), ROBOT.at(q), ASIDE, v, DT).dq_rad_s for v in (-carried, 0 * carried))
-    compensated, other = (fixation_error(ROBOT.at(q + DT * (dq + gaze)), ASIDE) for gaze in rates)
-    assert compensated < 0.05 * other
+    compensated, uncompensated = (fixation_error(ROBOT.at(q + DT * (dq + gaze)), ASIDE) for gaze in rates)
+    assert compensated < 0.05 * uncompensated
 
 
 def test_a_carried_point_moves_with_the_torso_whatever_else_moves():

@@ -110,8 +110,8 @@ def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng):
     poses.step(pair(still, still, 0.0, rng))
     assert [poses.step(pair(apart, -apart, t, rng)).is_known for t in (0.1, 0.2)] == [False, False]
     assert poses.step(pair(still, still, 0.3, rng)).is_known
-    other = [np.ascontiguousarray(seen(still, rng)[::-1, ::-1]) for _ in range(2)]
-    is_known = [poses.step(StereoFrame(*other, t, t)).is_known for t in (0.4, 0.7, 0.85, 0.9)]
+    scene = [np.ascontiguousarray(seen(still, rng)[::-1, ::-1]) for _ in range(2)]
+    is_known = [poses.step(StereoFrame(*scene, t, t)).is_known for t in (0.4, 0.7, 0.85, 0.9)]
     assert is_known == [False, False, False, True]
 
 

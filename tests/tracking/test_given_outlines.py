@@ -58,8 +58,8 @@ def steps(
 ) -> list[TrackerStep]:
     """Tracker steps for which search and image tracker return these outlines in frames of noise.
 
-    `followed`: what the image tracker returns in place of them in some frames; `poses`: what takes the place of the
-    estimated ones; the left image of `dark` frames shows nothing.
+    `followed`: other outlines of the image tracker, by frame; `poses` replace the estimated ones; the left image of
+    `dark` frames shows nothing.
     """
     rng = np.random.default_rng(3)
     tracker = Tracker(params or TrackerParams(), rig, rng)

@@ -101,14 +101,14 @@ def test_a_told_rotation_is_no_error(reference, rng):
 
 def test_where_too_few_corners_are_in_view_or_found_again_there_is_no_rotation(reference, rng):
     """Another scene; the camera is told to look elsewhere; the image shows nothing, or its corners in a part alone."""
-    same = seen(NO_TURN, rng)
+    image_at_rest = seen(NO_TURN, rng)
     away = View(CAMERA, transform(cv2.Rodrigues(np.deg2rad([0.0, 60.0, 0.0]))[0]))
     plain = np.full((240, 320, 3), 128, np.uint8)
     for image, view in (
-        (np.ascontiguousarray(same[::-1, ::-1]), STILL),
-        (same, away),
+        (np.ascontiguousarray(image_at_rest[::-1, ::-1]), STILL),
+        (image_at_rest, away),
         (plain, STILL),
-        (covered(same, 0.8), STILL),
+        (covered(image_at_rest, 0.8), STILL),
     ):
         assert reference.misalignment(image, view, 1.2, NO_TURN) is None
     noisy = np.clip(np.rint(plain + 6 * rng.standard_normal(plain.shape)), 0, 255).astype(np.uint8)

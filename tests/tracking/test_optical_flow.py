@@ -84,7 +84,7 @@ def test_little_motion_is_none(rng):
     images[1][place] = cv2.warpAffine(images[0], np.array([[1, 0, 0.3], [0, 1, 0]]), (320, 240))[place]
     assert measured(images).moving == 0
     assert measured(images, tolerance_px=0.15).moving > 0.5
-    images[1][place] = texture(rng, (30, 30))  # what is new has no match
+    images[1][place] = texture(rng, (30, 30))  # new texture has no match
     result = measured(images)
     assert result.unmatched > 0.75
     assert result.moving < 0.25

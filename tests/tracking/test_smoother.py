@@ -127,16 +127,16 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng):
     steps = _steps(rng)
     tracks = [step.track for step in smoothed_steps(KalmanParams(), steps)]
     assert [t.status for t in tracks] == [s.track.status for s in steps]
-    known = [k for k, track in enumerate(tracks) if track.is_known]
+    tracked = [k for k, track in enumerate(tracks) if track.is_known]
     earlier, after = (
-        np.mean([(path[k].position - TRUTH[k]) ** 2 for k in known]) for path in ([s.track for s in steps], tracks)
+        np.mean([(path[k].position - TRUTH[k]) ** 2 for k in tracked]) for path in ([s.track for s in steps], tracks)
     )
     assert after < 0.64 * earlier
-    for k in known:
+    for k in tracked:
         assert np.trace(tracks[k].cov[:3, :3]) <= np.trace(steps[k].track.cov[:3, :3]) * (1 + 1e-9)
         assert np.linalg.eigvalsh(tracks[k].cov).min() > 0
-    np.testing.assert_allclose(tracks[known[-1]].mean, steps[known[-1]].track.mean, rtol=1e-9)
-    assert np.linalg.eigvalsh(tracks[known[-2]].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
+    np.testing.assert_allclose(tracks[tracked[-1]].mean, steps[tracked[-1]].track.mean, rtol=1e-9)
+    assert np.linalg.eigvalsh(tracks[tracked[-2]].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
 
 
 def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng):

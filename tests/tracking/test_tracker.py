@@ -76,7 +76,7 @@ def marker_tracker(rig: StereoRig, rng: np.random.Generator) -> Tracker:
 
 
 def off_m(world: BallScene, steps: list[TrackerStep]) -> Array:
-    """Distances of the known positions from those of the ball, m."""
+    """Distances of the known positions from the ball's, m."""
     tracks = [step.track for step in steps if step.track.is_known]
     return np.array([np.linalg.norm(track.position - world.position(track.stamp_s)) for track in tracks])
 
@@ -124,8 +124,8 @@ def test_a_marker_is_tracked_to_two_millimetres_and_found_where_it_rests_before_
 def test_of_two_things_of_its_hue_the_marker_is_the_one_that_moves(kind, world, marker_tracker, rng):
     """A patch on the wall; or a large pale green ball behind it, with which the marker's hue joins it."""
     pale = Sphere(world.at(0.05, 0.0, 1.0), 0.3, (60.0, 140.0, 70.0))
-    other, radius_m = (pale, 0.012) if kind == "large and pale" else (world.patch(-0.2), 0.01)
-    frames = [world.frame(k, rng, lambda t: [other, world.ball(t, radius_m, GREEN)]) for k in range(30)]
+    background, radius_m = (pale, 0.012) if kind == "large and pale" else (world.patch(-0.2), 0.01)
+    frames = [world.frame(k, rng, lambda t: [background, world.ball(t, radius_m, GREEN)]) for k in range(30)]
     off = off_m(world, [marker_tracker.step(stereo_frame) for stereo_frame in frames])
     assert len(off) >= 20
     assert off.max() < 0.006

@@ -171,7 +171,7 @@ def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all():
 
 
 @pytest.mark.parametrize(
-    ("seen", "status"),
+    ("current", "status"),
     [
         *((Track3D.unknown(1.0, status), ReachStatus.UNKNOWN) for status in (Status.SEARCHING, Status.LOST)),
         (track(at_gaze(-0.98, 0, 0.3)), ReachStatus.NOT_FIXATED),  # aside
@@ -181,8 +181,8 @@ def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all():
         (track(np.array([-0.04, 0, 0.9])), ReachStatus.NOT_FIXATED),  # above
     ],
 )
-def test_of_what_is_unknown_or_beyond_the_maps_limits_nothing_is_claimed(seen, status):
-    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), seen)
+def test_of_what_is_unknown_or_beyond_the_maps_limits_nothing_is_claimed(current, status):
+    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), current)
     assert reach.status == status
     assert not reach.is_reachable
     assert np.isnan([*reach.gaze_rad, reach.probability, reach.degree]).all()
