@@ -11,7 +11,7 @@ throughout. Baselines get the true boxes in the first frame that shows the whole
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.charts import PAGE_IN, panels
-from pps_vision.experiments.films.cases import CASES, Case, Goal
+from pps_vision.experiments.films.cases import CASES, Case
 from pps_vision.experiments.films.caster import PHOTOS
 from pps_vision.experiments.films.rendered import RenderedFilm, can_render
 from pps_vision.experiments.films.scenes import Film
@@ -137,33 +137,16 @@ def _compared_films(
     return name, {tracker: films[:n] for tracker, films in by_tracker.items()}
 
 
-class JudgedGoal(NamedTuple):
-    """A case's score and one of its goals."""
-
-    case: str
-    key: str
-    goal: Goal
-    score: float
-
-
-def judged_goals(cells: CaseScores) -> Iterator[JudgedGoal]:
-    """Yield every goal of every measured case with our score."""
-    for name, by_tracker in cells.items():
-        scores = summary(by_tracker[OURS])
-        for key in COLUMNS:
-            yield from (JudgedGoal(name, key, goal, scores[key]) for goal in _CASES[name].goals.get(key, ()))
-
-
 def _goals_table(by_source: Mapping[str, CaseScores]) -> Table:
     """Number of the cases with a goal that meet it, one row a score."""
+    by_case = [{name: summary(films[OURS]) for name, films in cells.items()} for cells in by_source.values()]
     rows = []
     for key, text in COLUMNS.items():
         counts = []
-        for cells in by_source.values():
-            goals = [goal for goal in judged_goals(cells) if goal.key == key]
-            cases = {goal.case for goal in goals}
-            missed = {goal.case for goal in goals if goal.goal.missed(goal.score)}
-            counts.append(f"{len(cases) - len(missed)} of {len(cases)}" if cases else "–")
+        for scores in by_case:
+            judged = {name: _CASES[name].goals[key] for name in scores if key in _CASES[name].goals}
+            met = sum(not any(goal.missed(scores[name][key]) for goal in goals) for name, goals in judged.items())
+            counts.append(f"{met} of {len(judged)}" if judged else "–")
         if set(counts) != {"–"}:
             rows.append([text, *counts])
     return Table(["goal met, cases", *by_source], rows)

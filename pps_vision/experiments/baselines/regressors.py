@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -11,53 +10,14 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from learning.reach.babbling import crossing, gaze_at
+from learning.reach.forward_model import RevoluteArm
 from learning.reach.params import ArmLimits
+from pps_vision.experiments.baselines.lwpr import LWPR
 from pps_vision.types import Array
 
 _N_TUNE = 600  # samples by which the kernel of the Gaussian process is chosen
 
 Predict = Callable[[Array], Array]
-
-
-class Regressor(Protocol):
-    """Learns y (N, outputs) from x (N, inputs), both of the order of 1, in batches of any size."""
-
-    def update(self, x: Array, y: Array) -> None:
-        """Learn more samples."""
-        ...
-
-    def predict(self, x: Array) -> Array:
-        """Return y (N, outputs); NaN where there is no answer."""
-        ...
-
-
-class ForwardModel(Protocol):
-    """Forward model arm (N, 4) → gaze (N, 3), learned from samples."""
-
-    def learn(self, arm_rad: Array, gaze_rad: Array) -> None: ...
-
-    def __call__(self, arm_rad: Array) -> Array: ...
-
-
-class ArmToGaze:
-    """Forward model from arm posture to the gaze posture that fixates the hand (J IV C).
-
-    The regressor maps joint angles, scaled to [−1, 1] by their limits, to the point where the lines of sight cross.
-    """
-
-    def __init__(self, regressor: Regressor) -> None:
-        limits = ArmLimits()
-        self.regressor = regressor
-        self.middle = (np.array(limits.lower_rad) + np.array(limits.upper_rad)) / 2
-        self.half = np.array(limits.upper_rad) - self.middle
-
-    def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
-        """Learn arm postures (N, 4) and gaze postures (N, 3), rad."""
-        self.regressor.update((arm_rad - self.middle) / self.half, crossing(gaze_rad))
-
-    def __call__(self, arm_rad: Array) -> Array:
-        """Return gaze postures (N, 3) for arm postures (N, 4)."""
-        return gaze_at(self.regressor.predict((arm_rad - self.middle) / self.half))
 
 
 class Refitted:
@@ -72,6 +32,30 @@ class Refitted:
         self._batches.append((x, y))
         all_x, all_y = (np.concatenate(arrays) for arrays in zip(*self._batches, strict=True))
         self.predict = self._fit(all_x, all_y)
+
+
+class ArmToGaze:
+    """Forward model from arm posture to the gaze posture that fixates the hand (J IV C).
+
+    The regressor maps joint angles, scaled to [−1, 1] by their limits, to the point where the lines of sight cross.
+    """
+
+    def __init__(self, regressor: LWPR | Refitted) -> None:
+        limits = ArmLimits()
+        self.regressor = regressor
+        self.middle = (np.array(limits.lower_rad) + np.array(limits.upper_rad)) / 2
+        self.half = np.array(limits.upper_rad) - self.middle
+
+    def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
+        """Learn arm postures (N, 4) and gaze postures (N, 3), rad."""
+        self.regressor.update((arm_rad - self.middle) / self.half, crossing(gaze_rad))
+
+    def __call__(self, arm_rad: Array) -> Array:
+        """Return gaze postures (N, 3) for arm postures (N, 4)."""
+        return gaze_at(self.regressor.predict((arm_rad - self.middle) / self.half))
+
+
+ForwardModel = RevoluteArm | ArmToGaze  # arm (N, 4) → gaze (N, 3), learned from samples
 
 
 def quintic_spline() -> Refitted:
