@@ -281,16 +281,14 @@ def summarize(
             pooled = np.concatenate([np.atleast_1d(recording["ms"]) for recording in values])
             cell["ms"] = [float(q) for q in np.percentile(pooled, (25, 50, 75))] if len(pooled) else [np.nan] * 3
             if reference is not None:
-                pairs = zip(values, recordings[reference], strict=True)
-                cell["ratio"] = interval([[_median_ms(ours) / _median_ms(theirs)] for ours, theirs in pairs], median)
+                medians = (
+                    [np.median(np.asarray(run["ms"])) for run in runs] for runs in (values, recordings[reference])
+                )
+                cell["ratio"] = interval([[ours / theirs] for ours, theirs in zip(*medians, strict=True)], median)
         for name, metric in metrics.items():
             cell[name] = interval([np.atleast_1d(v.get(metric.values, ())) for v in values], metric.summary)
         summaries[method] = cell
     return summaries
-
-
-def _median_ms(values: Values) -> float:
-    return float(np.median(np.asarray(values["ms"])))
 
 
 def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mean) -> list[float]:

@@ -18,14 +18,9 @@ class Severity(PartsStudy, TrackingStudy):
     """
 
     PARTS: ClassVar[Mapping[str, Part]] = {
-        "tracking": Part(
-            lambda study: tracking.run(study.seeds, study.sources, study.tracking_disturbances), tracking.chart
-        ),
-        "pps": Part(lambda study: pps.run(study.seeds), pps.chart),
-        "reach": Part(
-            lambda study: reach.run(study.seeds, study.n_labels, study.n_test, study.reach_disturbances),
-            reach.chart,
-        ),
+        "tracking": Part(tracking.run, tracking.chart),
+        "pps": Part(pps.run, pps.chart),
+        "reach": Part(reach.run, reach.chart),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {
         "tracking_disturbances": ("distance",),

@@ -1,6 +1,6 @@
 """Severity of seven disturbances of tracks, touches and training: where the learned map breaks."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -78,13 +78,13 @@ class Samples(NamedTuple):
     outcome: Mask
 
 
-def run(seeds: Sequence[int]) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return the AUROC by disturbance and map; a map breaks where its AUROC falls below 0.75."""
     methods = {name: partial(score_map, params) for name, params in MAPS.items()}
     metrics = {"auroc": Metric("auroc", mean)}
     return {
         "disturbances": {
-            name: compare_severities(partial(sample, disturb), axis, methods, metrics, seeds, BREAKS)
+            name: compare_severities(partial(sample, disturb), axis, methods, metrics, study.seeds, BREAKS)
             for name, (axis, disturb) in DISTURBANCES.items()
         }
     }

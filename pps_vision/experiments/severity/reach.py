@@ -5,7 +5,7 @@ revolute joints, labels near the border, signed distance.  J's: LWPR of the arm,
 0.25.  Both are judged against the closed-form inverse kinematics of the true arm.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -150,13 +150,13 @@ def _flipped(label: Oracle, share: float, rng: np.random.Generator, gaze: Array)
     )
 
 
-def run(seeds: Sequence[int], n_labels: int, n_test: int, names: Sequence[str]) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by disturbance the results of `compare_severities`: JE and confident errors (%)."""
-    methods = {name: partial(learn_and_judge, name, n_labels) for name in LEARNERS}
+    methods = {name: partial(learn_and_judge, name, study.n_labels) for name in LEARNERS}
     return {
-        name: compare_severities(partial(disturbed, name, n_test), axis, methods, _METRICS, seeds, _BREAK)
+        name: compare_severities(partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds, _BREAK)
         for name, (axis, _) in DISTURBANCES.items()
-        if name in (names or DISTURBANCES)
+        if name in (study.reach_disturbances or DISTURBANCES)
     }
 
 

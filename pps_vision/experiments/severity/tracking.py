@@ -5,7 +5,7 @@ method breaks where success falls below 90 %. Ours has to find the ball; baselin
 frame.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
@@ -46,18 +46,19 @@ METHODS: dict[str, Method] = {
 Disturb = Callable[[SceneSource, int, float], Footage]  # scene source, seed and severity to a recording
 
 
-def run(seeds: Sequence[int], sources: Sequence[SceneSource], names: Sequence[str]) -> dict[str, Any]:
-    """Return the results of `compare_severities` by scene source and disturbance (`names`; default: all)."""
-    for name in names:
+def run(study: Any) -> dict[str, Any]:
+    """Return the results of `compare_severities` by scene source and disturbance."""
+    for name in study.tracking_disturbances:
         if name not in DISTURBANCES:
             raise InputError("bench severity", f"--tracking-disturbances {name}; expected of {', '.join(DISTURBANCES)}")
+    chosen = study.tracking_disturbances or DISTURBANCES
     return {
         source: {
-            name: compare_severities(partial(disturb, source), axis, METHODS, _METRICS, seeds, _BREAK)
+            name: compare_severities(partial(disturb, source), axis, METHODS, _METRICS, study.seeds, _BREAK)
             for name, (axis, disturb) in DISTURBANCES.items()
-            if name in (names or DISTURBANCES)
+            if name in chosen
         }
-        for source in sources
+        for source in study.sources
     }
 
 
