@@ -1,5 +1,6 @@
-"""The image tracker of one camera: detections and rejections."""
+"""The image tracker of one camera, its colours and its particles, each against something simpler."""
 
+import colorsys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -10,10 +11,11 @@ import pytest
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Image, Mask
 from tracking.acquisition import segment
+from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
 from tracking.image_tracker import ImageDetection, ImageTracker, ImageTrackerParams
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics
-from tracking.particle_filter import Prior
+from tracking.particle_filter import SHARPNESS, Particles, Prior, box_sums, likelihoods, resample
 
 BLUE = (30.0, 60.0, 210.0)
 RED = (200.0, 40.0, 40.0)
@@ -181,3 +183,100 @@ def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng)
         blue = rng.random(disc.shape) < np.where(disc, 0.9, around)
         image = np.where(blue[..., None], BLUE, RED).astype(np.uint8)
         assert (segment(image, region, Optics(LEFT_EYE)) is not None) == is_taken
+
+
+def test_bins_are_hue_and_saturation_or_value(rng):
+    image = rng.integers(0, 256, (40, 40, 3), dtype=np.uint8)
+    bins = color_bins(image)
+    agree = 0
+    for rgb, got in zip(image.reshape(-1, 3), bins.ravel(), strict=True):
+        h, s, v = colorsys.rgb_to_hsv(*((rgb // 4 * 4 + 2) / 255))
+        grey = s < 40 / 255 or v < 25 / 255
+        agree += got == (100 + min(int(v * 10), 9) if grey else 10 * int(h * 10) + min(int(s * 10), 9))
+    assert agree > 0.96 * bins.size  # the rest lies on the edges, where 8-bit hues round
+
+
+def test_a_color_only_the_object_has_is_the_object():
+    red, blue = (color_bins(np.full((8, 8, 3), color, np.uint8)) for color in ((200, 0, 0), (0, 0, 200)))
+    model = ColorModel(histogram(red), histogram(blue))
+    table = model.table()
+    assert len(table) == N_BINS
+    assert table[red[0, 0]] > 0.9
+    assert table[blue[0, 0]] == 0
+    assert model.similarity(model.object) == pytest.approx(1)
+    assert model.similarity(model.background) == 0
+    half = model.blend(ColorModel(model.background, model.object), 0.5, 0.25)
+    assert half.similarity(model.object) == pytest.approx(np.sqrt(0.5))
+    np.testing.assert_allclose(half.background, 0.75 * model.background + 0.25 * model.object)
+    rare = ColorModel(0.999 * model.object + 0.001 * model.background, np.zeros(N_BINS))
+    assert rare.table()[blue[0, 0]] < 0.5  # one pixel in a thousand of the object, none elsewhere
+    assert histogram(np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)).sum() == pytest.approx(1)
+
+
+def model(share: float) -> ColorModel:
+    """A share of one colour, the rest of another."""
+    colors = np.zeros(N_BINS)
+    colors[[3, 40]] = share, 1 - share
+    return ColorModel(colors, np.full(N_BINS, 1 / N_BINS))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "radius_m", "is_same"),
+    [
+        (0.9, 0.9, 0.03, True),
+        (0.8, 0.95, 0.025, True),
+        (0.9, 0.1, 0.03, False),  # another colour in one eye
+        (0.1, 0.9, 0.03, False),
+        (0.9, 0.9, 0.02, False),  # another size
+        (0.9, 0.9, 0.04, False),
+    ],
+)
+def test_colours_in_either_eye_and_size_must_agree(left, right, radius_m, is_same):
+    tracked = (model(0.9), model(0.9))
+    detected = (model(left), model(right))
+    assert is_same_object(tracked, 0.03, detected, radius_m) == is_same
+
+
+def test_a_box_is_made_of_the_pixels_around_its_centre(rng):
+    """An odd number of pixels a side around a pixel; a corner of the region and its border included."""
+    image = rng.random((20, 30))
+    integral = np.zeros((21, 31))
+    integral[1:, 1:] = image.cumsum(axis=0).cumsum(axis=1)
+    places = [(10, 8), (11, 9), (0, 0), (29, 19)]
+    particles = np.array([[100.0 + x, 50.0 + y, 2.0] for x, y in places])
+    wanted = [image[max(y - 1, 0) : y + 2, max(x - 2, 0) : x + 3].sum() for x, y in places]
+    np.testing.assert_allclose(box_sums(integral, particles, (100, 50), (1.25, 0.75)), wanted)
+
+
+def test_a_box_of_the_objects_size_outweighs_a_larger_one():
+    """40 × 10 px on a background of as many pixels as one likes: 400 px gained, or 400 less the other 1200."""
+    score = np.full((120, 160), -1.0)
+    score[55:65, 70:110] = 1.0
+    integral = np.zeros((121, 161))
+    integral[1:, 1:] = score.cumsum(axis=0).cumsum(axis=1)
+    current = np.array([[89.5, 59.5, 20.0], [89.5, 59.5, 40.0]])
+    small, large = likelihoods(Particles(current, current), integral, (0, 0), (2.0, 0.5))
+    assert np.log(small / large) == pytest.approx(SHARPNESS * (400 + 800) / 30**2)
+
+
+def test_weights_add_up_to_one_even_where_no_box_holds_the_object():
+    """Boxes far larger than expected lose by every pixel: of their gains alone none would have a weight."""
+    integral = np.zeros((121, 161))
+    integral[1:, 1:] = -np.ones((120, 160)).cumsum(axis=0).cumsum(axis=1)
+    current = np.array([[80.0, 60.0, 1.0]] * 3 + [[80.0, 60.0, 100.0]] * 2)
+    weights = likelihoods(Particles(current, current), integral, (0, 0), (0.5, 0.5))
+    assert weights.sum() == pytest.approx(1)
+    np.testing.assert_allclose(weights[:3], 1 / 3)
+    shifted = likelihoods(Particles(current[3:], current[3:]), 1e3 * integral, (0, 0), (0.01, 0.01))
+    np.testing.assert_allclose(shifted, 0.5)
+
+
+def test_resampled_particles_keep_their_past(rng):
+    current = rng.random((50, 3))
+    chosen = resample(Particles(current, current - 1.0), rng.dirichlet(np.ones(50)), rng)
+    np.testing.assert_allclose(chosen.current - chosen.previous, 1.0)
+    last = np.zeros(50)
+    last[-1] = 0.3  # of rounding no sum of weights need reach one
+    np.testing.assert_array_equal(
+        resample(Particles(current, current), last, rng).current, np.tile(current[-1], (50, 1))
+    )
