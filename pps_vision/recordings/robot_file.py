@@ -71,7 +71,7 @@ def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -
     urdf_file = urdf or file.parent / toml.word("urdf")
     eyes = {eye: toml.eye(eye) for eye in _EYES}
     mounted = {eye: pose for eye, (_, pose) in eyes.items() if pose is not None}
-    joints = {key: toml.names(key) for key in _JOINTS}
+    joints = {key: toml.words(key, toml.values.get(key, [])) for key in _JOINTS}
     if len(joints["gaze_joints"]) not in (0, 5):
         toml.refuse("gaze_joints", "neck yaw, neck pitch, eyes tilt, left pan and right pan, or none")
     links = {key: toml.word(key) for key in _LINKS}
@@ -132,10 +132,7 @@ class _Toml:
         value = self.values.get(key, "")
         return value if isinstance(value, str) else self.refuse(key, "a name in quotes")
 
-    def names(self, key: str) -> tuple[str, ...]:
-        return self._words(key, self.values.get(key, []))
-
-    def _words(self, key: str, value: object) -> tuple[str, ...]:
+    def words(self, key: str, value: object) -> tuple[str, ...]:
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
             self.refuse(key, "a list of names in quotes", f"no list of names: {value!r} of")
         return tuple(value)
@@ -143,7 +140,7 @@ class _Toml:
     def folder_files(self, key: str) -> tuple[Path, ...]:
         value = self.values[key]
         words = [value] if isinstance(value, str) else value
-        return tuple(self.file.parent / word for word in self._words(key, words))
+        return tuple(self.file.parent / word for word in self.words(key, words))
 
     def eye(self, key: str) -> tuple[str, tuple[str, Array] | None]:
         """The name of a camera's frame, and, for one that is mounted on a link, that link and the pose there."""
@@ -151,7 +148,7 @@ class _Toml:
         if isinstance(value, str):
             return value, None
         expected = "a link, or {link = ..., xyz_m = [x, y, z], rpy_deg = [r, p, y]}"
-        if not isinstance(value, dict) or not set(value) <= {"link", "xyz_m", "rpy_deg"} or "link" not in value:
+        if not isinstance(value, dict) or not {"link"} <= set(value) <= {"link", "xyz_m", "rpy_deg"}:
             self.refuse(key, expected)
         try:
             xyz, rpy = (np.array(value.get(part, (0, 0, 0)), dtype=float) for part in ("xyz_m", "rpy_deg"))
@@ -175,8 +172,7 @@ class _Toml:
     def home(self, robot: Robot) -> Array:
         """(n_joints,) rad, within the limits."""
         q = np.zeros(robot.n_joints)
-        table = self.table("home_deg")
-        for joint, angle in table.items():
+        for joint, angle in self.table("home_deg").items():
             if joint not in robot.joint_names:
                 self.refuse(joint, f"one of {', '.join(robot.joint_names)}", "unknown joint")
             index = robot.joint_names.index(joint)
@@ -188,7 +184,7 @@ class _Toml:
         return robot.clamp(q)
 
     def ports(self, robot: Robot) -> dict[str, tuple[str, ...]]:
-        ports = {port: self._words(port, names) for port, names in self.table("ports").items()}
+        ports = {port: self.words(port, names) for port, names in self.table("ports").items()}
         valid = (*robot.joint_names, "-", *(("version", "vergence") if robot.names.gaze_joints else ()))
         for port, names in ports.items():
             self.check_known(port, names, valid, "joints", "in port")

@@ -12,7 +12,7 @@ from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.recording import Touch
 from pps_vision.recordings.text import finite, whole
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.recordings.yarp_text import Nested, parse_lists, parse_numbers, read_log
+from pps_vision.recordings.yarp_text import parse_lists, parse_numbers, read_log
 
 Representatives = Mapping[str, tuple[int, ...]]
 """By body part: the virtual taxel of each physical one, −1 none."""
@@ -64,20 +64,14 @@ def _of_contacts(words: tuple[str, ...], representatives: Representatives) -> tu
     """Return the virtual taxels that the contacts of a row touch, each once."""
     touched = []
     for contact in parse_lists(" ".join(words)):
-        part, taxels = _contact(contact)
+        if isinstance(contact, str) or len(contact) != 8 or not isinstance(contact[7], str):
+            raise ValueError("no contact")
+        ids, *vectors, taxels, pressure = contact
+        for vector in vectors:
+            parse_numbers(vector, finite, 3)
+        finite(str(pressure))
+        part = SKIN_PARTS.get(parse_numbers(ids, whole, 4)[3], "")
         of_part = representatives.get(part, ())
-        virtual = [of_part[taxel] for taxel in taxels if 0 <= taxel < len(of_part)]
+        virtual = [of_part[taxel] for taxel in parse_numbers(taxels, whole) if 0 <= taxel < len(of_part)]
         touched += [f"{part}:{taxel}" for taxel in virtual if taxel >= 0]
     return tuple(dict.fromkeys(touched))
-
-
-def _contact(contact: str | Nested) -> tuple[str, tuple[int, ...]]:
-    """Return the body part and the physical taxels of a contact, all of whose numbers are checked."""
-    if isinstance(contact, str) or len(contact) != 8 or not isinstance(contact[7], str):
-        raise ValueError("no contact")
-    ids, *vectors, taxels, pressure = contact
-    for vector in vectors:
-        parse_numbers(vector, finite, 3)
-    finite(str(pressure))
-    skin_part = parse_numbers(ids, whole, 4)[3]
-    return SKIN_PARTS.get(skin_part, ""), parse_numbers(taxels, whole)

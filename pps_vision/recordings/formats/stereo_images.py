@@ -51,9 +51,11 @@ def with_calibration(
     recording: Recording, calib: Sequence[Path], source: Source, kitti: tuple[int, int] = (0, 1)
 ) -> Recording:
     """The recording with the cameras of a calibration, if one is given; a warning where it is for another size."""
+    if not calib:
+        return recording
     warnings = list(recording.warnings)
-    rig = fixed_rig(calib, recording.image_size, source.unit_m, kitti, warnings) if calib else None
-    return replace(recording, rig=rig, warnings=tuple(warnings))
+    cameras = read_stereo_calibration(calib, recording.image_size, source.unit_m, kitti, warnings)
+    return replace(recording, rig=rig_of(cameras, calib[-1]), warnings=tuple(warnings))
 
 
 def refuse_robot_options(source: Source) -> None:
@@ -75,20 +77,6 @@ def check_options(source: Source) -> None:
         raise InputError("recording", "fps and times; expected one of them")
     if source.fps is not None and not 0 < source.fps < float("inf"):
         raise InputError("recording", f"fps {source.fps}; expected a positive number of frames a second")
-
-
-def fixed_rig(
-    calib: Sequence[Path],
-    image_size: tuple[int, int],
-    unit_m: float,
-    kitti: tuple[int, int] = (0, 1),
-    warnings: list[str] | None = None,
-) -> StereoRig:
-    """Two cameras that do not move against each other; InputError for a calibration that cannot be one.
-
-    A calibration for images of another size is noted in `warnings`.
-    """
-    return rig_of(read_stereo_calibration(calib, image_size, unit_m, kitti, warnings), calib[-1])
 
 
 def rig_of(cameras: tuple[Camera, Camera, Array], file: Path) -> StereoRig:
