@@ -94,7 +94,11 @@ def cameras_of(
         raise InputError(R[0], f"R is {np.round(R[1], 3).tolist()}; expected a rotation matrix")
     if not T[1].any():
         raise InputError(T[0], "T is 0; expected the vector between two cameras")
-    return left, right, inverse(transform(R[1], unit_m * T[1]))
+    T_left_right = inverse(transform(R[1], unit_m * T[1]))
+    baseline_m = np.abs(T_left_right[:3, 3]).max()
+    if not 1e-5 <= baseline_m <= 1e4:  # products of larger or smaller numbers leave the range of doubles
+        raise InputError(T[0], f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
+    return left, right, T_left_right
 
 
 def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:

@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 
 from pps_vision.errors import InputError, first_line
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.calibration_files import Matrices, ros_matrices
-from pps_vision.recordings.formats.stereo_images import refuse_robot_options, rig_of, with_calibration
+from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.formats.yarp import with_joints
 from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode_bytes
 from pps_vision.recordings.recording import Recording, Source, distinct_stamps, pair_by_stamp, usual_size
@@ -76,7 +77,7 @@ def open_source(source: Source) -> Recording:
     else:
         warnings = list[str]()
         cameras = cameras_of([(file, bag.camera_info(topic)) for topic in topics], size, warnings=warnings)
-        recording = replace(recording, rig=rig_of(cameras, file), warnings=tuple(warnings))
+        recording = replace(recording, rig=StereoRig.fixed(*cameras), warnings=tuple(warnings))
     if source.robot is None:
         refuse_robot_options(source)
         return recording

@@ -7,10 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median_low
 
-import numpy as np
-
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings import MAX_SKEW_S
 from pps_vision.recordings.image_file import ImageFile, images_in, natural_order, number_in, stamp_in
 from pps_vision.recordings.recording import (
@@ -28,10 +26,8 @@ from pps_vision.recordings.recording import (
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.video import is_video
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.types import Array
 
 FORMAT = "images by --left and --right"
-_BASELINE_M = (1e-5, 1e4)  # of any two cameras; products of larger or smaller numbers leave the range of doubles
 
 
 def recognises(source: Source) -> bool:
@@ -55,7 +51,7 @@ def with_calibration(
         return recording
     warnings = list(recording.warnings)
     cameras = read_stereo_calibration(calib, recording.image_size, source.unit_m, kitti, warnings)
-    return replace(recording, rig=rig_of(cameras, calib[-1]), warnings=tuple(warnings))
+    return replace(recording, rig=StereoRig.fixed(*cameras), warnings=tuple(warnings))
 
 
 def refuse_robot_options(source: Source) -> None:
@@ -77,14 +73,6 @@ def check_options(source: Source) -> None:
         raise InputError("recording", "fps and times; expected one of them")
     if source.fps is not None and not 0 < source.fps < float("inf"):
         raise InputError("recording", f"fps {source.fps}; expected a positive number of frames a second")
-
-
-def rig_of(cameras: tuple[Camera, Camera, Array], file: Path) -> StereoRig:
-    """Two cameras, with their pose to each other, that do not move; InputError, naming the file, if they cannot be."""
-    baseline_m = float(np.max(np.abs(cameras[2][:3, 3])))
-    if not _BASELINE_M[0] <= baseline_m <= _BASELINE_M[1]:
-        raise InputError(file, f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
-    return StereoRig.fixed(*cameras)
 
 
 def open_stereo_images(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import check_options, rig_of, with_calibration
+from pps_vision.recordings.formats.stereo_images import check_options, with_calibration
 from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, read_times, replaced_rate, usual_size
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.video import VideoFrame, is_video, open_halves, open_video
@@ -53,7 +53,7 @@ def open_source(source: Source) -> Recording:
 def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
     """Raise InputError for a video whose calibration is for its whole frames of this size: that of one camera."""
     try:
-        rig_of(read_stereo_calibration(source.calib, size, source.unit_m), source.calib[-1])
+        read_stereo_calibration(source.calib, size, source.unit_m)
     except InputError:
         return
     reason = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
