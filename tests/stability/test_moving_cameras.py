@@ -1,4 +1,4 @@
-"""Cameras that move otherwise than they are told to: followed as well as told cameras, and said."""
+"""Cameras that move otherwise than they are told to, and a ball that leaves the view and returns."""
 
 from dataclasses import replace
 from functools import cache
@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from data import SEED
 
+from pps_vision.experiments.films.recordings import tracker_params
 from pps_vision.experiments.films.scenes import Film, FilmScene
 from pps_vision.experiments.films.score import score
+from pps_vision.experiments.severity.tracking import leave_view
 from pps_vision.types import StereoFrame
 from tracking import Mode
 from tracking.marker import MarkerParams
@@ -73,3 +75,27 @@ def test_the_delay_of_the_joints_is_measured():
     motion = filmed("20 ms late", "marker")[2].camera_motion
     assert abs(motion.delay_s - 0.02) < 0.002
     assert abs(motion.delay_s - 0.02) < 4 * motion.delay_std_s
+
+
+OUT_S = 2.0
+NEAR_M = 0.06
+
+
+@pytest.mark.parametrize(
+    ("mode", "seed", "within_s"),
+    [
+        ("generic", 7201, 0.1),  # half of it stays in view: its size is not that of the half
+        ("generic", 7202, 0.15),
+        ("marker", 7201, 0.5),  # before pictures with much of its hue
+        ("marker", 7205, 0.2),
+    ],
+)
+def test_it_is_found_again_soon_after_its_centre_is_back_in_view(mode, seed, within_s):
+    film = leave_view("independent", seed, OUT_S)
+    tracker = Tracker(tracker_params(film, mode), film.rig, np.random.default_rng(seed), own_body=film.own_body)
+    tracks = [tracker.step(frame).track for frame in film.frames]
+    back_s = film.stamps_s[np.flatnonzero(~film.visible)[-1] + 1]
+    near = np.array(
+        [np.linalg.norm(track.position - at) < NEAR_M for track, at in zip(tracks, film.position, strict=True)]
+    )
+    assert near[film.stamps_s > back_s + within_s].all()
