@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from learning.reach import MeasureName
 from learning.reach.params import MAP, N_NEAR, MapParams
 from pps_vision.errors import InputError
-from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
 from pps_vision.robot.model import Robot
@@ -25,7 +24,7 @@ from pps_vision.robot.self_motion import (
     covered_directions,
     two_stage,
 )
-from pps_vision.robot.skin import Skin
+from pps_vision.robot.skin import EndPoint, Skin
 from pps_vision.types import Array, Mask
 
 # m/rad: with a steeper descent left, inverse kinematics is farther than 0.1 mm from the nearest point.  Matters for

@@ -9,8 +9,8 @@ from data import shared_data
 
 from learning.pps.memory import activation, load_memory
 from pps_vision.app.cli import main
+from pps_vision.recordings.formats.yarp import read_touches
 from pps_vision.recordings.icub_eyes import read_icub_eyes
-from pps_vision.recordings.skin_log import read_touches
 from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
 from pps_vision.recordings.warnings import Problem
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE

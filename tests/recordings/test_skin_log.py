@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pps_vision.errors import InputError
+from pps_vision.recordings.formats.yarp import read_touches
 from pps_vision.recordings.recording import Touch
-from pps_vision.recordings.skin_log import read_touches
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
 ONE = "((12 3 4 2) (0.06 -0.029 0.00005) (-0.46 0.0 -0.0) (0.0 0.0 0.0) (0.06 -0.029 0.009) (1.0 0.0 0.0) (4 0 9) 9.3)"

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.skin import Skin, icub_skin
+from pps_vision.robot.skin import EndPoint, Skin, icub_skin
 
 ROBOT = load_icub()
 

@@ -2,29 +2,32 @@
 
 Images are files that the log names (its types image, image_jpg and image_png), or frames of one video beside it (type
 video), whose rows name "frame_00000000" and so on.
+
+A row of the skin port is "index stamp touched touched …".  We write the touched virtual taxels by name, "part:id".  The
+robot writes a contact as ((number, body part, link, skin part), centre of pressure, force, moment, geometric centre,
+normal, (taxels), pressure), where vectors are in the link's frame and taxels are physical ones.
 """
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, first_line
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.recording import Pair, Recording, Source, pair_by_stamp, usual_size
-from pps_vision.recordings.skin_log import read_touches
+from pps_vision.recordings.recording import Pair, Recording, Source, Touch, pair_by_stamp, usual_size
 from pps_vision.recordings.tables import read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
-from pps_vision.recordings.text import first_row
+from pps_vision.recordings.text import finite, first_row, whole
 from pps_vision.recordings.video import Video, VideoFrame
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.recordings.yarp_text import read_log
+from pps_vision.recordings.yarp_text import parse_lists, parse_numbers, read_log
 from pps_vision.types import Array
 
 if TYPE_CHECKING:
@@ -39,6 +42,8 @@ _DEPTH_SUFFIXES = (".float", ".floatzip")
 _VIDEOS = ("video.mkv", "video.avi")
 _FRAME = re.compile(r"frame_([0-9]{8,9})", re.ASCII)
 _STAMP_RESOLUTION_S = 1e-6  # of the digits in a log, and of a double in seconds since 1970
+SKIN_PARTS = {1: "left_palm", 2: "left_forearm", 4: "right_palm", 5: "right_forearm"}
+"""The robot's numbers of the skin parts that have virtual taxels here."""
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
 
@@ -266,3 +271,61 @@ def _logs(folder: Path) -> Iterator[Path]:
         real = {name: os.path.realpath(Path(place, name)) for name in folders}
         folders[:] = [name for name in sorted(folders) if real[name] not in visited]
         visited.update(real.values())
+
+
+def read_touches(
+    log: Path, virtual_taxels: Mapping[str, tuple[int, ...]] | None, problems: list[Problem]
+) -> tuple[Touch, ...]:
+    """Return the touched virtual taxels by stamp; rows that cannot be read are added to `problems` and left out.
+
+    Contacts on body parts that `virtual_taxels` does not name are left out; without `virtual_taxels` a log of
+    contacts is noted and not read.  InputError where the log cannot be opened, or holds rows but no readable one.
+    """
+    rows = read_log(log, None, problems)
+    if any(row.words[0].startswith("((") for row in rows if row.words):
+        if virtual_taxels is None:
+            reason = "the robot's contacts; expected --taxels TAXELS.ini, which says what virtual taxels they touch"
+            problems.append(Problem(ProblemKind.TOUCHES, log, None, reason))
+            return ()
+        expected = "contacts ((4 whole numbers) (5 vectors of 3) (taxels) pressure)"
+    else:
+        virtual_taxels = None
+        expected = "touched taxels as part:id"
+    touches = []
+    bad = []
+    for row in rows:
+        try:
+            ids = _named_taxels(row.words) if virtual_taxels is None else _of_contacts(row.words, virtual_taxels)
+            touches.append(Touch(row.stamp_s, ids))
+        except ValueError as error:
+            bad.append(Problem(ProblemKind.ROW, log, row.line, f"{first_line(error)}; expected {expected}"))
+    if bad and not touches:
+        raise InputError(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
+    problems += bad
+    return tuple(touches)
+
+
+def _named_taxels(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the words if all are "part:id"."""
+    for word in words:
+        part, _, taxel = word.partition(":")
+        if not (part.isidentifier() and taxel.isdecimal()):
+            raise ValueError(f"'{word[:40]}'")
+    return words
+
+
+def _of_contacts(words: tuple[str, ...], virtual_taxels: Mapping[str, tuple[int, ...]]) -> tuple[str, ...]:
+    """Return the virtual taxels that the contacts of a row touch, each once."""
+    touched = []
+    for contact in parse_lists(" ".join(words)):
+        if isinstance(contact, str) or len(contact) != 8 or not isinstance(contact[7], str):
+            raise ValueError("no contact")
+        ids, *vectors, taxels, pressure = contact
+        for vector in vectors:
+            parse_numbers(vector, finite, 3)
+        finite(str(pressure))
+        part = SKIN_PARTS.get(parse_numbers(ids, whole, 4)[3], "")
+        of_part = virtual_taxels.get(part, ())
+        virtual = [of_part[taxel] for taxel in parse_numbers(taxels, whole) if 0 <= taxel < len(of_part)]
+        touched += [f"{part}:{taxel}" for taxel in virtual if taxel >= 0]
+    return tuple(dict.fromkeys(touched))

@@ -9,11 +9,10 @@ from data import SEED
 from learning.reach.labels import ReachOracle, hand_and_params
 from learning.reach.params import MapParams
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits
-from pps_vision.robot.skin import icub_skin
+from pps_vision.robot.skin import EndPoint, icub_skin
 
 ROBOT = load_icub()
 LIMITS = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # arms are seen from above
