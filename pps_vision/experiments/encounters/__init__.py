@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from pps_vision.experiments.encounters import controllers, rendered, sessions
+from pps_vision.experiments.encounters import controllers, sessions
 from pps_vision.experiments.encounters.parameters import EncountersParameters
 from pps_vision.experiments.study import Part
 
@@ -17,7 +17,7 @@ class Encounters(EncountersParameters):
     SHORT: ClassVar[Mapping[str, Any]] = {"n_rendered": 1, "n_tuning": 1, "draws": 1, "share": 0.02}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "controllers": Part(controllers.run, controllers.chart, controllers.tables),
-        "rendered": Part(rendered.run, table=rendered.table),
+        "rendered": Part(controllers.run_rendered, table=controllers.rendered_table),
         "sessions": Part(sessions.run, sessions.chart, sessions.table),
         "tuning": Part(controllers.tune),
     }

@@ -1,16 +1,27 @@
-"""Every controller on the same encounters, without rendering, and the random search for their parameters."""
+"""Every controller on the same encounters, ours with rendering too, and the random search for their parameters."""
 
 import operator
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import ceil
-from typing import Any
+from operator import itemgetter
+from typing import Any, get_args
 
 import numpy as np
 from matplotlib.figure import Figure
+from tqdm import tqdm
 
 from pps_vision.app.encounters.controllers import ControllerParams
-from pps_vision.app.encounters.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition
+from pps_vision.app.encounters.encounter import (
+    FAST_M_S,
+    HARMLESS,
+    HAZARDS,
+    SPEED_M_S,
+    Condition,
+    EncounterScene,
+    draw,
+)
+from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
     ASKING,
     BASELINES,
@@ -21,8 +32,13 @@ from pps_vision.app.encounters.registry import (
     TRUE,
     TUNABLE,
     Baseline,
+    new_controller,
 )
-from pps_vision.app.encounters.suite import Rows, run_suite
+from pps_vision.app.encounters.rendered import render_encounter
+from pps_vision.app.encounters.suite import Rows, run_suite, track_rng
+from pps_vision.app.encounters.tracks import track_of
+from pps_vision.app.encounters.training import learn
+from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.encounters.parameters import (
     MIN_SELF_DISTANCE_MM,
@@ -32,7 +48,7 @@ from pps_vision.experiments.encounters.parameters import (
     rate,
     unfinished_folder,
 )
-from pps_vision.experiments.study import interval, median
+from pps_vision.experiments.study import NOISE_SIGMA, interval, median
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.atomic_write import whole_file, write_json
 from pps_vision.types import Array
@@ -245,3 +261,45 @@ def score(rows: Rows) -> float:
     touched = [row["touched"] for row in rows if row["condition"] in HAZARDS]
     moved = [row["commands"] > 0 for row in rows if row["condition"] in HARMLESS]
     return float(100 * np.mean(touched) + 100 * np.mean(moved))
+
+
+def run_rendered(study: EncountersParameters) -> dict[str, Any]:
+    """Return rates of the same encounters with and without rendering, and their paired difference."""
+    scene = EncounterScene()
+    memories = {side: learn(scene, side, study.seed, study.share) for side in get_args(Side)}
+    numbers = [(condition, k) for condition, n in counts(study.n_rendered).items() for k in range(n)]
+    rows: list[Row] = []
+    for condition, number in tqdm(numbers, desc="rendered encounters", disable=None):
+        encounter = draw(scene, condition, number, study.seed)
+        memory = memories[encounter.side]
+        tracks = track_of(scene, encounter, track_rng(study.seed, condition, number))
+        simulated = simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks)
+        rendered = render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number).result
+        quantity = "commands" if condition in HARMLESS else "touched"
+        results = {"rendered": rendered, "without": simulated}
+        rows.append(
+            {"condition": condition, **{name: not getattr(result, quantity) for name, result in results.items()}}
+        )
+    groups: dict[str, Rows] = {c: _of_condition(rows, c) for c in HAZARDS}
+    groups["all approaching"] = [row for row in rows if row["condition"] in HAZARDS]
+    groups["harmless"] = [row for row in rows if row["condition"] in HARMLESS]
+    rates = {
+        name: {
+            "n": len(group),
+            "rendered": rate(group, itemgetter("rendered")),
+            "without": rate(group, itemgetter("without")),
+            "difference": interval([[100.0 * (row["rendered"] - row["without"])] for row in group]),
+        }
+        for name, group in groups.items()
+    }
+    return {"rates": rates}
+
+
+def rendered_table(numbers: dict[str, Any]) -> Table:
+    """Return the rates of both modes; a difference that misses its goal is bold."""
+    rows = []
+    for name in ("all approaching", "harmless"):
+        cell = numbers["rates"][name]
+        difference = judged(estimate(cell["difference"]), abs(cell["difference"][0]) > 10)
+        rows.append([name, str(cell["n"]), estimate(cell["rendered"]), estimate(cell["without"]), difference])
+    return Table(["not touched, harmless: no command (%)", "n", "rendered", "not rendered", "difference"], rows)

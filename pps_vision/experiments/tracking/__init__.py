@@ -60,11 +60,6 @@ def _accuracy_table(numbers: dict[str, Any]) -> Table:
     return Table(header, rows)
 
 
-def _consistency(study: "Tracking") -> dict[str, Any]:
-    seeds = range(study.seed, study.seed + study.n_consistency)
-    return consistency.measure_coverage(study.sources, seeds, study.seconds)
-
-
 def _pipeline(study: "Tracking") -> dict[str, Any]:
     """Balls and markers that approach the skin at 5–30 cm/s while the head moves; beside OpenCV's trackers and SGBM.
 
@@ -97,7 +92,7 @@ class Tracking(PartsStudy, TrackingStudy):
 
     PARTS: ClassVar[Mapping[str, Part]] = {
         "accuracy": Part(_accuracy, table=_accuracy_table),
-        "consistency": Part(_consistency, table=consistency.table),
+        "consistency": Part(consistency.run, table=consistency.table),
         "pipeline": Part(_pipeline, _PIPELINE_CHART),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_consistency": 1, "n_approaches": 1}

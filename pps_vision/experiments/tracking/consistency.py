@@ -12,7 +12,7 @@ from scipy.stats import norm
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
-from pps_vision.experiments.study import Metric, SceneSource, mean, measure, median, percent, summarize
+from pps_vision.experiments.study import Metric, mean, measure, median, percent, summarize
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array, Status, Track3D
 
@@ -30,15 +30,17 @@ _METRICS = {
 }
 
 
-def measure_coverage(sources: Sequence[SceneSource], seeds: Sequence[int], seconds: float) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Judge tracks of balls and markers by their own covariances, while the head moves.
 
     Judged from the tenth frame on while the status is tracking, without the two frames after a jump of the velocity.
     Returns by source: coverage in percent, mean NEES (6 expected), error of the time to contact in the last 0.5 s.
     """
     cells = {}
-    for source in sources:
-        kinds = {kind: partial(of_kind, kind, source, seconds) for kind in sorted(KINDS, key=lambda k: k.split(",")[0])}
+    seeds = range(study.seed, study.seed + study.n_consistency)
+    by_object = sorted(KINDS, key=lambda kind: kind.split(",")[0])
+    for source in study.sources:
+        kinds = {kind: partial(of_kind, kind, source, study.seconds) for kind in by_object}
         methods = {"tracker": lambda r, seed: judge_covariances(r, [step.track for step in steps_of(r, seed)[0]])}
         measured = measure(kinds, methods, seeds)
         recordings = [values for methods in measured.values() for values in methods["tracker"]]
