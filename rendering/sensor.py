@@ -30,11 +30,6 @@ class Sensor:
             if not 0 <= value <= _LARGEST:
                 raise InputError("sensor", f"{name} = {value}; expected a number from 0 to {_LARGEST:.0f}")
 
-    @property
-    def is_noisy(self) -> bool:
-        """Whether the sensor has noise."""
-        return self.noise_sigma > 0 or self.shot > 0
-
 
 def expose(sensor: Sensor, light: Array, rng: np.random.Generator | None) -> Image:
     """Return the recorded image (h, w, 3) of the light (h, w, 3) float32 on the sensor.
@@ -42,7 +37,7 @@ def expose(sensor: Sensor, light: Array, rng: np.random.Generator | None) -> Ima
     Noise is independent per pixel and channel; `rng` may be None only for a noiseless sensor.
     """
     signal = light * np.float32(sensor.exposure)
-    if sensor.is_noisy:
+    if sensor.noise_sigma > 0 or sensor.shot > 0:
         if rng is None:
             raise ValueError("a noisy sensor asks for a random generator, got None")
         noise = rng.standard_normal(signal.shape, dtype=np.float32)

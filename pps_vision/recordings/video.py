@@ -76,7 +76,9 @@ class Video:
         try:
             while at < index:
                 at, frame = next(self._frames)
-                self._last = at, _pixels(frame, self.image_size)
+                is_whole = (frame.width, frame.height) == self.image_size
+                wrong = f"is {frame.width}×{frame.height} pixels"
+                self._last = at, np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) if is_whole else wrong
         except StopIteration:  # as for all that come after it
             self._last = index, "is missing"
         except (av.error.FFmpegError, OSError, ValueError, MemoryError) as error:
@@ -98,12 +100,6 @@ class Video:
                         at = self._place.get(frame.pts) if self.has_stamps and frame.pts is not None else count
                         if at is not None:
                             yield at, frame
-
-
-def _pixels(frame: Decoded, size: tuple[int, int]) -> Image | str:
-    if (frame.width, frame.height) != size:
-        return f"is {frame.width}×{frame.height} pixels"
-    return np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
 
 
 @dataclass(frozen=True, slots=True)

@@ -152,7 +152,9 @@ class Bag:
         keys = "kdrp" if self.reader.is2 else "KDRP"
         K, D, R, P = (np.asarray(getattr(message, key), dtype=float).ravel().tolist() for key in keys)
         if any("rect" in re.split(r"[_\W]", part) for part in topic.lower().split("/")[-2:]):
-            K, D, R = [*P[:3], *P[4:7], *P[8:11]], [], np.eye(3).ravel().tolist()
+            K = [*P[:3], *P[4:7], *P[8:11]]
+            D = []
+            R = np.eye(3).ravel().tolist()
         content = {
             "image_width": message.width,
             "image_height": message.height,
