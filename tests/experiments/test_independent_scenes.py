@@ -19,7 +19,9 @@ from pps_vision.experiments.films.caster import (
     Paint,
     Panel,
     RayCaster,
+    SensorChain,
     Solids,
+    noise_tape,
     photograph,
     visible_share,
 )
@@ -31,7 +33,6 @@ from pps_vision.experiments.films.scenes import (
     lenses,
 )
 from pps_vision.experiments.films.score import score, score_of_either
-from pps_vision.experiments.films.sensor import SensorChain, noise_tape
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Status, Track3D
 

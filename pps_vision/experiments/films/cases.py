@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pps_vision.experiments.films.caster import PHOTOS, Levels
+from pps_vision.experiments.films.caster import PHOTOS, Levels, SensorChain
 from pps_vision.experiments.films.scenes import FilmScene
-from pps_vision.experiments.films.sensor import SensorChain
 from tracking.marker import MarkerParams
 from tracking.tracker import TrackerParams
 

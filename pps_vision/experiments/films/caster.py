@@ -1,4 +1,4 @@
-"""Light of painted balls, panels and cylinders in a room whose walls show a photograph, by ray casting.
+"""Light of painted balls, panels and cylinders in a room whose walls show a photograph, by ray casting, and its sensor.
 
 Shares no code with `rendering`. The lens is OpenCV's. Coordinates are those of the stage frame (m): x to the right,
 y down, z ahead, origin midway between the eyes at rest. Levels are grey levels of 255, proportional to light.
@@ -49,6 +49,7 @@ INSTANTS = 16  # of an exposure, one for each sample of a pixel
 _INSTANT_OF_SAMPLE = np.array([[15, 2, 1, 12], [4, 9, 10, 7], [8, 5, 6, 11], [3, 14, 13, 0]])
 _COARSE_INSTANTS = (1, 5, 10, 14)  # of a background that moves
 _COARSE_INSTANT_OF_SAMPLE = np.array([[0, 2], [3, 1]])
+_TAPE_LENGTH = 1 << 21  # of the noise
 _WIDEST_RAD = np.deg2rad(55.0)  # from the optical axis: farther out the lens model may fold back
 
 
@@ -450,3 +451,60 @@ def _color(solid, x, y, z, texels, sizes, lamp):  # type: ignore[no-untyped-def]
     elif solid[13] == 2:
         first += 3 * ((int(np.floor(u * aspect * count)) + int(np.floor(v * count))) % 2)
     return shade * solid[first], shade * solid[first + 1], shade * solid[first + 2]
+
+
+@dataclass(frozen=True)
+class SensorChain:
+    """Stages in this order: defocus, gain, mosaic, noise, eight bits, grey, JPEG."""
+
+    defocus_px: float = 0.0
+    """Standard deviation of the defocus blur."""
+    read_noise: float = 2.0  # standard deviation of the noise that does not depend on the light, levels
+    shot: float = 0.0  # variance of the shot noise per level
+    bayer: bool = False  # one colour a pixel (RGGB), the others interpolated by OpenCV
+    grey: bool = False  # A grey camera: three equal channels
+    jpeg: int = 0  # JPEG quality, 1–100; 0: not compressed
+
+    def expose(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator, tape: Array) -> Image:
+        """Return the image (h, w, 3) of light; the noise of each row is cut from the tape where `rng` says."""
+        if self.defocus_px > 0:
+            light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.defocus_px), dtype=np.float32)
+        if self.bayer:
+            light = _mosaic(light)
+        h, w = light.shape[:2]
+        rows = light.reshape(h, -1)
+        image: Image = np.empty(rows.shape, np.uint8)
+        starts = rng.integers(0, len(tape) - rows.shape[1], h)
+        _add_noise(rows, gain, self.read_noise**2, self.shot, tape, starts, image)
+        if self.bayer:
+            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2RGB), dtype=np.uint8)
+        image = image.reshape(h, w, 3)
+        if self.grey:
+            image = np.asarray(cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB), np.uint8)
+        if self.jpeg:
+            coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg])[1]
+            image = np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), dtype=np.uint8)
+        return image
+
+
+def noise_tape(rng: np.random.Generator) -> Array:
+    """Return normal deviates (n,) for `SensorChain.expose`."""
+    return rng.standard_normal(_TAPE_LENGTH, dtype=np.float32)
+
+
+def _mosaic(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(h, w) of an RGGB sensor."""
+    mosaic = light[..., 1].copy()
+    mosaic[::2, ::2] = light[::2, ::2, 0]
+    mosaic[1::2, 1::2] = light[1::2, 1::2, 2]
+    return mosaic
+
+
+@njit(cache=True, error_model="numpy")
+def _add_noise(light, gain, read_var, shot, tape, starts, image):  # type: ignore[no-untyped-def]
+    for y in range(light.shape[0]):
+        start = starts[y]
+        for x in range(light.shape[1]):
+            level = gain * light[y, x]
+            level += tape[start + x] * np.sqrt(read_var + shot * level)
+            image[y, x] = np.uint8(min(max(level + 0.5, 0.0), 255.0))

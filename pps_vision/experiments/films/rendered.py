@@ -18,8 +18,10 @@ from pps_vision.experiments.films.caster import (
     Paint,
     Panel,
     RayCaster,
+    SensorChain,
     Solid,
     Solids,
+    noise_tape,
     visible_share,
 )
 from pps_vision.experiments.films.scenes import (
@@ -31,7 +33,6 @@ from pps_vision.experiments.films.scenes import (
     configuration,
     head_pose,
 )
-from pps_vision.experiments.films.sensor import SensorChain, noise_tape
 from pps_vision.experiments.study import DATA, SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to

@@ -24,11 +24,12 @@ from pps_vision.experiments.films.caster import (
     Panel,
     Pattern,
     RayCaster,
+    SensorChain,
     Solids,
+    noise_tape,
     photograph,
     visible_share,
 )
-from pps_vision.experiments.films.sensor import SensorChain, noise_tape
 from pps_vision.experiments.study import DATA
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub

@@ -28,8 +28,8 @@ METRICS = {
 """Summaries of the values of `judge`."""
 OURS = "ours"
 BASELINES: tuple[StereoPipelineName, ...] = tuple(name for name in get_args(StereoPipelineName) if "SGBM" not in name)
-_SETTLE_S = 0.5  # of a recording: from when the object is visible to the first judged frame
-_FILM_SETTLE_S = 1.0  # of a film
+_SETTLE_S = 0.5  # in a recording, from the first visible frame to the first judged frame
+_FILM_SETTLE_S = 1.0  # the same in a film
 _RIGHT_M = 0.03
 _FALSE_M = 0.05
 _CHI2_95 = 7.815  # of three degrees of freedom

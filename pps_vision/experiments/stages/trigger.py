@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
 from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.films.caster import SensorChain
 from pps_vision.experiments.films.recordings import FPS, Footage, from_film
 from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
-from pps_vision.experiments.films.sensor import SensorChain
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, Values, compare, mean, percent
 from pps_vision.experiments.timing import timed
