@@ -174,7 +174,7 @@ def test_a_short_run_leaves_the_documents_alone(folder: Path) -> None:
 def test_a_study_that_fails_stops_no_other(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Several studies run at once, those that took longest first; each result says how long it took."""
+    """Several studies run at once; each result says how long it took."""
     module = importlib.import_module("fake_study")
     studies = {"a": module.Fake, "bad": module.Fails, "b": module.Fake, "worse": module.Fails}
     monkeypatch.setattr(bench, "catalogue", lambda: studies)
@@ -184,12 +184,6 @@ def test_a_study_that_fails_stops_no_other(
     assert result(folder, "b")["third"] == 1.0
     assert 0 < result(folder, "b")["processor_min"] < 1
     assert re.findall(r"^! .*", capsys.readouterr().out, re.M) == ["! 'Fails' object has no attribute 'nothing'"]
-    for name, numbers in (("a", {"processor_min": 1.0}), ("b", {"part": {"processor_min": 2.0}})):
-        (folder / "docs" / "results" / f"{name}.json").write_text(json.dumps(numbers))
-    order = []
-    monkeypatch.setattr(bench, "_measure", lambda name, *_: order.append(name))
-    bench.bench(["all"])
-    assert order == ["bad", "worse", "b", "a"]
 
 
 def test_results_are_compact_and_documents_filled(folder: Path) -> None:
@@ -213,16 +207,12 @@ def test_results_are_compact_and_documents_filled(folder: Path) -> None:
     assert values == ["0.333", "3.33", "0.667", "6.67"]
 
 
-@pytest.mark.parametrize("table", ["gone", "fake_gone", "parts_first_gone", "parts_gone"])
-def test_a_table_that_no_study_makes_is_refused(folder: Path, table: str) -> None:
+@pytest.mark.parametrize("table", ["gone", "fake_gone", "parts_first_gone"])
+def test_unknown_tables_studies_and_options_are_refused(folder: Path, table: str) -> None:
     (folder / "docs" / "page.md").write_text(f"<!-- table: {table} -->\n<!-- end -->")
-    with pytest.raises(InputError, match="gone"):
-        bench.bench(["fake", "parts"])
-
-
-def test_unknown_studies_and_options_are_refused(folder: Path) -> None:
-    with pytest.raises(InputError, match="no study fame"):
-        bench.bench(["fame"])
+    for names, options, message in ((["fake", "parts"], {}, "gone"), (["fame"], {}, "no study fame")):
+        with pytest.raises(InputError, match=message):
+            bench.bench(names, options)
     with pytest.raises(InputError, match="takes no n"):
         bench.bench(["fake"], {"n": 3})
 
@@ -248,15 +238,3 @@ def test_a_study_is_a_dataclass_that_checks_its_parameters(name: str, cls: type[
             cls(**{field: value})
     cls(**cls.short())
     assert isinstance(cls(), PartsStudy) == hasattr(cls, "PARTS")
-
-
-def test_options_reach_the_studies(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
-    monkeypatch.setattr(bench, "bench", lambda *words, **options: calls.append((words, options)))
-    main(["bench", "filter"])
-    main(["bench", "filter", "--n", "3", "--parts", "a", "b", "--short", "--again", "--redraw", "--out", "elsewhere"])
-    flags = {"again": False, "redraw": False, "short": False}
-    assert [(list(words[0]), *words[1:], options) for words, options in calls] == [
-        (["filter"], {}, Path("docs"), flags),
-        (["filter"], {"n": 3, "parts": ("a", "b")}, Path("elsewhere"), dict.fromkeys(flags, True)),
-    ]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.experiments.films.recordings import EYES_M, FPS, Footage, tracker_params
+from pps_vision.experiments.films.recordings import EYES_M, FPS, Footage
 from pps_vision.experiments.films.score import METRICS, judge
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import StereoFrame, Track3D
@@ -78,27 +78,6 @@ def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: F
     assert values["false"].tolist() == [False] * 10 + [True] * 20
 
 
-def test_of_two_equal_objects_the_one_followed_first_counts(recording: Footage) -> None:
-    """Also where nothing is known at first."""
-    two = replace(recording, second_position=recording.position + np.array([0, 0.2, 0]))
-    unknown = [Track3D.unknown(frame.stamp_s) for frame in recording.frames[:11]]
-    other = [*unknown, *(track(recording, k, 0.199) for k in range(11, N))]
-    assert judge(two, other)["near"].sum() == 29
-    changed = [*other[:30], *(track(recording, k, 0.0) for k in range(30, N))]
-    assert judge(two, changed)["near"].sum() == 19
-
-
-def test_baselines_get_the_first_boxes_of_both_eyes(recording: Footage) -> None:
-    assert recording.first_boxes == (2, (BOX, BOX))
-
-
-def test_a_jump_of_the_velocity_counts_for_two_frames(recording: Footage) -> None:
-    velocity = np.zeros((N, 3))
-    velocity[20:] = [0.05, 0, 0]
-    velocity[30:] = [0.05, 0.03, 0]
-    assert np.flatnonzero(replace(recording, velocity=velocity).jumped).tolist() == [20, 21]
-
-
 def test_a_straight_approach_touches_with_its_front_when_it_stops(recording: Footage) -> None:
     """10 cm/s along x for 1 s, a radius of 3 cm."""
     stamps = recording.stamps_s
@@ -114,11 +93,3 @@ def test_a_straight_approach_touches_with_its_front_when_it_stops(recording: Foo
     for other in (uneven, recording, replace(approach, velocity=np.tile([0.1, 0, 0], (N, 1)))):
         assert np.isnan(other.touch()[0]).all()
         assert np.isnan(other.touch()[1]).all()
-
-
-def test_markers_are_tracked_as_markers_of_their_hue_unless_told_otherwise(recording: Footage) -> None:
-    assert tracker_params(recording).mode == "generic"
-    marker = replace(recording, stimulus="marker")
-    assert (tracker_params(marker).mode, tracker_params(marker).marker.hue_deg) == ("marker", 120.0)
-    assert tracker_params(marker, "generic").mode == "generic"
-    assert tracker_params(recording, "marker").marker.hue_deg == 0.0

@@ -6,7 +6,7 @@ from data import SEED
 
 from pps_vision.experiments.films import disturbances as d
 from pps_vision.experiments.films.recordings import Footage
-from pps_vision.experiments.severity.tracking import DISTURBANCES, FINE, METHODS, fine, plain
+from pps_vision.experiments.severity.tracking import DISTURBANCES, FINE, METHODS, fine
 
 
 @pytest.fixture(scope="module")
@@ -50,23 +50,8 @@ def test_noise_blur_and_dropouts_have_the_stated_size(recording: Footage) -> Non
     assert len(kept.frames) == len(kept.position) == pytest.approx(0.25 * len(recording.frames), abs=20)
 
 
-def test_a_failing_eye_is_judged_again_after_it_recovers(recording: Footage) -> None:
-    frames = d.eyes_fail(d.at_rate(recording, FINE), "black", 0.1, 0.2)
-    is_black = [frame.right.max() == 0 for frame in frames.frames]
-    np.testing.assert_array_equal(is_black, (frames.stamps_s >= 0.1) & (frames.stamps_s < 0.2))
-    np.testing.assert_array_equal(frames.stamps_s[frames.judged(0.1)], frames.stamps_s[frames.stamps_s >= 0.299])
-
-
 def test_a_dash_through_the_view_in_half_a_second_is_tracked() -> None:
     _, dash = DISTURBANCES["speed"]
     values = METHODS["ours, generic"](dash("rendered", SEED, 10), SEED)
     assert np.mean(values["near"]) >= 0.9
     assert values["recording_rms_mm"][0] < 10
-
-
-@pytest.mark.parametrize("name", ["pixel noise", "loss of colour", "missing pairs", "head pose stale"])
-def test_the_first_severity_is_undisturbed(name: str) -> None:
-    axis, disturb = DISTURBANCES[name]
-    undisturbed = d.noisy(plain("rendered", SEED), 2.0, np.random.default_rng((SEED, 2)))
-    first = disturb("rendered", SEED, axis.severities[0])
-    np.testing.assert_array_equal(first.frames[-1].left, undisturbed.frames[-1].left)

@@ -9,7 +9,6 @@ from pps_vision.experiments.study import (
     Axis,
     Break,
     Metric,
-    TrackingStudy,
     compare,
     compare_severities,
     interval,
@@ -55,21 +54,6 @@ def test_times_are_processor_times_and_their_ratio_is_of_one_recording() -> None
     assert cells["own clock"]["ms"] == [2, 3, 4]
 
 
-def test_methods_are_timed_by_turns_and_judged_once() -> None:
-    order = []
-
-    def run(name: str, ms: float) -> dict[str, list[float]]:
-        order.append(name)
-        return {"error": [float(len(order))], "ms": [ms + order.count(name)]}
-
-    methods = {"ours": lambda *_: run("ours", 10), "other": lambda *_: run("other", 20)}
-    cells = compare({"a": int}, methods, METRICS, (1,), "other", 3)["a"]
-    assert order == ["ours", "other"] * 3
-    assert cells["ours"]["ms"] == pytest.approx([11.5, 12, 12.5])
-    assert cells["ours"]["ratio"][0] == pytest.approx(12 / 22)
-    assert cells["ours"]["rms"][0] == 1  # the first turn's
-
-
 def test_intervals_are_of_independent_units() -> None:
     """100 copies of a value within a recording add nothing; 40 recordings give the normal interval of their mean."""
     rng = np.random.default_rng(1)
@@ -105,13 +89,6 @@ def test_percentages_have_wilsons_interval() -> None:
     assert np.isnan(percent_of(0, 0)).tolist() == [True] * 3
 
 
-def test_times_are_the_quartiles_of_all_frames_and_unknown_without_any() -> None:
-    methods = {"ours": lambda _, seed: {"ms": np.arange(101.0)}, "nothing": lambda _, __: {"ms": []}}
-    cells = compare({"a": int}, methods, {}, (1,))["a"]
-    assert cells["ours"]["ms"] == [25, 50, 75]
-    assert np.isnan(cells["nothing"]["ms"]).tolist() == [True] * 3
-
-
 @pytest.mark.parametrize(
     ("above", "bound", "expected"), [(True, 2.5, 3), (True, 3, 5), (False, -2.5, None), (True, 9, None)]
 )
@@ -129,16 +106,3 @@ def test_a_method_breaks_at_the_first_severity_past_the_bound(
     assert numbers["methods"]["ours"]["breaks_at"] == expected
     assert numbers["methods"]["lost"]["breaks_at"] == 0, "a method without a value is broken"
     assert [value for value, _, _ in numbers["methods"]["ours"]["error"]] == [0, 1, 3, 5]
-
-
-def test_a_tracking_study_makes_every_kind_from_every_source_with_successive_seeds() -> None:
-    class Some(TrackingStudy):
-        def run(self) -> dict[str, object]:
-            return {}
-
-    study = Some(n=3, seed=5)
-    assert list(study.seeds) == [5, 6, 7]
-    assert Some(scenes="independent").sources == ("independent",)
-    scenarios = study.scenarios(lambda *arguments: arguments, ("ball", "marker"))
-    assert list(scenarios) == ["rendered, ball", "rendered, marker", "independent, ball", "independent, marker"]
-    assert scenarios["independent, ball"](7) == ("ball", "independent", 7)

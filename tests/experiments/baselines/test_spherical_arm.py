@@ -80,12 +80,3 @@ def test_least_effort_is_never_beaten(arm, side, rng):
                 assert least <= search.fun + 1e-4
     assert arm.solve(np.zeros((0, 3))).shape == (0, 4)
     assert np.isnan(np.column_stack(arm.least_effort(points + np.array([2.0, 0, 0])))).all()
-
-
-def test_arms_of_other_geometry_are_refused(arm):
-    with pytest.raises(ValueError, match="four joints"):
-        SphericalArm.of(ROBOT.chain(ROBOT.names.arm("left")[:3], "left_palm"), LOWER, UPPER)
-    with pytest.raises(ValueError, match="spherical shoulder"):
-        SphericalArm.of(ROBOT.chain(ROBOT.names.arm("left")[1:5], "left_palm"), LOWER, UPPER)
-    with pytest.raises(ValueError, match=r"\(N, 3\)"):
-        arm.solve(np.zeros(3))

@@ -23,20 +23,6 @@ def test_the_line_is_that_of_a_search_for_the_least_distance() -> None:
     np.testing.assert_allclose(orthogonal_line(x, y, weights), [best[0], np.tan(best[1])], atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "weights"),
-    [
-        ([0.0, 1.0], [1.0, 1.0], [1, 1]),
-        ([0.0, 1.0], [0.0, 1.0], [0, 0]),
-        ([1.0, 1.0], [2.0, 2.0], [1, 1]),
-        ([0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0], [1, 1, 1, 1]),
-    ],
-    ids=["along x", "no weight", "one point", "a square"],
-)
-def test_without_a_line_the_offset_is_unknown(x: list[float], y: list[float], weights: list[float]) -> None:
-    assert np.isnan(orthogonal_line(x, y, weights)).all()
-
-
 def test_the_offset_of_objects_at_many_speeds() -> None:
     offset_m = 0.05
     rng = np.random.default_rng(SEED)

@@ -8,14 +8,8 @@ import pytest
 from data import SEED
 
 from learning.pps.memory import MemoryParams
-from learning.pps.receptive_field import ReceptiveField
 from pps_vision.experiments.pps_taxel import (
-    APPROACHES,
-    FIELDS,
-    LEAD_S,
     SIMULATIONS,
-    THRESHOLD,
-    repeat_approaches,
     simulated_ridge,
 )
 from pps_vision.experiments.severity.pps import DISTURBANCES, sample, score_map
@@ -50,15 +44,6 @@ def test_the_offset_shows_from_the_landing_point_only() -> None:
     assert -11.5 < shifted["crosses_ttc_0_at_cm"][0] < -8.5
     assert exact["ridge_width_cm"] < noisy["ridge_width_cm"] < shifted["ridge_width_cm"]
     assert simulated_ridge(SIMULATIONS["noisy, offset −10 cm"], "taxel", 5, SEED)["crosses_ttc_0_at_cm"][0] > 0
-
-
-@pytest.mark.parametrize("approach", APPROACHES)
-def test_after_one_touch_the_activation_is_high_until_the_next(approach: str) -> None:
-    rng = np.random.default_rng(SEED)
-    field: ReceptiveField = FIELDS["surface"]
-    left_s, activation = repeat_approaches(APPROACHES[approach], MemoryParams(), field, 100, rng)
-    lasting = (left_s < LEAD_S + 1e-9) & (left_s > 1e-9)
-    assert np.mean(activation[lasting] > THRESHOLD) >= 0.99
 
 
 @pytest.mark.parametrize("name", DISTURBANCES)

@@ -13,19 +13,15 @@ from learning.pps.receptive_field import perceive as perceive_at
 from pps_vision.errors import InputError
 from pps_vision.experiments.pps.predictors import (
     Trials,
-    by_authors_map,
     by_base_rate,
     by_map,
     by_shrunk_map,
-    corrected,
-    in_blocks,
     outcomes,
 )
 from pps_vision.experiments.pps.scores import brier
-from pps_vision.experiments.pps.taxel_trials import at_horizon, in_taxel_frames, load_trials, perceive
+from pps_vision.experiments.pps.taxel_trials import in_taxel_frames, load_trials, perceive
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
-from pps_vision.types import Array
 
 ROBOT = load_icub()
 SKIN = icub_skin()
@@ -83,34 +79,6 @@ def test_a_moving_arm_perceives_its_own_approach_to_a_resting_object() -> None:
     inside[[0, -1]] = False
     assert inside.sum() > 50
     np.testing.assert_allclose(ttc[inside], gap[inside] / closing[inside], rtol=0.02)
-
-
-def test_predictions_use_samples_up_to_0_15_s_before_the_end(trials: tuple[Trials, Trials]) -> None:
-    training, test = trials
-    D, TTC = at_horizon(training[:2])
-    np.testing.assert_array_equal((D[0], TTC[0]), [samples[-4] for samples in perceive(training[0])])
-    changed = [replace(trial, d_m=trial.d_m.copy(), v_m_s=trial.v_m_s.copy()) for trial in test]
-    for trial in changed:
-        trial.d_m[-2:] = 0.05
-        trial.v_m_s[-2:] = -1.0
-    for predictor in (by_map, by_authors_map, by_shrunk_map, corrected(by_map)):
-        p = predictor(training, test)
-        assert np.all((p >= 0) & (p <= 1))
-        np.testing.assert_allclose(p, predictor(training, changed))
-
-
-def test_blocks_and_corrections_are_fitted_on_other_trials(trials: tuple[Trials, Trials]) -> None:
-    overlaps = []
-
-    def predictor(training: Trials, test: Trials) -> Array:
-        overlaps.append(set(map(id, training)) & set(map(id, test)))
-        return np.full((len(test), 12), 0.5)
-
-    p = corrected(predictor)(*trials)
-    assert len(overlaps) == 9  # eight folds and the test trials
-    assert not any(overlaps)
-    np.testing.assert_allclose(p, outcomes(trials[0]).mean())
-    np.testing.assert_allclose(in_blocks(by_base_rate, trials[0])[:4], np.tile(outcomes(trials[0][4:]).mean(0), (4, 1)))
 
 
 def test_shrunk_maps_beat_the_base_rate_and_stay_near_it_on_permuted_touches(trials: tuple[Trials, Trials]) -> None:
