@@ -4,7 +4,6 @@ import csv
 import json
 import os
 import re
-import resource
 import shutil
 import signal
 import subprocess
@@ -68,24 +67,16 @@ def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys) -> None:
     assert results(tmp_path / "c") == {name: whole[name] for name in whole if name.startswith("c.mp4/")} != {}
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "said"),
-    [("--order=3", "--order=2", "with --order 3"), ("", "--smooth", "without --smooth")],
-)
-def test_a_folder_begun_with_other_options(first: str, second: str, said: str, tmp_path: Path, refused_with) -> None:
+def test_a_folder_begun_with_other_options_or_with_settings_that_are_none(tmp_path: Path, refused_with) -> None:
     (tmp_path / "a.mp4").touch()
     words = ["batch", tmp_path / "a.mp4", "--out", tmp_path / "out"]
-    refused_with(*words, *first.split())
-    line = refused_with(*words, *second.split())[-1]
-    assert f"out: was begun {said}; expected the same options, or another folder" in line
-
-
-def test_settings_that_are_none(tmp_path: Path, refused) -> None:
-    (tmp_path / "a.mp4").touch()
+    refused_with(*words, "--order=3")
+    for options, begun in ((["--order=2"], "with --order 3"), (["--order=3", "--smooth"], "without --smooth")):
+        line = refused_with(*words, *options)[-1]
+        assert f"out: was begun {begun}; expected the same options, or another folder" in line
     for content in ("{", "1"):
-        (tmp_path / "settings.json").write_text(content)
-        line = refused("batch", tmp_path / "a.mp4", "--out", tmp_path)
-        assert re.search("settings.json: .*; expected the settings of a batch", line)
+        (tmp_path / "out" / "settings.json").write_text(content)
+        assert re.search("settings.json: .*; expected the settings of a batch", refused_with(*words)[-1])
 
 
 @pytest.mark.parametrize(
@@ -113,10 +104,14 @@ def test_a_manifest_is_refused_before_anything_starts(content: str, said: str, t
     assert not (tmp_path / "out").exists()
 
 
-def test_nothing_to_do(tmp_path: Path, refused) -> None:
+def test_where_nothing_is_to_do_or_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> None:
     (tmp_path / "list.csv").write_text("name,rec\n")
     assert "no recording given" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
     assert "matches no recording" in refused("batch", tmp_path / "gone*", "--out", tmp_path / "out")
+    write_video(tmp_path / "a.mp4", [0.0, 0.05])
+    for out in (tmp_path / "a.mp4" / "out", "/proc/out"):
+        line = refused("batch", tmp_path / "a.mp4", "--calib", calib, "--out", out)
+        assert "expected a writable place" in line
 
 
 def test_a_row_s_own_options_go_before_those_for_all(tmp_path: Path, calib: Path) -> None:
@@ -165,7 +160,7 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     assert not is_there(running.pid)  # nor are its children
     finished = list(out.glob("[0-9].mp4"))
     assert len(finished) == 1
-    assert all(json.loads((folder / "summary.json").read_text())["frames"] == 5 for folder in finished)
+    assert json.loads((finished[0] / "summary.json").read_text())["frames"] == 5
     main(words)
     assert [row["status"] for row in table(out).values()] == ["done"] * 2
     assert {path.name for path in out.iterdir()} == {"0.mp4", "1.mp4", *FILES}
@@ -219,13 +214,8 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib:
     (out / "c.mp4").write_bytes(b"mine")
     limit = 6000
     assert (tmp_path / "whole" / "b.mp4" / "trajectory.csv").stat().st_size > limit
-    command = [sys.executable, "-m", "pps_vision", *words, str(out)]
-    full = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )
+    command = ["prlimit", f"--fsize={limit}", sys.executable, "-m", "pps_vision", *words, str(out)]
+    full = subprocess.run(command, capture_output=True, text=True)
     assert (full.returncode, full.stderr.count("Traceback")) == (1, 0), full.stderr
     rows = table(out)
     assert [row["status"] for row in rows.values()] == ["done", "failed", "failed"]
@@ -233,14 +223,6 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib:
     assert "is no folder" in rows["c.mp4"]["reason"]
     assert (out / "c.mp4").read_bytes() == b"mine"
     assert {path.name for path in out.iterdir()} == {"a.mp4", "c.mp4", *FILES}
-
-
-def test_where_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> None:
-    write_video(tmp_path / "a.mp4", [0.0, 0.05])
-    (tmp_path / "file").touch()
-    words = ("batch", tmp_path / "a.mp4", "--calib", calib, "--out")
-    assert "expected a writable place" in refused(*words, tmp_path / "file" / "out")
-    assert "expected a writable place" in refused(*words, "/proc/out")
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ def test_corners_of_a_board_tilted_by_76_degrees() -> None:
     assert error < 0.5
 
 
-def test_what_cannot_be_calibrated(tmp_path: Path, refused) -> None:
+def test_what_cannot_be_calibrated(tmp_path: Path, refused, refused_with) -> None:
     for k in range(2):
         for name in ("left", "right"):
             cv2.imwrite(str(tmp_path / f"{name}{k}.png"), np.full((60, 80), 90, np.uint8))
@@ -91,24 +91,16 @@ def test_what_cannot_be_calibrated(tmp_path: Path, refused) -> None:
         assert why in refused(*images, "--board", *board.split(), "--square-mm", 30)
     assert "positive length" in refused(*images, "--board", 8, 5, "--square-mm", 0)
     assert "less than the squares" in refused(*images, "--board", 8, 5, "--square-mm", 30, "--marker-mm", 31)
+    (tmp_path / "left1.png").write_bytes((tmp_path / "left0.png").read_bytes()[:40])
+    lines = refused_with(*images, "--board", 8, 5, "--square-mm", 30)
+    assert "no board found" in lines[0]
+    assert "left1.png cannot be decoded" in lines[1]
+    assert "in 0 pairs; expected at least 3" in lines[-1]
     assert not (tmp_path / "o").exists()
     with pytest.raises(InputError, match="dictionary '7X7_9'; expected one of OpenCV's"):
         Board(5, 5, 0.03, 0.02, "7X7_9")
     with pytest.raises(InputError, match="110 markers, and 5X5_100 has 100; expected a larger one"):
         Board(20, 11, 0.03, 0.02).find(np.zeros((60, 80, 3), np.uint8))
-    assert len(Board(20, 10, 0.03, 0.02).corners) == 19 * 9  # with 100 markers
-
-
-def test_too_few_views(tmp_path: Path, refused_with) -> None:
-    cv2.imwrite(str(tmp_path / "a1.png"), np.full((60, 80), 90, np.uint8))
-    (tmp_path / "a2.png").write_bytes((tmp_path / "a1.png").read_bytes()[:40])
-    lines = refused_with(
-        *("calibrate", "--left", tmp_path / "a?.png", "--right", tmp_path / "a?.png", "--board", 8, 5),
-        *("--square-mm", 30, "--out", tmp_path / "o"),
-    )
-    assert "no board found" in lines[0]
-    assert "a2.png cannot be decoded" in lines[1]
-    assert "in 0 pairs; expected at least 3" in lines[-1]
 
 
 def corners_seen(tilt_deg: float, turned: tuple[float, float, float], rng: np.random.Generator) -> list[BoardView]:
@@ -137,20 +129,10 @@ def test_boards_that_all_face_the_same_way_are_refused() -> None:
     for tilt_deg, within in ((5.5, 0.06), (20.0, 0.03)):  # to either side: the boards differ by twice that
         calibration = calibrate(SIZE, corners_seen(tilt_deg, turned, rng))
         np.testing.assert_allclose(calibration.K[:, 0, 0], [520, 498], rtol=within)
-
-
-def test_what_is_left_is_the_noise_of_the_corners() -> None:
-    """Noise of 0.1 px in both coordinates, for 72 parameters from 1280 coordinates; lengths as rendered."""
-    calibration = calibrate(SIZE, corners_seen(20.0, (0.5, 0.2, 0.0), np.random.default_rng(SEED)))
-    noise_px = np.sqrt(2) * 0.1 * np.sqrt(1 - 72 / 1280)
+    noise_px = np.sqrt(2) * 0.1 * np.sqrt(1 - 72 / 1280)  # 72 parameters from 1280 coordinates
     rms = calibration.summary()["rms_px"]
     assert rms == pytest.approx(dict.fromkeys(("left", "right", "stereo"), noise_px), rel=0.03)
-    residuals = np.concatenate([np.concatenate(pair) for pair in calibration.residuals_px])
-    assert residuals.mean(axis=0) == pytest.approx(0, abs=0.01)
-    np.testing.assert_allclose(calibration.T, T, atol=2e-3)
-    np.testing.assert_allclose(calibration.R, R, atol=5e-3)
     assert (np.abs(calibration.K[:, 0, 0] - [520, 498]) < 3 * calibration.focal_std_px).all()
-    assert (calibration.focal_std_px < 5).all()
 
 
 def test_three_views_are_enough_and_each_must_span_a_plane() -> None:
@@ -166,16 +148,13 @@ def test_three_views_are_enough_and_each_must_span_a_plane() -> None:
         calibrate(SIZE, nowhere)
 
 
-def test_images_of_a_board_are_paired_by_number_and_videos_without_a_pair_give_none(tmp_path: Path) -> None:
+def test_images_of_a_board_are_paired_by_number(tmp_path: Path) -> None:
     for name in ("l1", "l2", "l3", "r1", "r3"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros((48, 64, 3), np.uint8))
     problems: list[Problem] = []
     pairs = board_pairs([str(tmp_path / "l*.png")], [str(tmp_path / "r*.png")], None, 0.01, problems)
     assert [[file.title for file in pair] for pair in pairs] == [["l1.png", "r1.png"], ["l3.png", "r3.png"]]
     assert ["l2.png is unpaired" in str(problem) for problem in problems] == [True]
-    early = write_video(tmp_path / "l.mp4", [0.0, 0.1])
-    late = write_video(tmp_path / "r.mp4", [0.05, 0.15])
-    assert board_pairs([str(early)], [str(late)], None, 0.01, problems) == ()
 
 
 def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> None:
@@ -189,12 +168,9 @@ def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> Non
     assert (pairs[0][0].stamp_s, pairs[-1][0].stamp_s) == pytest.approx((0.0, 2.58))
     assert all(0 < b.stamp_s - a.stamp_s < 0.005 for a, b in pairs)
     assert len(problems) == 1
-    for sides in (([str(left)] * 2, [str(right)]), ([str(left)], [str(right)] * 2)):
-        with pytest.raises(InputError, match="expected one left and one right video"):
-            board_pairs(*sides, None, 0.01, problems)
-    for sides in (([], [str(right)]), ([str(left)], [])):
-        with pytest.raises(InputError, match="expected left and right images, or two videos"):
-            board_pairs(*sides, None, 0.01, problems)
+    for lefts, message in (([str(left)] * 2, "one left and one right video"), ([], "left and right images, or two ")):
+        with pytest.raises(InputError, match=f"expected {message}"):
+            board_pairs(lefts, [str(right)], None, 0.01, problems)
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -209,14 +185,3 @@ def test_a_chessboard_upside_down_in_one_image_is_numbered_alike(tmp_path: Path,
         _, (view,), skipped = find_views(Board(8, 5, SQUARE_M), [(ImageFile(file, 0.0), ImageFile(file, 0.0))])
     assert skipped == []
     np.testing.assert_array_equal(view.left_px, view.right_px)
-
-
-def test_a_view_needs_six_corners_in_common(tmp_path: Path) -> None:
-    file = tmp_path / "a.png"
-    cv2.imwrite(str(file), np.zeros((48, 64, 3), np.uint8))
-    corners = iter([dict.fromkeys(range(9), np.zeros(2)), dict.fromkeys(range(4, 20), np.zeros(2))])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Board, "find", lambda self, image: next(corners))
-        size, views, skipped = find_views(Board(8, 5, SQUARE_M, 0.02), [(ImageFile(file, 0.0), ImageFile(file, 0.0))])
-    assert (size, views) == ((64, 48), [])
-    assert "5 corners in both images; expected 6" in skipped[0]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pps_vision.app.cli import main
-from pps_vision.app.diagnosis import Diagnosis, diagnose, faults_of
+from pps_vision.app.diagnosis import diagnose, faults_of
 from pps_vision.app.track import track
 from pps_vision.app.track_statistics import PathStatistics
 from pps_vision.app.track_summary import diagnosis_of, summary
@@ -21,7 +21,6 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
-from tracking import Mode
 
 CALIBRATION = """%YAML:1.0
 M1: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
@@ -50,12 +49,9 @@ def every_image(rec: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
 
 
 def in_radians(rec: Path) -> None:
-    for port in ("head", "torso", "left_arm", "right_arm"):
-        log = rec / port / "data.log"
-        rows = [row.split() for row in log.read_text().splitlines()]
-        log.write_text(
-            "".join(" ".join([*r[:2], *(f"{np.deg2rad(float(x)):.9g}" for x in r[2:])]) + "\n" for r in rows)
-        )
+    for log in (rec / port / "data.log" for port in ("head", "torso", "left_arm", "right_arm")):
+        rows = np.loadtxt(log)
+        np.savetxt(log, np.c_[rows[:, :2], np.deg2rad(rows[:, 2:])], "%.9f")
 
 
 def same_in_both_eyes(rec: Path) -> None:
@@ -124,11 +120,7 @@ def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(rendered: Path, tmp_p
 
 
 def drawn(
-    folder: Path,
-    disparity_px: float,
-    wall: Callable[[int], np.ndarray],
-    radius_px: int = 14,
-    baseline_m: float = -0.1,
+    folder: Path, disparity_px: float, wall: Callable[[int], np.ndarray], radius_px: int = 14, baseline_m: float = -0.1
 ) -> list[object]:
     """Images of fixed cameras: a red ball that moves 4 px a frame before a wall, with options for `track`."""
     (folder / "c.yml").write_text(CALIBRATION.format(baseline=baseline_m))
@@ -156,24 +148,16 @@ def turning(k: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("baseline_m", "disparity_px", "wall", "radius_px", "advice"),
+    ("scene", "advice"),
     [
-        (-0.1, -40.0, still, 14, "--left and --right exchanged"),  # the ball is seen behind the cameras
-        (-100.0, 40.0, still, 14, "another calibration or --unit-m: the cameras are 100 m apart"),
-        (-0.1, 40.0, turning, 1, "the whole image changes from frame to frame"),
+        ((-40.0, still), "--left and --right exchanged"),  # the ball is seen behind the cameras
+        ((40.0, still, 14, -100.0), "another calibration or --unit-m: the cameras are 100 m apart"),
+        ((40.0, turning, 1), "the whole image changes from frame to frame"),
     ],
 )
-def test_fixed_cameras(
-    tmp_path: Path,
-    capsys,
-    baseline_m: float,
-    disparity_px: float,
-    wall: Callable[[int], np.ndarray],
-    radius_px: int,
-    advice: str,
-) -> None:
-    words = drawn(tmp_path, disparity_px, wall, radius_px, baseline_m)
-    assert any(advice in line for line in diagnosis(tmp_path, capsys, *words)["advice"])
+def test_fixed_cameras(tmp_path: Path, capsys, scene: tuple, advice: str) -> None:
+    written = diagnosis(tmp_path, capsys, *drawn(tmp_path, *scene))
+    assert any(advice in line for line in written["advice"])
 
 
 @pytest.mark.parametrize("baseline_m", [1e300, 0.0])
@@ -183,43 +167,25 @@ def test_cameras_at_an_impossible_distance_are_refused(tmp_path: Path, baseline_
     assert "c.yml: the cameras are" in line or "c.yml: T is 0" in line
 
 
-FRAMES = {"frames": 20}
-MOTION = FRAMES | {"motion_left": 5, "motion_right": 4}
+LEFT = {"frames": 20, "motion_left": 5}
+BOTH = LEFT | {"motion_right": 4}
 
 
 @pytest.mark.parametrize(
-    ("mode", "counts", "advice"),
+    ("counts", "advice"),
     [
-        ("generic", {}, "other images: every frame is dark, plain or the same"),
-        ("marker", FRAMES | {"candidates_left": 3}, "--mode generic: no blob of the marker's green"),
-        ("generic", FRAMES, "--mode marker for a green marker, or a faster object"),
-        ("generic", FRAMES | {"motion_left": 5}, "the calibration and the order of the images"),
-        ("generic", MOTION, "an object whose colours stand out"),
-        (
-            "generic",
-            MOTION | {"candidates_left": 3, "candidates_right": 2},
-            "a longer recording: candidates were found",
-        ),
-        ("generic", MOTION | {"candidates_left": 3}, "an object whose colours"),
-        (
-            "generic",
-            MOTION | {"rejected by colour": 2, "rejected by size": 1},
-            "the same exposure and white balance",
-        ),
-        (
-            "generic",
-            MOTION | {"rejected by colour": 2, "rejected by size": 3},
-            "an object that both cameras see whole",
-        ),
-        (
-            "generic",
-            MOTION | {"rejected by disparity": 2},
-            "--left and --right exchanged, or another calibration: candidates are refused by disparity",
-        ),
+        ({}, "other images: every frame is dark, plain or the same"),
+        ({"frames": 20}, "--mode marker for a green marker, or a faster object"),
+        (LEFT, "the calibration and the order of the images"),
+        (BOTH | {"candidates_left": 3}, "an object whose colours stand out"),
+        (BOTH | {"candidates_left": 3, "candidates_right": 2}, "a longer recording: candidates were found"),
+        (BOTH | {"rejected by colour": 2, "rejected by size": 1}, "the same exposure and white balance"),
+        (BOTH | {"rejected by colour": 2, "rejected by size": 3}, "an object that both cameras see whole"),
+        (BOTH | {"rejected by disparity": 2}, "--left and --right exchanged, or another calibration: candidates are "),
     ],
 )
-def test_the_counts_of_the_search_name_one_thing_to_try(mode: Mode, counts: dict[str, int], advice: str) -> None:
-    diagnosis = diagnose(plain_pairs(), mode, counts, 0.0, (0.0, 0.0), 0.0)
+def test_the_counts_of_the_search_name_one_thing_to_try(counts: dict[str, int], advice: str) -> None:
+    diagnosis = diagnose(plain_pairs(), "generic", counts, 0.0, (0.0, 0.0), 0.0)
     assert diagnosis is not None
     assert [line[: len(advice)] for line in diagnosis.advice] == [advice]
 
@@ -234,7 +200,6 @@ def test_cameras_that_move_are_seen_in_a_few_images(
     assert len(warnings) == (shift_px is not None)
     if shift_px:
         assert float(warnings[0].split("shift by ")[1].split()[0]) == pytest.approx(shift_px, abs=0.1)
-        assert warnings[0].endswith("px a frame: do the cameras move?")
 
 
 def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered: Path, tmp_path: Path, capsys) -> None:
@@ -260,25 +225,21 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered: Path, tmp_pat
 @pytest.mark.parametrize(
     ("grey", "apart_m", "joints_deg", "advice"),
     [
-        (13, 0.1, None, None),
-        (11, 0.1, None, "more light or exposure: the mean grey level is 11.0"),
-        (90, 0.006, None, None),
-        (90, 0.004, None, "the cameras are 4 mm apart"),
+        (13, 0.006, 3.3, None),
         (90, 1.9, None, None),
+        (11, 0.1, None, "more light or exposure: the mean grey level is 11.0"),
+        (90, 0.004, None, "the cameras are 4 mm apart"),
         (90, 2.1, None, "the cameras are 2.1 m apart"),
-        (90, 0.1, 3.3, None),
         (90, 0.1, 3.0, "joints in degrees: no joint in the logs is beyond ±3.14"),
     ],
 )
-def test_what_is_implausible_and_what_only_just_is_not(
-    grey: int, apart_m: float, joints_deg: float | None, advice: str | None
-) -> None:
+def test_bounds_of_the_plausible(grey: int, apart_m: float, joints_deg: float | None, advice: str | None) -> None:
     faults = list(faults_of(plain_pairs(grey, apart_m, joints_deg)))
     assert len(faults) == (advice is not None)
     assert (advice or "") in "".join(faults)
 
 
-def plain_pairs(grey: int = 90, apart_m: float = 0.1, joints_deg: float | None = None, n: int = 2) -> Recording:
+def plain_pairs(grey: int = 90, apart_m: float = 0.1, joints_deg: float | None = None) -> Recording:
     """Plain pairs, a second apart, whose images differ by a pixel, of cameras far from the origin."""
     camera = Camera(40, 30, 30.0, 30.0, 19.5, 14.5)
     images = np.full((2, 30, 40, 3), grey, np.uint8)
@@ -289,7 +250,7 @@ def plain_pairs(grey: int = 90, apart_m: float = 0.1, joints_deg: float | None =
             MadeUp(Path(f"{side}.png"), float(k), joints_rad=joints, pixels=image)
             for side, image in zip(("left", "right"), images, strict=True)
         )
-        for k in range(n)
+        for k in range(2)
     ]
     poses = tuple(transform(translation=(3.0 + x_m, 0.0, 0.0)) for x_m in (0.0, apart_m))
     return Recording("made up", tuple(pairs), (40, 30), [], rig=StereoRig(camera, camera, lambda _: poses))  # type: ignore[arg-type,return-value]
@@ -298,44 +259,17 @@ def plain_pairs(grey: int = 90, apart_m: float = 0.1, joints_deg: float | None =
 @pytest.mark.parametrize(
     ("share", "residual_px", "advice"),
     [
-        (0.11, 0.9, None),
-        (0.11, np.nan, None),
-        (0.11, 1.1, ["another calibration, or left and right images of the same moment: what is tracked fits both"]),
-        (0.09, 0.9, ["other images: every frame is dark"]),
-        (0.09, 1.1, ["another calibration, or left", "other images: every frame is dark"]),
+        (0.11, 0.9, []),
+        (0.11, np.nan, []),
+        (0.11, 1.1, ["another calibration, or"]),
+        (0.09, 0.9, ["other images: every fra"]),
+        (0.09, 1.1, ["another calibration, or", "other images: every fra"]),
     ],
 )
-def test_what_is_hardly_tracked_or_fits_badly_is_explained(
-    share: float, residual_px: float, advice: list[str] | None
-) -> None:
+def test_a_path_that_hardly_exists_or_fits_badly_is_explained(share: float, residual_px: float, advice: list) -> None:
     """Hardly: in less than a tenth of the pairs.  Badly: more than a pixel off."""
     diagnosis = diagnose(plain_pairs(), "generic", {}, share, (0.0, 0.0), residual_px)
-    assert (diagnosis is None) == (advice is None)
-    if diagnosis and advice:
-        assert [text[: len(start)] for text, start in zip(diagnosis.advice, advice, strict=True)] == advice
-
-
-def test_a_diagnosis_in_words() -> None:
-    counts = {"frames": 9, "candidates_left": 1, "candidates_right": 2}
-    counts |= {"motion_left": 3, "motion_right": 4, "rejected by size": 5}
-    assert str(Diagnosis(counts, ())) == (
-        "searched 9 frames: motion in 3 left and 4 right images, 1 left and 2 right candidates for the object, "
-        "5 pairs rejected by size"
-    )
-
-
-@pytest.mark.parametrize(
-    ("unit_m", "baseline_m", "text"),
-    [
-        (1.0, 2.5, "2.5 m apart; --unit-m 0.01 makes it 25 mm; --unit-m 0.0254 makes it 63.5 mm"),
-        (0.001, 1e-7, "0.0001 mm apart"),
-    ],
-)
-def test_units_are_proposed_by_which_the_cameras_are_2_cm_to_1_m_apart(
-    unit_m: float, baseline_m: float, text: str
-) -> None:
-    (fault,) = faults_of(replace(plain_pairs(apart_m=baseline_m), unit_m=unit_m))
-    assert fault.endswith(text)
+    assert [text[:23] for text in (diagnosis.advice if diagnosis else [])] == advice
 
 
 @pytest.fixture(scope="module")

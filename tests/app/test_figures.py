@@ -17,7 +17,7 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.evaluate import Path3D, evaluate
 from pps_vision.app.report import figures
 from pps_vision.app.report.errors import path_errors
-from pps_vision.app.report.path3d import ellipsoid_95, path3d
+from pps_vision.app.report.path3d import path3d
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
@@ -39,7 +39,6 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
     t = 0.1 * np.arange(T)
     figure = figures.episodes([log, log], 0.4)
     assert len(figure.axes) == (8 if with_reach else 6)
-    assert len(figures.episodes([log], 0.4).axes) == (4 if with_reach else 3)
     gap, activity, speed = figure.axes[:6:2]
     for axis, expected, level in ((gap, 100 * log.surface_gap_m, 2), (activity, log.activations, 0.4)):
         *taxels, limit = lines(axis)
@@ -48,18 +47,12 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
             np.testing.assert_allclose(x, t, atol=1e-9)
             np.testing.assert_allclose(y, expected[:, k])
         assert set(limit[1]) == {level}
-    assert not np.array_equal(*(np.asarray(line.get_color()) for line in gap.lines[:2]))
     ((x, y),) = lines(speed)
     np.testing.assert_allclose(y, 100 * log.speed_m_s)
     np.testing.assert_allclose(x, t, atol=1e-9)
     for axis in (gap, activity, speed):
         assert shaded(axis) == [pytest.approx((0.35, 0.55))]  # half a step about the touched stamps
-    assert gap.get_ylim() == (0, 30)
-    assert activity.get_ylim() == pytest.approx((0, 1), abs=0.04)
     assert gap.get_title() == "approach"
-    assert "2 cm" in gap.get_ylabel()
-    assert "0.4" in activity.get_ylabel()
-    assert figure.axes[-1].get_xlabel() == "time (s)"
     if with_reach:
         (_, degree), (_, half) = lines(figure.axes[6])
         np.testing.assert_allclose(degree, np.arange(T) / 10)
@@ -78,13 +71,8 @@ def test_a_path_shows_each_coordinate_with_two_standard_deviations_and_the_error
         at_start = band.get_paths()[0].vertices
         at_start = at_start[np.isclose(at_start[:, 0], 0)]
         assert np.ptp(at_start[:, 1]) == pytest.approx(4 * 0.2)  # ± 2σ, cm
-        assert axis.get_ylabel() == f"{'xyz'[k]} (cm)"
     ((_, off),) = lines(error)
     np.testing.assert_allclose(off, np.full(T, 5.0))  # mm
-    assert error.get_ylim()[0] == 0
-    assert (error.get_xlabel(), error.get_ylabel()) == ("time (s)", "3D error (mm)")
-    assert coordinates[0].get_title() == "approach"
-    assert {text.get_text() for text in coordinates[0].get_legend().texts} == {"tracked ± 2σ", "truth"}
 
 
 def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
@@ -99,19 +87,13 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
         d = -0.1 + 0.3 * (i + 0.5) / 30
         t = 3.0 * (j + 0.5) / 30
         assert landscape[i, j] == pytest.approx(activation(memory, [d, d], [t, t])[1])
-    figure = figures.landscapes(memory)
-    never, stimulated, *_ = figure.axes
+    never, stimulated, _ = figures.landscapes(memory).axes
     assert [text.get_text() for text in never.texts] == ["never stimulated"]
-    assert [text.get_text() for text in stimulated.texts] == []
     assert stimulated.get_title() == f"a:2  ({counts[1].sum()} samples)"
     (image,) = stimulated.images
     assert image.get_extent() == [-10, 20, 0, 3]  # cm and s
     np.testing.assert_allclose(np.asarray(image.get_array()), landscape.T)
-    assert image.get_clim() == (0, 1)
-    assert image.origin == "lower"
-    assert len(figure.axes) == 3  # two panels and the scale
-    assert (figure.get_supxlabel(), figure.get_supylabel()) == ("distance D (cm)", "time to contact TTC (s)")
-    assert len(figures.landscapes(memory, [1]).axes) == 2
+    assert (image.get_clim(), image.origin) == ((0, 1), "lower")
 
 
 def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> None:
@@ -137,8 +119,6 @@ def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> N
         border = np.vstack([p.vertices for c in axis.collections for p in c.get_paths()])
         assert np.abs(border[:, 0]).max() < 1  # at yaw 0
     assert "the left hand" in figure.get_suptitle()
-    assert (figure.get_supxlabel(), figure.get_supylabel()) == ("neck yaw (°)", "neck pitch (°)")
-    assert figure.axes[-1].get_ylabel() == "degree of reachability R (joint-limits; reachable above 0.5)"
 
 
 def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
@@ -151,8 +131,6 @@ def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
     ((x, y),) = lines(over_time)
     np.testing.assert_allclose(x, t, atol=1e-9)
     np.testing.assert_allclose(y, 1000 * off)
-    assert over_time.get_ylim()[0] == share.get_xlim()[0] == 0
-    assert share.get_ylim() == (0, 1)
     late = replace(path, stamps_s=path.stamps_s + 0.2)
     ((_, lagging),) = lines(path_errors([late], truth, [evaluate(late, truth, lag=True)], align=False).axes[0])
     assert np.median(lagging) < 8  # 0.2 s late would be more than 200 mm off
@@ -161,19 +139,8 @@ def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
     assert y[0] == pytest.approx(1 / len(x))
     assert y[-1] == 1
     assert y[x < 4].max() == pytest.approx(0.5, abs=0.03)
-    assert [axis.get_xlabel() for axis in (over_time, share)] == ["time (s)", "3D error (mm)"]
     (name,) = (text.get_text() for text in over_time.get_legend().texts)
     assert name.startswith("one: RMSE 4.4")
-
-
-def test_an_ellipsoid_holds_95_percent_of_samples() -> None:
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(3, 3))
-    lengths, rotation = ellipsoid_95(root @ root.T)
-    assert np.linalg.det(rotation) == pytest.approx(1)
-    samples = rng.normal(size=(20000, 3)) @ root.T
-    inside = (((samples @ rotation) / lengths) ** 2).sum(axis=1) <= 1
-    assert inside.mean() == pytest.approx(0.95, abs=0.006)
 
 
 def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
@@ -189,7 +156,6 @@ def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
     assert second["points"] == points[6:20].tolist()
     assert first["width"] > second["width"]
     assert [*data["center"], data["size"]] == pytest.approx([0.15, 0.0, 0.5, 0.15], abs=1e-3)
-    assert [axis["name"] for axis in data["axes"]] == ["x +0.1 m", "y +0.1 m", "z +0.1 m"]
     assert 30 < len(data["ellipsoids"]) <= 40
     assert data["ellipsoids"][0]["at"] == at[0].tolist()
     assert data["ellipsoids"][-1]["at"] == at[-1].tolist()

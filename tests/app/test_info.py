@@ -16,7 +16,6 @@ from videos import write_calibration, write_video
 
 from pps_vision.app.cli import main
 from pps_vision.app.info import info
-from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.testing import check_error
 
@@ -76,49 +75,37 @@ def test_the_words(videos: list[str]) -> None:
     assert "motion of the cameras: with joints, by which the left camera turns up to 12.35°\n" in turning + "\n"
 
 
-def test_an_implausible_unit(videos: list[str], capsys) -> None:
+def test_an_implausible_unit_and_a_missing_calibration(videos: list[str], capsys) -> None:
     main(["info", *videos])
     out = capsys.readouterr().out
     proposed = "--unit-m 0.01 makes it 120 mm; --unit-m 0.0254 makes it 304.8 mm"
     assert f"--unit-m: the cameras are 12 m apart; {proposed}\n" in out
     assert out.splitlines()[-1].startswith("pps-vision track --left")
+    main(["info", *videos[:4]])
+    rows = capsys.readouterr().out.splitlines()
+    assert "missing: calibration; expected one by --calib" in rows
+    assert rows[-1].endswith(" --calib FILE --out path")
 
 
-def test_a_robot(approach: Path, capsys) -> None:
-    facts = info(open_recording(approach))
-    assert (facts.robot, facts.image_size, facts.pairs) == (True, (320, 240), 80)
-    assert (facts.pairs_per_s, facts.baseline_m) == pytest.approx((20, 0.068), rel=0.02)
-    assert facts.touches > 0
-    assert facts.truth_rows == 80
-    main(["info", str(approach)])
-    assert str(approach) in capsys.readouterr().out
-
-
-def test_what_is_no_recording(refused, tmp_path: Path) -> None:
-    assert "expected" in refused("info", tmp_path)
-    assert "no such file or folder" in refused("info", tmp_path / "gone")
-
-
-def test_a_laboratorys_own_test(approach: Path) -> None:
+def test_a_laboratorys_own_test(approach: Path, videos: list[str]) -> None:
     (score,) = check_error([approach], rmse_mm=20)
     assert 0 < score.rmse_mm < 20
     assert (score.rows, score.rows - score.unknown) == (80, score.compared)
     said = rf"1 of 1 recordings: .*\n.* lost, {score.unknown} of 80 pairs without a position \(fails\)"
     with pytest.raises(AssertionError, match=said):
         check_error([approach], rmse_mm=score.rmse_mm / 2)
-
-
-def test_a_laboratorys_own_test_needs_a_truth(videos: list[str]) -> None:
     recording = open_recording(left=videos[1:2], right=videos[3:4], calib=videos[5:6])
     with pytest.raises(InputError, match=r"holds no truth\.csv; expected one there or by truth"):
         check_error([recording], rmse_mm=1)
 
 
-def test_a_rate_for_a_robots_recording_is_told_and_not_used(approach: Path, tmp_path: Path, capsys) -> None:
+def test_a_robot_s_recording_has_stamps_of_its_own(approach: Path, tmp_path: Path, capsys) -> None:
     warning = f"--fps not used: {approach} has stamps of its own"
     main(["info", str(approach), "--fps", "30", "--json"])
     facts = json.loads(capsys.readouterr().out)
-    assert facts["pairs_per_s"] == pytest.approx(20)
+    assert (facts["robot"], facts["image_size"], facts["pairs"], facts["truth_rows"]) == (True, [320, 240], 80, 80)
+    assert (facts["pairs_per_s"], facts["baseline_m"]) == pytest.approx((20, 0.068), rel=0.02)
+    assert facts["touches"] > 0
     assert warning in facts["warnings"]
     main(["track", str(approach), "--fps", "30", "--out", str(tmp_path / "out")])
     assert f"warning: {warning}\n" in capsys.readouterr().err
@@ -174,14 +161,6 @@ def test_what_a_single_pair_without_a_calibration_lacks(approach: Path, tmp_path
     assert np.isnan([facts.pairs_per_s, facts.longest_interval_s, facts.baseline_m, facts.focal_px]).all()
     assert facts.calibration_at == "icubEyes.ini there or by --calib"
     assert facts.warnings[0] == "try a longer recording: there is a single pair"
-
-
-def test_without_a_calibration_the_facts_are_told_and_the_command_has_a_place_for_it(videos: list[str], capsys) -> None:
-    main(["info", *videos[:4]])
-    rows = capsys.readouterr().out.splitlines()
-    assert "20 pairs of 160×120 pixels, 1.10 s at 20 pairs/s" in rows[0]
-    assert "missing: calibration; expected one by --calib" in rows
-    assert rows[-1].endswith(" --calib FILE --out path")
 
 
 def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(refused, tmp_path: Path) -> None:

@@ -16,8 +16,7 @@ from videos import write_video
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
-from pps_vision.app.report.approach import distance_and_ttc_of_origin
-from pps_vision.app.report.tracking import read_tracked, report_folder, warnings_of
+from pps_vision.app.report.tracking import report_folder
 from pps_vision.recordings.tables import write_table
 
 
@@ -39,15 +38,14 @@ def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     assert "pps-vision track rec --seed 3 --out out" in text
     track, truth = lines_of_path(text)
     assert (track[0], len(track), len(truth)) == (None, 40, 40)
-    assert "numpy" in text
     assert not re.search(r'(src|href)="(?!data:)', text)
     assert not re.search(r"https?://|@import|url\(", text)
-    tracked = read_tracked(folder)
-    assert len(tracked.truth) == len(tracked.stamps_s)
-    assert np.isnan(tracked.position[0]).all()
-    assert list(tracked.activation) == ["arm:1", "arm:2", "hand:1"]
-    np.testing.assert_allclose(tracked.activation["arm:2"], np.arange(40) / 40)
-    np.testing.assert_allclose(tracked.reach, np.arange(40) / 40)
+    (folder / "activation.csv").unlink()
+    (folder / "source" / "truth.csv").unlink()
+    report_folder(folder)
+    text = (folder / "report.html").read_text()
+    assert "Activation over the body" not in text
+    assert len(lines_of_path(text)) == 1
 
 
 def test_the_tables_of_a_report(tmp_path: Path) -> None:
@@ -58,6 +56,8 @@ def test_the_tables_of_a_report(tmp_path: Path) -> None:
     summary["cameras"] |= {"shift_mm": None}
     summary["ms_per_pair"]["draw"] = {"median_ms": 2.5}
     summary["object"] = {"diameter_m": 0.06012, "low_95_m": 0.0581, "high_95_m": 0.06199}
+    summary |= {"skipped": {"image": 3, "stamp": 0}, "warnings": ["l.mp4 ends early"]}
+    summary["cameras"]["rotation_deg"] = 1.26
     (folder / "summary.json").write_text(json.dumps(summary))
     report_folder(folder)
     text = (folder / "report.html").read_text()
@@ -70,7 +70,7 @@ def test_the_tables_of_a_report(tmp_path: Path) -> None:
         ["tracked_share", "–"],
         ["reach: max_fp", "0.001"],
         ["reach: reachable", "40"],
-        ["cameras: rotation_deg", "0.1"],
+        ["cameras: rotation_deg", "1.26"],
         ["stage", "median", "lower quartile", "upper quartile", "runs"],
         ["total", "1.5", "1", "2", "40"],
         ["draw", "2.5", "–", "–", "–"],
@@ -81,44 +81,16 @@ def test_the_tables_of_a_report(tmp_path: Path) -> None:
     ]
     assert "37 of 40 stereo pairs measured, 40 rows, object 60.1 mm across (95 %: 58.1–62)" in text
     assert f"<title>{summary['source']}</title>" in text
-
-
-@pytest.mark.parametrize(("closing_m_s", "is_approach"), [(0.012, True), (0.008, False), (-1.0, False), (0.0, False)])
-def test_time_to_contact_is_of_what_comes_nearer_at_a_centimetre_a_second(
-    closing_m_s: float, is_approach: bool
-) -> None:
-    """Independent of the velocity across the line of sight; at the origin itself there is none."""
-    position = np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 0.0]])
-    across = np.array([0.0, 5.0, 0.0])
-    distance, ttc = distance_and_ttc_of_origin(position, across - closing_m_s * position)
-    np.testing.assert_allclose(distance, [1, 0])
-    np.testing.assert_allclose(ttc, [1 / closing_m_s if is_approach else np.nan, np.nan])
-
-
-def test_a_report_without_memory_and_map(tmp_path: Path) -> None:
-    folder = write_results(tmp_path / "results")
-    (folder / "activation.csv").unlink()
-    (folder / "source" / "truth.csv").unlink()
-    report_folder(folder)
-    text = (folder / "report.html").read_text()
-    assert "Activation over the body" not in text
-    assert len(lines_of_path(text)) == 1  # nor is there a truth
+    for warning in ("l.mp4 ends early", "skipped: 3 image", "cameras that are said to be fixed turned by 1.3°"):
+        assert warning in text
 
 
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
         ("activation.csv", lambda text: "stamp_s,arm:1\n0.0,0.5\n", "activation.csv: 1 rows; expected the 40"),
-        (
-            "trajectory.csv",
-            lambda text: text.partition("\n")[0] + "\n",
-            "trajectory.csv: has no rows; expected one for each pair of images",
-        ),
-        (
-            "trajectory.csv",
-            lambda text: text.replace("\n", "\nsoon", 3).replace("\nsoon", "\n", 2),
-            "trajectory.csv:4: could not convert string to float: 'soon",
-        ),
+        ("trajectory.csv", lambda text: text.partition("\n")[0] + "\n", "trajectory.csv: has no rows; expected one "),
+        ("trajectory.csv", lambda text: text.replace("\n", "\nsoon"), "trajectory.csv:2: could not convert string to"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(
@@ -169,28 +141,9 @@ def test_what_holds_no_results(tmp_path: Path, refused) -> None:
     for place in (tmp_path, tmp_path / "gone", tmp_path / "file"):
         line = refused("report", place)
         assert f"{place}: holds neither summary.json nor batch.csv; expected a folder that track or batch has" in line
-    assert not (tmp_path / "gone").exists()
-    (tmp_path / "summary.json").write_text("{}")
-    assert "of another command" in refused("report", tmp_path)
-    (tmp_path / "summary.json").write_text("{")
-    assert "expected the summary" in refused("report", tmp_path)
-
-
-def test_what_has_to_be_known_first() -> None:
-    summary = {"frames": 40, "status": {"tracking": 19, "lost": 2}, "cameras": {"rotation_deg": 1.26}}
-    summary |= {"skipped": {"image": 3, "stamp": 0}, "diagnosis": {"advice": ["a longer recording"]}}
-    assert warnings_of(summary) == [
-        "measured in 48 % of 40 pairs only",
-        "lost 2 times",
-        "try a longer recording",
-        "skipped: 3 image",
-        "cameras that are said to be fixed turned by 1.3°",
-    ]
-    assert warnings_of({"frames": 40, "status": {"tracking": 20}, "cameras": {"rotation_deg": 1.0}}) == []
-    assert warnings_of({"frames": 2, "status": {"tracking": 2}, "warnings": ["l.mp4 ends early"]}) == [
-        "l.mp4 ends early"
-    ]
-    assert warnings_of({"frames": 0, "status": {}}) == ["measured in 0 % of 1 pairs only"]
+    for content, message in (("{}", "of another command"), ("{", "expected the summary")):
+        (tmp_path / "summary.json").write_text(content)
+        assert message in refused("report", tmp_path)
 
 
 def test_a_film_replaces_the_key_frames_and_no_detection_is_said(tmp_path: Path) -> None:
