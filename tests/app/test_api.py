@@ -41,27 +41,6 @@ def test_arrays_are_the_path_that_the_command_writes(approach: Path, tmp_path: P
     assert path.status.tolist() == [row[14] for row in rows]
 
 
-def test_every_iteration_tracks_and_times_anew(approach: Path) -> None:
-    run = pv.track(pv.open_recording(approach))
-    first, again = ([step.track.position for _, step in zip(range(12), run, strict=False)] for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    assert np.isfinite(first[-1]).all()
-    assert len(run.stopwatch.ms["total"]) == 12
-
-
-def test_a_recording_knows_its_robot_and_its_cameras(approach: Path) -> None:
-    recording = pv.open_recording(str(approach))
-    frame = next(iter(recording))
-    truth = recording.truth[0]
-    assert recording.robot is not None
-    assert recording.rig is not None
-    assert frame.joints_left_rad is not None
-    assert frame.joints_left_rad.shape == (recording.robot.n_joints,)
-    np.testing.assert_allclose(recording.rig.view_of(frame).right.project(truth.position), truth.right_px, atol=1e-3)
-    assert recording.touches
-    assert recording.fps == pytest.approx(20, rel=1e-3)
-
-
 def test_what_touches_is_learned_as_by_the_command(approach: Path, tmp_path: Path) -> None:
     from learning.pps.memory import load_memory
 

@@ -17,7 +17,7 @@ from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
 from pps_vision.app.demo import demo, drawn, write_side_by_side
-from pps_vision.app.demo_encounters import DemoEncounter, chosen, demo_encounters
+from pps_vision.app.demo_encounters import demo_encounters
 from pps_vision.app.simulation import SimulationScene
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import icub_skin
@@ -102,23 +102,6 @@ def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(unseen: Simu
     assert (image[corner & inside] == 200).all()
     assert (image[~corner & inside] == 80).mean() > 0.95  # the rest is the legend
     assert (image[240, 1] == [250, 40, 40]).all() == touched
-
-
-def met(title: str, gap_m: float) -> DemoEncounter:
-    logs = [SimpleNamespace(surface_gap_m=np.array([[g, 1.0]]), was_touched=g <= 0.02) for g in (0.0, gap_m)]
-    return DemoEncounter(title, tuple(logs), Path("none"))  # type: ignore[arg-type]
-
-
-def test_the_best_the_median_and_every_touched_one_are_shown_once() -> None:
-    some = [met("a", 0.05), met("b", 0.01), met("c", 0.12), met("d", 0.015), met("e", 0.07)]
-    assert [(label, encounter.title) for label, encounter in chosen(some)] == [
-        ("Best", "c"),
-        ("Median", "a"),
-        ("Touched", "b"),
-        ("Touched", "d"),
-    ]
-    assert [label for label, _ in chosen(some[:1])] == ["Only one"]
-    assert some[0].left_m == pytest.approx(0.03)
 
 
 @pytest.mark.long

@@ -16,6 +16,7 @@ from videos import write_calibration, write_video
 
 from pps_vision.app.cli import main
 from pps_vision.app.info import info
+from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.testing import check_error
 

@@ -96,14 +96,6 @@ def test_the_robots_own_skin_events_teach_the_same(memory_file: Path, approach: 
     assert not load_memory(tmp_path / "none.npz").counts.any()
 
 
-def test_nothing_learned_is_said(approach: Path, tmp_path: Path, capsys) -> None:
-    rec = tmp_path / "rec"
-    shutil.copytree(approach, rec)
-    shutil.rmtree(next(rec.rglob("skin")))
-    main(["learn", str(rec), "--out", str(tmp_path / "none.npz")])
-    assert "nothing learned" in capsys.readouterr().err
-
-
 def test_show_draws_a_picture(memory_file: Path, tmp_path: Path, capsys) -> None:
     main(["show", str(memory_file), "--out", str(tmp_path / "landscape.png")])
     memory = load_memory(memory_file)

@@ -4,12 +4,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg, save_png
+from pps_vision.app.report.overlay import VideoFile, draw_pair
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 
@@ -82,17 +81,3 @@ def test_a_film_holds_every_image_cut_to_even_sides_and_without_an_image_is_no_f
         images = [frame.to_ndarray(format="rgb24") for frame in read.decode(video=0)]
     assert [image.shape for image in images] == [(30, 42, 3)] * 3
     np.testing.assert_allclose([image.mean() for image in images], (40, 120, 200), atol=3)
-
-
-def test_a_jpeg_shows_the_image_in_its_colours(tmp_path: Path) -> None:
-    save_jpeg(tmp_path / "a.jpg", np.full((40, 60, 3), (200, 120, 40), np.uint8))
-    np.testing.assert_allclose(cv2.imread(str(tmp_path / "a.jpg"))[20, 30], (40, 120, 200), atol=4)  # blue first
-
-
-def test_a_png_with_a_palette_shows_the_image(tmp_path: Path) -> None:
-    v, u = np.mgrid[:40, :60]
-    image = np.stack([6 * v, 4 * u, np.full_like(u, 128)], axis=-1).astype(np.uint8)
-    save_png(tmp_path / "a.png", image)
-    shown = cv2.imread(str(tmp_path / "a.png"))[..., ::-1]
-    assert shown.shape == image.shape
-    assert np.abs(shown.astype(int) - image).mean() < 6

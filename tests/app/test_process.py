@@ -49,12 +49,6 @@ def run():
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_hangup_does_not_end_what_nohup_started() -> None:
-    function = "import signal\ndef run():\n    signal.raise_signal(signal.SIGHUP)\n    print('ran on')"
-    process = start(function, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
-    assert process.communicate() == ("ran on\n", "")
-
-
 @pytest.mark.parametrize(
     ("stream", "where"), [("stdout", "full"), ("stdout", "broken pipe"), ("stdout", "closed"), ("stderr", "closed")]
 )

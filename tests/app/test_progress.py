@@ -47,11 +47,6 @@ def test_what_fails_says_nothing_after_its_reason(capsys) -> None:
     assert capsys.readouterr().err.splitlines()[-1] == "reason"
 
 
-def test_what_is_soon_done_prints_nothing_into_a_log(capsys) -> None:
-    assert list(progress(range(3), "track")) == [0, 1, 2]
-    assert capsys.readouterr().err == ""
-
-
 def test_a_terminal_has_a_bar(monkeypatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)

@@ -23,6 +23,7 @@ from pps_vision.app.simulation import (
     simulate,
     train,
 )
+from pps_vision.errors import InputError
 from pps_vision.experiments.loop import Loop, LoopCase
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin

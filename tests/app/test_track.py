@@ -73,14 +73,6 @@ def test_the_objects_size_is_the_median_where_it_is_tracked() -> None:
     )
 
 
-def test_the_residual_is_the_median_of_the_pairs_that_measured() -> None:
-    numbers = PathStatistics()
-    assert np.isnan(numbers.residual_px)
-    for residual_px in (0.3, np.nan, 0.5, 0.9):
-        numbers.add(track(0.0, 0.0), residual_px)
-    assert numbers.residual_px == 0.5
-
-
 def recorded(*stamps_s: tuple[float, float]) -> TrackedRecording:
     """Pairs of images that no file holds."""
     pairs = tuple(

@@ -6,17 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tracks import track_at
 
 from pps_vision.app.encounters import suite
-from pps_vision.app.encounters.baselines import depth_space, nearest_rates
-from pps_vision.app.encounters.controllers import ArmScene
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import ASKING, NAMES, NONE, TRUE, new_controller
-from pps_vision.app.encounters.tracks import ERRORS, measured_error, track_of, true_track_of
+from pps_vision.app.encounters.tracks import ERRORS, track_of, true_track_of
 from pps_vision.app.encounters.training import Memories
-from pps_vision.app.encounters.tuned import TUNED
 from pps_vision.app.simulation import Side
 from pps_vision.errors import InputError
 from pps_vision.types import Array, Reachability, ReachStatus, Track3D
@@ -80,22 +76,6 @@ def test_tracks_err_as_much_as_was_measured(scene: EncounterScene, slow: Encount
         assert 0.6 * stays < np.sqrt(np.mean(error**2)) < 1.4 * np.hypot(stays, new)
 
 
-def test_errors_of_an_encounter_are_measured_as_they_were_made() -> None:
-    """An error that stays and one that is new in every frame, larger along the line of sight than across it."""
-    rng = np.random.default_rng(0)
-    lines = rng.standard_normal((1, 3)) + 1e-3 * rng.standard_normal((4000, 3))
-    lines /= np.linalg.norm(lines, axis=1, keepdims=True)
-    sideways = np.cross(lines, [0.0, 0.0, 1.0])
-    sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
-    noise = rng.standard_normal((2, 4000, 1))
-    errors = (5e-3 + 1e-3 * noise[0]) * lines + (2e-3 + 0.1e-3 * noise[1]) * sideways
-    errors[::50] = np.nan  # not seen
-    measured = measured_error(errors, lines)
-    assert measured.constant_m == pytest.approx((5e-3, 2e-3 / np.sqrt(2)), rel=0.02)
-    assert measured.random_m[0] == pytest.approx(1e-3, rel=0.05)
-    assert measured.random_m[1] < 0.1e-3, "the deviate is one along a line, not in the plane"
-
-
 def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch) -> None:
     """The plugged-in controller interrupts the run in the second encounter; the first is not simulated again."""
     (tmp_path / "theirs.py").write_text(PLUGIN)
@@ -119,34 +99,6 @@ def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path: Path, mo
         suite.run_suite(folder, {"stop": 1}, 3, ("theirs:old",), 1, 0.01)
 
 
-def test_the_depth_space_baseline_avoids_near_and_occluding_objects(
-    scene: EncounterScene, memories: dict[Side, Memories], slow: Encounter
-) -> None:
-    """A ball 3 cm from a taxel, and one that hides the taxel from the left eye halfway, push it; one far aside or
-    unknown does not.  The taxel leaves the ball in the eye's view."""
-    skin = scene.skins["left"]
-    arm = scene.arm("left")
-    arm_scene = ArmScene(scene.robot, skin, "left", slow.q_rad, scene.self_collision, memories["left"].of_distance)
-    posture = scene.robot.at(slow.q_rad)
-    taxels, normals = skin.at(posture)
-    k = skin.index(slow.taxel)
-    J = skin.jacobians(posture, arm)[k]
-    eye = posture.T_root(scene.robot.names.left_eye)[:3, 3]
-
-    def velocity(center: Array) -> Array:
-        act = depth_space(arm_scene, {**TUNED["depth space"], "range_m": 0.2})
-        dq = act(np.zeros(len(taxels)), track_at(center, 0.1 * (taxels[k] - center)), posture)
-        assert not np.any(np.delete(dq, arm))
-        return np.asarray(J @ dq[arm])
-
-    ball = taxels[k] + 0.06 * normals[k]
-    assert velocity(ball) @ (taxels[k] - ball) > 0
-    assert np.linalg.norm(velocity((eye + taxels[k]) / 2)) > 1e-4
-    assert not velocity(ball + np.array([0.0, 1.0, 0.0])).any()
-    at_rest = depth_space(arm_scene, TUNED["depth space"])(np.zeros(len(taxels)), Track3D.unknown(0.0), posture)
-    assert not at_rest.any()
-
-
 def test_what_the_map_calls_unreachable_is_not_attempted(scene: EncounterScene, memories: dict[Side, Memories]) -> None:
     encounter = draw(scene, "reach", 0, 3)
     tracks = track_of(scene, encounter, np.random.default_rng(1))
@@ -160,14 +112,3 @@ def test_what_the_map_calls_unreachable_is_not_attempted(scene: EncounterScene, 
     assert simulate_encounter(*arguments).commands > 0, "without a map"
     assert simulate_encounter(*arguments, reachability=unreachable).commands == 0  # type: ignore[arg-type]
     assert stamps_s == [track.stamp_s for track in tracks]
-
-
-def test_rates_under_soft_rows_by_hand() -> None:
-    """A row that can be kept is, one beyond the limits is as far as they allow, of opposite ones the mean remains."""
-    room = np.full(2, -1.0), np.full(2, 1.0)
-    wanted, row = np.array([0.5, 0.2]), np.array([[1.0, 0.0]])
-    np.testing.assert_allclose(nearest_rates(wanted, room, row, np.array([2.0])), wanted, atol=1e-9)
-    np.testing.assert_allclose(nearest_rates(wanted, room, row, np.array([-0.3])), [-0.3, 0.2], atol=1e-3)
-    np.testing.assert_allclose(nearest_rates(wanted, room, row, np.array([-3.0])), [-1.0, 0.2], atol=1e-3)
-    opposite = np.vstack([row, -row])
-    np.testing.assert_allclose(nearest_rates(wanted, room, opposite, np.array([-0.4, -0.6])), [0.1, 0.2], atol=1e-3)
