@@ -129,6 +129,7 @@ def test_boards_that_all_face_the_same_way_are_refused() -> None:
     for tilt_deg, within in ((5.5, 0.06), (20.0, 0.03)):  # to either side: the boards differ by twice that
         calibration = calibrate(SIZE, corners_seen(tilt_deg, turned, rng))
         np.testing.assert_allclose(calibration.K[:, 0, 0], [520, 498], rtol=within)
+    calibration = calibrate(SIZE, corners_seen(20.0, turned, np.random.default_rng(SEED)))
     noise_px = np.sqrt(2) * 0.1 * np.sqrt(1 - 72 / 1280)  # 72 parameters from 1280 coordinates
     rms = calibration.summary()["rms_px"]
     assert rms == pytest.approx(dict.fromkeys(("left", "right", "stereo"), noise_px), rel=0.03)

@@ -149,7 +149,7 @@ def test_which_way_is_told_by_the_suffixes(refused, like: Path, tmp_path: Path) 
     [
         (f"27 ({10**300}) (0)", "r_hand", "expected counts from 0 to 2^53"),  # larger ones overflow in sums
         (f"27 ({2**60}) (0)", "r_hand", "expected counts from 0 to 2^53"),
-        ("3 (1) (2)", "left_forearm", "twice"),  # l_forearm is our left_forearm
+        ("3 (1) (2)", "left_forearm", "expected each taxel once"),  # l_forearm is our left_forearm
     ],
 )
 def test_counts_beyond_every_robots_and_a_part_twice_are_refused(
