@@ -78,15 +78,24 @@ def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot):
 
 
 @pytest.mark.parametrize(
-    ("elapsed_s", "is_known", "mode"), [(2.9, True, "reach"), (3.1, True, "return"), (0.1, False, "hold")]
+    ("before", "elapsed_s", "is_known", "is_felt", "mode"),
+    [
+        ("reach", 2.9, True, False, "reach"),
+        ("reach", 3.1, True, False, "return"),
+        ("reach", 3.1, True, True, "reach"),  # also for an object that passes
+        ("idle", 3.1, True, True, "idle"),
+        ("reach", 0.1, False, False, "hold"),
+    ],
 )
-def test_reaching_outlasts_the_activation_by_three_seconds_but_not_the_track(robot, elapsed_s, is_known, mode):
+def test_reaching_outlasts_the_activation_by_three_seconds_but_not_the_track(
+    robot, before, elapsed_s, is_known, is_felt, mode
+):
     point = MovingPoint("left_palm", np.zeros(3), np.zeros(3))
-    state = ArmState("reach", 100.0, points=(point,), target_taxel=0)
+    state = ArmState(before, 100.0, points=(point,), target_taxel=0)
     posture = robot.at(home(robot))
     track = ball(SKIN.at(posture)[0][0] + 0.1) if is_known else Track3D.unknown(0.1)
-    arm = ArmInput(100.0 + elapsed_s, posture, SKIN, felt_by(), track)
-    assert step(PARAMS, state, arm, is_reachable=True)[1].mode == mode
+    arm = ArmInput(100.0 + elapsed_s, posture, SKIN, felt_by("left_forearm:27") * is_felt, track)
+    assert step(AT_ONCE, state, arm, is_reachable=True)[1].mode == mode
 
 
 def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot):
