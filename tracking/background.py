@@ -108,15 +108,6 @@ class Background:
         inside = box[0] - left, box[1] - top, box[2] - left, box[3] - top
         return edge_of_background(image[top:bottom, left:right], self.moving.seen(view, wide), 1.0, mask, inside)
 
-    def set_from(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
-        """Set the background of a mask (h, w) of the region `box` from the image."""
-        if not self.is_known(view):
-            self.moving.set_from(image, view, stamp_s, mask, box)
-            return
-        x0, y0, x1, y1 = box
-        current = smoothed(image, box).astype(np.float32) / np.float32(self._gain_of(image))
-        self._mean[y0:y1, x0:x1][mask] = current[mask]
-
     def update(
         self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
     ) -> None:

@@ -6,17 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pps_vision.geometry.camera import View
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
-from pps_vision.types import Array, CameraName, Detection2D, Mask
-from tracking import masks
+from pps_vision.types import Array, CameraName, Detection2D
 from tracking.background import Background
-from tracking.ego_motion import ROOM_M, Box, EgoMotion
+from tracking.ego_motion import EgoMotion
 from tracking.image_tracker import MIN_SCORE, ImageDetection, ImageTracker, ImageTrackerParams, Target
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
-from tracking.moving_background import LEARNED_EDGE, MovingBackground
+from tracking.moving_background import MovingBackground
 from tracking.outline import Optics, Outline
 from tracking.particle_filter import Prior
 from tracking.stereo import CameraFrame
@@ -25,9 +23,6 @@ _SEPARABLE = 0.8  # Bhattacharyya coefficient of object and surroundings up to w
 _WIDE_SEARCH = 1.2  # standard deviation of a wide prior, relative to the object's size
 _SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
-_RESTS_PX = 1.0  # largest shift between two images of an object at rest
-_GHOST = 0.25  # ghost score above which the object is a ghost
-_MIN_GHOST_SCORE = -3.0
 _MIN_STD_PX = 0.7  # smallest and largest standard deviation of a prior
 _MAX_STD_PX = 40.0
 
@@ -39,15 +34,6 @@ class CameraState(NamedTuple):
     offset_px: tuple[float, float] = (0.0, 0.0)  # from the projected track to the outline's centre: calibration error
     size_px: float = 0.0  # apparent diameter
     by_background: bool = False  # whether the likelihood is the foreground, since colours do not separate the object
-    ghost_score: float = 0.0
-    """Evidence that it is a ghost, the uncovered place of an object that was learned as background: sum over images of
-    `learned_edge` − `LEARNED_EDGE`, where it rests."""
-    view: View | None = None  # last pose of the camera
-
-    @property
-    def is_ghost(self) -> bool:
-        """Whether the object is a ghost: the uncovered place of an object that was learned as background."""
-        return self.ghost_score > _GHOST
 
 
 class CameraTracker:
@@ -118,51 +104,13 @@ class CameraTracker:
             target, detection = search(Prior(last_px, _WIDE_SEARCH * previous.size, prior.growth), evidence)
         if self.marker is not None and detection is not None and detection.outline.is_partial:
             return state, None  # the occluder may have the same hue
-        if detection is not None and state.by_background:
-            ghost_score = self._ghost_score(state, camera, previous, detection)
-            state = state._replace(ghost_score=ghost_score)
-        return state._replace(target=target, view=camera.view), detection
-
-    def _ghost_score(
-        self, state: CameraState, camera: CameraFrame, previous: Target, detection: ImageDetection
-    ) -> float:
-        """The updated `ghost_score`; it can only fall while the object moves."""
-        was_px = previous.particles.current[:, :2].mean(axis=0)
-        if state.view is not None and state.view is not camera.view:
-            was_px = camera.view.project(state.view.center + ROOM_M * state.view.rays(was_px))
-        rests = math.dist(was_px.tolist(), detection.outline.center_px.tolist()) < _RESTS_PX
-        if not rests and state.ghost_score <= _MIN_GHOST_SCORE:
-            return state.ghost_score
-        place = self._changed_place(camera, detection)
-        share = None if place is None else self.background.learned_edge(camera.image, camera.view, *place)
-        if share is None:
-            return state.ghost_score
-        change = share - LEARNED_EDGE
-        return max(state.ghost_score + (change if rests else min(change, 0.0)), _MIN_GHOST_SCORE)
+        return state._replace(target=target), detection
 
     def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
         """The background of the static or moving camera; None if unknown, or for a marker if the camera moves."""
         if self.background.is_known(camera.view):
             return self.background
         return None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
-
-    def _changed_place(self, camera: CameraFrame, detection: ImageDetection) -> tuple[Mask, Box] | None:
-        """Foreground mask (h, w) at a detection, and its box; None if there is none."""
-        background = self._known_background(camera)
-        if background is None:
-            return None
-        _, _, w, h = detection.outline.box_px
-        box = self.image_tracker.region(detection.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
-        differs = background.differs(camera.image, camera.view, box)
-        mask = masks.component(differs, masks.ellipse(box, detection.outline.center_px, w, h))
-        return None if mask is None else (mask, box)
-
-    def set_from(self, camera: CameraFrame, detection: ImageDetection) -> None:
-        """Set the background from the image at a detection (a ghost)."""
-        place = self._changed_place(camera, detection)
-        if place is not None:
-            mask, box = place
-            self.background.set_from(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior

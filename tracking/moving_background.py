@@ -84,18 +84,9 @@ class MovingBackground:
         self.is_known = False
 
     def update(self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None) -> None:
-        """Update the model with an image, except around the tracked object's box."""
-        if not self.is_known or stamp_s - self._stamp_s > _PERIOD_S - 1e-6:
-            self._take(image, view, stamp_s, object_px, None)
-
-    def set_from(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
-        """Set the background of a mask (h, w) of the region `box` from the image."""
-        self._take(image, view, stamp_s, None, (mask, box))
-
-    def _take(
-        self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None, empty: tuple[Mask, Box] | None
-    ) -> None:
-        """Make the pose of an image the anchor."""
+        """Make the pose of an image the anchor, every `_PERIOD_S`; the tracked object's box is left out."""
+        if self.is_known and stamp_s - self._stamp_s <= _PERIOD_S - 1e-6:
+            return
         height, width = image.shape[:2]
         x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
         excluded = np.s_[
@@ -109,7 +100,7 @@ class MovingBackground:
             known_mask = np.full((height, width), 255, np.uint8)
             known_mask[excluded] = 0
         else:
-            mean, known_mask = self._renewed(image, current, view, excluded, empty)
+            mean, known_mask = self._renewed(image, current, view, excluded)
         self._set_anchor(mean, current, known_mask, view, stamp_s)
 
     def _set_anchor(
@@ -123,7 +114,7 @@ class MovingBackground:
         self.is_known = True
 
     def _renewed(
-        self, image: Image, current: Pixels, view: View, excluded: tuple[slice, slice], empty: tuple[Mask, Box] | None
+        self, image: Image, current: Pixels, view: View, excluded: tuple[slice, slice]
     ) -> tuple[Pixels, NDArray[np.uint8]]:
         """Background warped to a view and updated with its image; and a mask, 255 where it is known."""
         whole = (0, 0, current.shape[1], current.shape[0])
@@ -140,9 +131,6 @@ class MovingBackground:
             inside = np.s_[y : y + h, x : x + w]
             changed_since, _ = self._beyond(current[inside], self._recent, view, (x, y, x + w, y + h))
             moved[inside][changed_since <= self._threshold] = 0
-        if empty is not None:
-            mask, (x0, y0, x1, y1) = empty
-            moved[y0:y1, x0:x1][mask] = 0
         moved[excluded] = 1
         cv2.copyTo(current, 1 - moved, mean)
         was_known[excluded] &= mean[excluded].any(axis=2)

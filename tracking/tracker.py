@@ -235,11 +235,6 @@ class Tracker:
             return state, None, detections
         with self.stages("image"):
             state, detections = self._follow(state, predicted, cameras)
-            if any(camera.is_ghost for camera in state.cameras):
-                for tracker, camera, detection in zip(self._cameras, cameras, detections, strict=True):
-                    if detection is not None:
-                        tracker.set_from(camera, detection)
-                return self._initial, None, _NOTHING
         passing = any(camera.target is not None and camera.target.touched for camera in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
             acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
@@ -289,7 +284,7 @@ class Tracker:
                 box = _whole_box(outline) if outline.is_partial else outline.box_px
                 targets.append(tracker.image_tracker.start(camera.image, box, candidate.model, shift_px, fill))
         left, right = (
-            camera_state._replace(target=target, by_background=not by_color, ghost_score=0.0)
+            camera_state._replace(target=target, by_background=not by_color)
             for camera_state, target in zip(state.cameras, targets, strict=True)
         )
         return state._replace(cameras=(left, right), search_result=pair), _detections(*outlines)

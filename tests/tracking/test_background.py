@@ -124,21 +124,6 @@ def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng):
     assert [row[:, x : x + 6].mean() for x in (152, 163, 172, 182)] == [0, 1, 0, 1]
 
 
-def test_what_is_absorbed_is_background_under_any_light(rng):
-    """Two thirds as bright an image as that of the background: the patch is learned as bright as it would have been."""
-    background = learned(rng)
-    patch = (160.0, 150.0, 170.0)
-    dark = (draw(rng, patch) / 1.5).astype(np.uint8)
-    mask = np.zeros((50, 60), bool)
-    mask[10:40, 10:50] = True
-    background.set_from(dark, VIEW, 0.7, mask, (140, 90, 200, 140))
-    assert not background.differs(draw(rng, patch), VIEW, WHOLE)[INNER].any()
-    assert background.differs(draw(rng), VIEW, WHOLE)[INNER].all()
-    for k in range(12, 40):  # it has been learned, not marked as changing
-        background.update(draw(rng, patch), VIEW, DT * k, None)
-    assert background.evidence(draw(rng, patch), VIEW, WHOLE)[INNER].max() < 0.5
-
-
 @pytest.mark.parametrize("box", [BOX, (-10.0, -5.0, 40.0, 30.0), (300.0, 225.0, 40.0, 30.0)])
 def test_what_an_object_hides_at_first_is_unknown(box, rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
