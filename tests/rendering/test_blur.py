@@ -73,17 +73,6 @@ def test_without_motion_an_open_shutter_changes_nothing(robot: Robot, rig: Stere
         assert np.array_equal(sharp.left, blurring_eyes.render(state, 0.0).left)
 
 
-def test_motion_below_four_tenths_of_a_step_is_one_instant(robot: Robot, rig: StereoRig, q: Array) -> None:
-    eye = rig.view(q).left
-    sideways = eye.T_root_camera[:3, 0]
-    px_per_m = np.linalg.norm(eye.project_jacobian(PLACE) @ sideways)
-    for step_px in (1.0, 4.0):
-        for drift_px, n in ((0.3 * step_px, 1), (0.6 * step_px, 2), (2.5 * step_px, 3)):
-            state = SceneState(q, PLACE, velocity=drift_px / px_per_m / 0.04 * sideways)
-            moments = instants(robot, rig, state, 0.04, Fidelity(blur_step_px=step_px))
-            assert len(moments) == n
-
-
 @pytest.mark.parametrize(("drift_px", "n"), [(6.0, 3), (80.0, 24)])
 def test_instants_spread_as_an_open_shutter_does(
     robot: Robot, rig: StereoRig, q: Array, drift_px: float, n: int

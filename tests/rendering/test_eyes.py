@@ -92,28 +92,6 @@ def test_the_same_state_and_seed_give_the_same_bits(robot: Robot, rig: StereoRig
         assert not np.array_equal(getattr(first, side), getattr(unlike, side))
 
 
-def test_two_eyes_share_the_process_without_disturbing_each_other(
-    robot: Robot, rig: StereoRig, straight_rig: StereoRig, q: Array
-) -> None:
-    state = SceneState(q, np.array(PLACES[0]))
-    with Eyes(robot, rig, make_stimulus("ball")) as ball_eyes, Eyes(robot, straight_rig, make_stimulus("cube")) as two:
-        image_alone = ball_eyes.render(state, 0.0).left
-        two.render(state, 0.0)
-        assert np.array_equal(image_alone, ball_eyes.render(state, 0.0).left)
-
-
-def test_the_frame_carries_the_stamp_the_size_and_the_joints(robot: Robot, rig: StereoRig, q: Array) -> None:
-    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
-        frame = eyes.render(SceneState(q), 1.25)
-    assert frame.left.shape == frame.right.shape == (240, 320, 3)
-    assert frame.left.dtype == np.uint8
-    assert frame.stamp_left_s == frame.stamp_right_s == 1.25
-    assert frame.joints_left_rad is not None
-    assert frame.joints_right_rad is not None
-    assert np.array_equal(frame.joints_left_rad, q)
-    assert np.array_equal(frame.joints_right_rad, q)
-
-
 def test_the_left_forearm_is_in_view_from_home(robot: Robot, rig: StereoRig) -> None:
     q = set_gaze(robot, home(robot), yaw=np.deg2rad(15), pitch=np.deg2rad(-40), tilt=np.deg2rad(-30))
     gone = q.copy()
@@ -130,19 +108,6 @@ def test_the_left_forearm_is_in_view_from_home(robot: Robot, rig: StereoRig) -> 
             assert image[v, u].max() < 60  # the cover is nearly black
             assert bare[v, u].max() > 70  # and nothing behind it is
         assert np.mean(difference(image, bare) > 30) > 0.05
-
-
-def test_another_stimulus_shows_its_own_colours(robot: Robot, rig: StereoRig, q: Array) -> None:
-    state = SceneState(q, np.array(PLACES[0]))
-    u, v = np.rint(rig.view(q).left.project(PLACES[0])).astype(int)
-    hues = {}
-    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
-        for name in ("marker", "ball", "cube", "octopus"):
-            eyes.set_stimulus(make_stimulus(name))
-            hsv = cv2.cvtColor(eyes.render(state, 0.0).left, cv2.COLOR_RGB2HSV)
-            hues[name] = int(hsv[v, u, 0])
-            assert hsv[v, u, 1] > 200
-    assert len(set(hues.values())) == 4
 
 
 def test_optical_flow_finds_hold_all_over_a_muted_room(robot: Robot, rig: StereoRig) -> None:

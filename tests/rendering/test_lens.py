@@ -44,13 +44,3 @@ def test_a_pinhole_image_holds_every_pixel_where_opencv_projects_from(scale: flo
         v, u = np.mgrid[:240, :320]
         assert np.abs(px - np.stack([u, v], axis=-1)).max() < 0.03
     assert len({(p.width, p.height) for p in pinholes(lenses, scale)}) == 1
-
-
-def test_without_distortion_the_pinhole_image_is_only_cut_out() -> None:
-    lens = Lens(Camera(32, 24, 30.0, 31.0, 15.3, 11.2))
-    (pinhole,) = pinholes([lens], 1.0)
-    image = np.random.default_rng(0).integers(0, 255, (pinhole.height, pinhole.width), np.uint8)
-    du = round(pinhole.cx - 15.3)
-    dv = round(pinhole.cy - 11.2)
-    out = cv2.remap(image, *lens.map_to(pinhole), cv2.INTER_LINEAR)
-    assert np.array_equal(out, image[dv : dv + 24, du : du + 32])

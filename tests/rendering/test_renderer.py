@@ -14,7 +14,6 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.fidelity import Fidelity
 from rendering.renderer import Node, shared_renderer
 from rendering.scene import SceneState
 from rendering.shapes import sphere, surface_of
@@ -114,18 +113,6 @@ def test_after_an_error_the_next_image_is_as_if_there_had_been_none() -> None:
         renderer.color([near, broken], view)
     assert np.array_equal(renderer.color([far_node], view), expected)
     renderer.release([near, far_node])
-
-
-def test_no_fineness_leaves_a_texture_behind(robot: Robot, rig: StereoRig, q: Array) -> None:
-    from OpenGL import GL
-
-    textures = []
-    for fineness in (1, 2, 3, 4):
-        with Eyes(robot, rig, make_stimulus("ball"), "hand", fidelity=Fidelity(fineness=fineness)) as eyes:
-            eyes.render(SceneState(q, PLACE), 0.0)
-        textures.append(sum(bool(GL.glIsTexture(name)) for name in range(1, 400)))
-    assert textures[0] > 0
-    assert textures == [textures[0]] * 4
 
 
 def test_missing_opengl_is_named_in_one_line() -> None:

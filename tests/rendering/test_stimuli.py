@@ -51,26 +51,6 @@ def test_a_cube_has_a_yellow_lid_and_base_and_blue_sides() -> None:
         assert mesh.area == pytest.approx((2 if color[0] > 0.5 else 4) * side**2)
 
 
-@pytest.mark.parametrize(("name", "color"), [("ball", 0), ("marker", 1)])
-def test_a_ball_is_a_sphere_of_one_colour_about_the_origin(name: StimulusName, color: int) -> None:
-    (part,) = make_stimulus(name, 0.03).parts
-    away = np.linalg.norm(part.mesh.vertices, axis=1)
-    assert away == pytest.approx(np.full(len(away), away[0]))
-    assert part.mesh.area == pytest.approx(4 * np.pi * 0.03**2)
-    assert len(part.mesh.faces) == 20 * 4**3
-    assert int(np.argmax(part.color)) == color
-
-
-@pytest.mark.parametrize("name", get_args(StimulusName))
-def test_colours_are_saturated(name: StimulusName) -> None:
-    area = {}
-    for part in make_stimulus(name).parts:
-        rgb = np.float32([[part.color]])
-        is_vivid = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)[0, 0, 1] > 0.85 and max(part.color) > 0.8
-        area[is_vivid] = area.get(is_vivid, 0.0) + part.mesh.area
-    assert area[True] > 0.9 * sum(area.values())  # the octopus's eyes are not
-
-
 @pytest.mark.parametrize("name", get_args(StimulusName))
 def test_every_surface_faces_outward(name: StimulusName) -> None:
     stimulus = make_stimulus(name)

@@ -79,24 +79,6 @@ def test_a_ring_is_hidden_by_what_stands_before_its_hole_only(
             assert eyes.truth(SceneState(q, PLACE, rotation=facing, props=props), 0.0).visible_left == visible
 
 
-def test_a_file_s_colour_is_shown(tmp_path: Path) -> None:
-    mesh = wedge()
-    mesh.visual.vertex_colors = [51, 204, 102, 255]
-    mesh.export(tmp_path / "wedge.ply")
-    assert load_stimulus(tmp_path / "wedge.ply", "mm").parts[0].color == pytest.approx((0.2, 0.8, 0.4))
-
-
-def test_an_open_mesh_can_be_looked_into(tmp_path: Path) -> None:
-    mesh = wedge()
-    mesh.update_faces(np.arange(len(mesh.faces)) > 1)
-    mesh.export(tmp_path / "open.stl")
-    first_sum, second_sum = (
-        part.mesh.face_normals.sum(axis=0) for part in load_stimulus(tmp_path / "open.stl", "mm").parts
-    )
-    assert np.linalg.norm(first_sum) > 0.1
-    assert first_sum == pytest.approx(-second_sum)
-
-
 @pytest.mark.parametrize("corner", [4, 9, -1])
 def test_a_triangle_whose_corner_is_none_of_the_file_is_refused(tmp_path: Path, corner: int) -> None:
     kinds = [f"property float {axis}" for axis in "xyz"]

@@ -175,18 +175,3 @@ def test_encoders_to_joints_and_back(robot: Robot) -> None:
             "torso": 3, "head": 6, "left_arm": 16, "right_arm": 16,
         }  # fmt: skip
         np.testing.assert_allclose(setup.configuration(ports), q, atol=1e-12)
-
-
-def test_encoders_are_degrees_in_the_robots_order(robot: Robot) -> None:
-    """The torso's motors run yaw, roll, pitch; the head ends in version and vergence."""
-    q = np.zeros(robot.n_joints)
-    q[robot.indices(("torso_pitch", "torso_yaw", "neck_roll", "left_elbow"))] = np.deg2rad([1, 3, 5, 7])
-    q = icub.set_gaze(robot, q, version=np.deg2rad(4), vergence=np.deg2rad(6))
-    ports = icub.icub_setup().encoders(q)
-    np.testing.assert_allclose(ports["torso"], [3, 0, 1], atol=1e-12)
-    np.testing.assert_allclose(ports["head"], [0, 5, 0, 0, 4, 6], atol=1e-12)
-    np.testing.assert_allclose(ports["left_arm"], [0, 0, 0, 7, *[0] * 12], atol=1e-12)
-
-
-def test_ports_that_were_not_recorded_read_zero(robot: Robot) -> None:
-    np.testing.assert_array_equal(icub.icub_setup().configuration({}), np.zeros(robot.n_joints))

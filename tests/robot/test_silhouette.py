@@ -59,21 +59,6 @@ def test_a_single_body_covers_what_rays_into_it_hit(shape: str, size: tuple[floa
     assert np.count_nonzero(true & ~said) < 0.02 * true.sum()
 
 
-@pytest.mark.parametrize(("margin", "wider_px"), [({"margin_px": 0}, 0), ({"margin_px": 1}, 1), ({}, 4)])
-def test_the_margin_widens_the_body_by_as_many_pixels(margin: dict[str, int], wider_px: int) -> None:
-    """A sheet before a camera of 240 px at 0.7 m that covers 20 × 10 pixels."""
-    robot = load_icub()
-    pose = np.eye(4)
-    pose[:3, 3] = 0.5 * 0.7 / 240, 0.5 * 0.7 / 240, 0.7  # its middle between two pixels
-    size = (19.2 * 0.7 / 240, 9.2 * 0.7 / 240, 1e-6)
-    robot.__dict__["bodies"] = (Body("one", "root", "box", size, pose, (0.0, 0.0, 0.0)),)
-    view = View(Camera(320, 320, 240.0, 240.0, 159.0, 159.0), np.eye(4))
-    mask = Silhouette(robot, **margin)(home(robot), view)
-    expected = np.zeros((320, 320), bool)
-    expected[155 - wider_px : 165 + wider_px, 150 - wider_px : 170 + wider_px] = True
-    np.testing.assert_array_equal(mask, expected)
-
-
 def test_a_view_away_from_the_body_is_free() -> None:
     robot = load_icub()
     up = np.eye(4)
