@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from pps_vision.app import versions
-from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.experiments import bench
 from pps_vision.experiments.study import PartsStudy, Study, catalogue
@@ -186,27 +185,6 @@ def test_a_study_that_fails_stops_no_other(
     assert re.findall(r"^! .*", capsys.readouterr().out, re.M) == ["! 'Fails' object has no attribute 'nothing'"]
 
 
-def test_results_are_compact_and_documents_filled(folder: Path) -> None:
-    """A table is of the study with the longest name that it begins with."""
-    page = folder / "docs" / "page.md"
-    names = ("fake", "fake_ten_times", "fake_more", "fake_more_ten_times")
-    page.write_text("text\n" + "".join(f"<!-- table: {name} -->\nold\n<!-- end -->\n" for name in names))
-    (folder / "README.md").write_text("<!-- table: fake -->\n<!-- end -->\n")
-    bench.bench(["fake"], {"seed": 1})
-    lines = [line.strip() for line in (folder / "docs" / "results" / "fake.json").read_text().splitlines()]
-    assert '"third": 0.33333,' in lines
-    assert '"cells": {"größe":[1,0.66667]}' in lines
-    assert json.loads("".join(lines))["study"] == "fake"
-    table = "<!-- table: fake -->\n| what | value |\n| --- | ---: |\n| third | 0.333 |\n<!-- end -->\n"
-    assert (folder / "README.md").read_text() == table
-    assert page.read_text().startswith(f"text\n{table}<!-- table: fake_ten_times -->")
-    assert page.read_text().count("old") == 2
-    bench.bench(["fake_more"], {"seed": 2, "workers": 3})
-    assert result(folder, "fake_more")["parameters"] == {"seed": 2, "workers": 3}, "a study alone has the workers"
-    values = [line.split()[3] for line in page.read_text().splitlines() if "third" in line]
-    assert values == ["0.333", "3.33", "0.667", "6.67"]
-
-
 @pytest.mark.parametrize("table", ["gone", "fake_gone", "parts_first_gone"])
 def test_unknown_tables_studies_and_options_are_refused(folder: Path, table: str) -> None:
     (folder / "docs" / "page.md").write_text(f"<!-- table: {table} -->\n<!-- end -->")
@@ -215,13 +193,6 @@ def test_unknown_tables_studies_and_options_are_refused(folder: Path, table: str
             bench.bench(names, options)
     with pytest.raises(InputError, match="takes no n"):
         bench.bench(["fake"], {"n": 3})
-
-
-def test_the_list_shows_every_study_with_its_parameters(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["bench"])
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[:2] == ["fake: Thirds of a seed.", "    seed = 0, workers = 1"]
-    assert "    parts = (), seed = 0; parts: first, plain, no_data" in lines
 
 
 @pytest.mark.parametrize(("name", "cls"), KNOWN.items(), ids=list(KNOWN))

@@ -24,12 +24,3 @@ def test_a_missed_goal_is_bold_and_a_claim_without_a_result_has_no_row(tmp_path:
     (tmp_path / "loop.json").write_text(json.dumps({"n": 20, **numbers}))
     (row,) = claims_table(tmp_path).rows
     assert row[2] == "**1** / **19** of 20; 0, **2**, **3** of 20"
-
-
-def test_what_a_short_run_could_not_measure_is_not_a_number(tmp_path: Path) -> None:
-    missing = {"mean_recording_mm": [None] * 3, "worst_recording_mm": [None] * 3, "near_percent": [0.0, 0.0, 0.0]}
-    measured = {"mean_recording_mm": [0.4, 0.3, 0.5], "worst_recording_mm": [2, 1, 3], "near_percent": [100, 99, 100]}
-    cells = {"rendered, ball": {"tracker": missing}, "rendered, marker": {"tracker": measured}}
-    (tmp_path / "tracking.json").write_text(json.dumps({"accuracy": {"cells": cells}}))
-    (row,) = claims_table(tmp_path).rows
-    assert row[2] == "nan / 0.40 mm, worst recording nan / 2.00 mm; tracked **0** / 100 % of the time"

@@ -49,9 +49,3 @@ def test_what_errs_as_it_states_is_consistent(rng: np.random.Generator) -> None:
         assert found[68] == pytest.approx(68, abs=5), quantity
         assert found[95] == pytest.approx(95, abs=2.5), quantity
         assert np.mean(np.concatenate([one[f"{quantity} 95"] for one in vain])) < 0.8
-
-
-def test_time_to_contact_is_exact_where_the_track_is(rng: np.random.Generator) -> None:
-    values = _values(rng, 1e-6)
-    assert np.median(values["ttc_percent"]) < 1e-3
-    assert len(values["ttc_percent"]) == 25  # the last half second, but for the touch itself and the frame before

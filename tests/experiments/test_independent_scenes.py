@@ -8,21 +8,15 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.image_trackers import sphere_box
-from pps_vision.experiments.films.cases import CASES
 from pps_vision.experiments.films.caster import (
     AMBIENT,
     LIGHT,
-    PHOTOS,
     Ball,
-    Cylinder,
     FilmLens,
     Paint,
     Panel,
     RayCaster,
-    SensorChain,
     Solids,
-    noise_tape,
-    photograph,
     visible_share,
 )
 from pps_vision.experiments.films.scenes import (
@@ -86,24 +80,6 @@ def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
     np.testing.assert_allclose(centroid(share), middle, atol=0.02)
 
 
-def test_a_cylinder_is_as_wide_as_its_tangents_and_hides_what_is_behind() -> None:
-    """An upright one at distance d: tangent planes at ±r/√(d² − r²) of the axis; its lower edge's lowest point is the
-    rim's nearest."""
-    lens = replace(LENS, distortion=np.zeros(5))
-    d = 0.5
-    r = 0.04
-    half = np.array([0.0, 0.1, 0.0])
-    share = coverage(lens, (Cylinder(np.array([0, 0, d]), half, r, BLACK),))
-    middle = slice(lens.height // 2 - 10, lens.height // 2 + 10)
-    np.testing.assert_allclose(share[middle].sum(axis=1), 2 * lens.K[0, 0] * r / np.sqrt(d * d - r * r), rtol=5e-3)
-    column = round(float(lens.K[0, 2]))
-    low, high = (lens.K[1, 2] + side * lens.K[1, 1] * 0.1 / (d - r) for side in (-1, 1))
-    assert share[:, column].sum() == pytest.approx(min(high, lens.height - 0.5) - max(low, -0.5), abs=0.1)
-    ball = Ball(np.array([0, 0, 0.8]), 0.08, WHITE)
-    beside = Cylinder(np.array([-r, 0, d]), half * 5, r, WHITE)  # x = 0 is a tangent plane through the eye
-    assert visible_share(lens, HERE, (ball, beside), ball) == pytest.approx(0.5, abs=0.02)
-
-
 def test_truth_is_what_opencv_projects() -> None:
     """Of both eyes of a fixed rig, root frame the left eye."""
     scene = FilmScene(seconds=0.2, start="moving")
@@ -150,37 +126,6 @@ def test_motion_blur_is_as_long_as_the_path_in_the_exposure() -> None:
     assert across == pytest.approx(across0, rel=0.01)
 
 
-def test_noise_has_the_variance_of_its_levels() -> None:
-    rng = np.random.default_rng(0)
-    light = np.broadcast_to(np.array([40.0, 100.0, 160.0], np.float32), (200, 300, 3)).copy()
-    frames = [SensorChain(read_noise=3.0, shot=0.25).expose(light, 1.2, rng, noise_tape(rng)) for _ in range(2)]
-    for channel, level in enumerate((48.0, 120.0, 192.0)):
-        noise = frames[0][..., channel].astype(float)
-        assert noise.mean() == pytest.approx(level, abs=0.1)
-        assert noise.var() == pytest.approx(9 + 0.25 * level + 1 / 12, rel=0.03)
-        assert abs(np.corrcoef(noise.ravel(), frames[1][..., channel].ravel())[0, 1]) < 0.02
-        assert abs(np.corrcoef(noise[:-1].ravel(), noise[1:].ravel())[0, 1]) < 0.02
-
-
-def test_sensor_stages_do_what_they_are_named_after() -> None:
-    rng = np.random.default_rng(1)
-    tape = noise_tape(rng)
-    quiet = SensorChain(read_noise=0.0)
-    edge = np.zeros((60, 80, 3), np.float32)
-    edge[:, 40:] = 200.0
-    blurred = replace(quiet, defocus_px=3.0).expose(edge, 1.0, rng, tape)[30, :, 1].astype(float)
-    slope = np.diff(blurred) / 200
-    at = np.arange(len(slope)) + 0.5
-    assert ((slope * (at - (slope * at).sum()) ** 2).sum()) ** 0.5 == pytest.approx(3.0, rel=0.05)
-    flat = np.broadcast_to(np.array([200.0, 90.0, 30.0], np.float32), (60, 80, 3)).copy()
-    np.testing.assert_array_equal(replace(quiet, bayer=True).expose(flat, 1.0, rng, tape)[10, 10], [200, 90, 30])
-    grey = replace(quiet, grey=True).expose(flat, 1.0, rng, tape)
-    assert np.ptp(grey, axis=2).max() == 0
-    coded = replace(quiet, jpeg=40).expose(photograph(NOWHERE, 0, 80), 1.0, rng, tape)
-    plain = quiet.expose(photograph(NOWHERE, 0, 80), 1.0, rng, tape)
-    assert 0.5 < np.std(coded.astype(float) - plain) < 20
-
-
 def test_the_head_is_the_icub_s() -> None:
     """Heights and fixation point by iKin's tables, and the project's own model in a random posture."""
     left, right = head_pose({}, "left"), head_pose({}, "right")
@@ -215,39 +160,6 @@ def test_a_rotating_rig_is_told_only_where_it_is_known(known: bool) -> None:
     row = film.truth[15]  # a quarter of the period: turned by 1°
     off = np.linalg.norm(film.rig.view(film.joints(row.stamp_s)).left.project(row.position) - row.left_px)
     assert off < 1e-3 if known else off > 5
-
-
-def test_films_depend_on_the_seed_and_on_nothing_else() -> None:
-    scene = FilmScene(seconds=0.1, width=64, height=48, sensor=SensorChain(shot=0.1, bayer=True))
-    film = Film(scene, 1, NOWHERE)
-    for first, repeated, different in zip(film, film, Film(scene, 2, NOWHERE), strict=True):
-        np.testing.assert_array_equal(first.right, repeated.right)
-        assert np.any(first.right != different.right)
-
-
-@pytest.mark.parametrize("motion", ["straight", "stop_and_go", "reversal", "circle"])
-@pytest.mark.parametrize("start", ["moving", "rest", "entering"])
-def test_motions_keep_their_speed_and_begin_as_asked(motion: str, start: str) -> None:
-    scene = FilmScene(motion=motion, start=start, seconds=7, fps=20)  # type: ignore[arg-type]
-    film = Film(scene, 4, NOWHERE)
-    speed = np.array([np.linalg.norm(row.velocity) for row in film.truth])
-    assert np.all(np.isclose(speed, 0) | np.isclose(speed, 0.3))
-    path = np.array([row.position for row in film.truth])
-    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.3 / 20 + 1e-9  # no jumps
-    moved = np.linalg.norm(path[:-1] - path[1:], axis=1).sum()
-    rests = (1.0 if start == "rest" else 0.0) + (2.0 if motion == "stop_and_go" else 0.0)
-    assert speed.sum() / 20 == pytest.approx(0.3 * (7 - rests), rel=0.02)
-    assert 0.9 * speed.sum() / 20 < moved <= speed.sum() / 20  # chords cut the corners
-    assert film.truth[0].visible_left != (start == "entering" or motion == "straight")
-
-
-def test_every_case_shows_its_object() -> None:
-    assert len({case.name for case in CASES}) == len(CASES) >= 25
-    for case in CASES:
-        film = Film(replace(case.scene(0), fps=4.0), 1, NOWHERE)
-        both = film.share.min(axis=1) >= 0.5
-        assert both[film.stamps_s >= 1].mean() > 0.3, case.name
-    assert {case.scene(k).background for case in CASES[:1] for k in range(6)} == set(range(len(PHOTOS)))
 
 
 def test_scores_count_what_they_say() -> None:
@@ -301,21 +213,6 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
     assert shares(second) == (100, 0)
     assert shares(np.concatenate([first[:14], second[14:]])) == (60, 70)
     assert shares(middle) == (0, 100), "the left eye's ball paired with the right eye's other"
-
-
-def test_a_finger_moves_with_the_ball_from_beyond_the_edge() -> None:
-    film = Film(FilmScene(start="moving", finger=True, seconds=4.0, fps=5.0), 2, NOWHERE)
-    assert film.share.min() > 0.9
-    for t in film.stamps_s.tolist():
-        ball, finger = film.solids(t)
-        assert np.linalg.norm(finger.center - finger.half - ball.center) < ball.radius_m
-        for lens, pose in zip(lenses(film.scene), film.eye_poses(t), strict=True):
-            assert lens.project(pose, finger.center + finger.half)[0, 1] > lens.height
-    bare = Film(replace(film.scene, finger=False), 2, NOWHERE)
-    held, free = (next(iter(source)).left.astype(float) for source in (film, bare))
-    changed = np.abs(held - free).max(axis=2) > 30
-    assert changed[-1].any()
-    assert 500 < changed.sum() < 20000
 
 
 def test_first_boxes_are_those_of_the_silhouette() -> None:

@@ -1,6 +1,5 @@
 """The baselines' pipelines against the rendered truth."""
 
-from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -37,17 +36,6 @@ def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, 
     assert np.all(np.linalg.eigvalsh(track.cov[:3, :3]) > 0)
 
 
-def test_a_pipeline_without_points_coasts_and_is_lost(film: Footage) -> None:
-    left, right = film.boxes[0]
-    assert left is not None
-    assert right is not None
-    pipeline = FilteredPipeline(lambda _: None, film.rig, film.frames[0], (left, right), lost_after_s=0.12)
-    tracks = [pipeline.step(frame) for frame in film.frames[1:4]]
-    assert [track.status for track in tracks] == [Status.COASTING, Status.COASTING, Status.LOST]
-    widths = [np.trace(track.cov[:3, :3]) for track in tracks[:2]]
-    assert widths[0] < widths[1]
-
-
 def test_true_boxes_meet_in_the_ball(film: Footage) -> None:
     for frame, position in zip(film.frames, film.position, strict=True):
         view = film.rig.view_of(frame)
@@ -57,18 +45,3 @@ def test_true_boxes_meet_in_the_ball(film: Footage) -> None:
         point = intersection(view, middle(left), middle(right))
         assert point is not None
         assert np.linalg.norm(point - position) < 0.003
-
-
-@pytest.mark.parametrize("name", ["two hue blobs", "SGBM + blob"])
-def test_where_nothing_has_the_hues_of_the_object_there_is_no_point(name: StereoPipelineName, film: Footage) -> None:
-    frame, (left, right) = film.frames[0], film.boxes[0]
-    assert left is not None
-    assert right is not None
-    pipeline = stereo_pipeline(name, film.rig, frame, (left, right))
-    assert pipeline(frame) is not None
-    assert pipeline(replace(frame, left=0 * frame.left, right=0 * frame.right)) is None
-
-
-def test_bad_use_is_named(film: Footage) -> None:
-    with pytest.raises(ValueError, match=r"three CSRT.*two CSRT"):
-        stereo_pipeline("three CSRT", film.rig, film.frames[0], film.boxes[0])  # type: ignore[arg-type]

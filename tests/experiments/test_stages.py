@@ -1,28 +1,21 @@
 """The stages' methods on input with an independent truth: drawn squares, straight paths, thrown balls, ray casting."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.app.render import record
-from pps_vision.app.render_params import RenderParams
-from pps_vision.errors import InputError
-from pps_vision.experiments.baselines.image_trackers import image_tracker
 from pps_vision.experiments.films.recordings import FPS, Footage
-from pps_vision.experiments.stages import Stages, arm, batches, filter, rendering, stereo, trigger
+from pps_vision.experiments.stages import Stages, arm, filter, stereo, trigger
 from pps_vision.experiments.stages.filter import Measurements
 from pps_vision.experiments.stages.image_tracker import DEFAULT, BoxedFilm
 from pps_vision.experiments.stages.image_tracker import methods as image_trackers
 from pps_vision.experiments.study import Method, rms
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.open import open_recording
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import StereoFrame
-from rendering.fidelity import Fidelity
 from tracking import kalman
 
 RIG = StereoRig.fixed(LEFT_EYE, LEFT_EYE, np.eye(4))
@@ -65,13 +58,6 @@ def test_triggers_detect_the_start_of_a_motion_and_nothing_before(name: str, tri
     assert len(quiet["alarm"]) == 2 * trigger.AFTER
 
 
-def test_a_region_beside_the_path_is_no_detection() -> None:
-    still = moving_square(0, 1)
-    nothing: list[list[tuple[int, int, int, int]]] = [[] for _ in still.frames]
-    for box, delay in (((10, 10, 20, 20), trigger.MISSED), ((150, 100, 20, 20), trigger.AFTER)):
-        assert trigger.delay([*nothing[:-1], [box]], still, "left") == delay
-
-
 def test_image_trackers_on_a_square_that_jumps() -> None:
     """The marker blob searches everywhere; KCF only nearby."""
     rng = np.random.default_rng(0)
@@ -90,11 +76,6 @@ def test_image_trackers_on_a_square_that_jumps() -> None:
     assert np.mean(blob["iou"]) == pytest.approx(10 / 11 * np.pi / 4, abs=0.03)  # of the disc of equal area
     assert np.mean(kcf["held"]) < 0.7
     assert np.mean(particles["held"][:5]) == 1
-
-
-def test_an_unknown_baseline_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"Boosting.*CSRT"):
-        image_tracker("Boosting", np.zeros((48, 64, 3), np.uint8), (0, 0, 9, 9))  # type: ignore[arg-type]
 
 
 def test_triangulation_is_nearer_to_a_textured_ball_than_disparity() -> None:
@@ -141,38 +122,6 @@ def test_without_adaptation_all_filters_agree() -> None:
             np.testing.assert_allclose(baseline(stamp_s, position, cov), belief.mean, atol=1e-9)
 
 
-def test_smoothing_reduces_errors_and_a_high_order_increases_them() -> None:
-    data = [approach(seed) for seed in (5, 6, 7)]
-    values = {name: [method(approach_, 0) for approach_ in data] for name, method in filter.methods().items()}
-
-    def error(name: str, metric: str) -> float:
-        return rms(np.concatenate([np.asarray(value[metric]) for value in values[name]]))
-
-    for order in (2, 3):
-        assert error(f"order {order}, RTS", "velocity_mm_s") < error(f"order {order}", "velocity_mm_s")
-        assert error(f"order {order}", "position_mm") < 1000 * float(np.linalg.norm(STD))
-    assert error("order 2", "velocity_mm_s") < error("order 4", "velocity_mm_s")
-    assert "velocity_mm_s" not in values["order 1"][0]
-
-
-def test_flights_are_triangulated_from_their_images(tmp_path: Path) -> None:
-    """A ball in the air and its images in two cameras, in tt3d's form."""
-    stamps = 0.04 * np.arange(12)
-    path = np.array([0.1, 1.2, 0.6]) + stamps[:, None] * [0.2, -5.0, 1.5] - 4.905 * stamps[:, None] ** 2 * [0, 0, 1]
-    cameras = {"side": ([1.36, -1.38, 1.14], [0, 0.4, 4.5]), "oblique": ([0.96, -1.78, 1.52], [0.1, 0, 4.1])}
-    for name, (rvec, tvec) in cameras.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / f"{name}.yaml").write_text(f"rvec: {rvec}\ntvec: {tvec}\nf: 1200.0\nw: 1280\nh: 720\n")
-        K = np.array([[1200, 0, 640], [0, 1200, 360], [0, 0, 1.0]])
-        pixels = cv2.projectPoints(path, np.array(rvec), np.array(tvec, float), K, None)[0][:, 0]
-        rows = np.column_stack([stamps, path, pixels, np.zeros((12, 2))])
-        header = "Timestamp,X,Y,Z,u,v,l,theta"
-        np.savetxt(tmp_path / name / "001.csv", rows, delimiter=",", header=header, comments="")
-    (flight,) = filter.flights(tmp_path)
-    np.testing.assert_allclose(flight.positions, path, atol=1e-6)
-    np.testing.assert_allclose(flight.path, path, atol=1e-9)
-
-
 def test_the_quadratic_programme_keeps_limits_alone_and_least_squares_only_behind_the_last_stage() -> None:
     numbers = arm.run(Stages(seed=SEED, n_movements=4))
     for scenario, cells in numbers["cells"].items():
@@ -181,36 +130,3 @@ def test_the_quadratic_programme_keeps_limits_alone_and_least_squares_only_behin
         assert ours["distance_mm"][0] >= 20 - 0.01
         assert (cells["damped least squares"]["violating_percent"][0] > 0) == (scenario == "alone")
         assert 0 < ours["error_cm_s"][0] < 12
-
-
-def test_a_finer_scale_is_nearer_to_the_ray_cast_image_and_slower() -> None:
-    scales = {"1": Fidelity(), "1.5": Fidelity(scale=1.5), "2": Fidelity(scale=2)}
-    cells = rendering.measure("marker", scales, (0,), 0.2)
-    errors = [cells[name]["object_error"][0] for name in scales]
-    assert errors == sorted(errors, reverse=True)
-    assert 1 < errors[-1] < errors[0] < 6  # grey levels
-    assert cells["1"]["ms"][1] < cells["2"]["ms"][1]
-
-
-def test_render_draws_at_the_requested_scale(tmp_path: Path) -> None:
-    recordings = []
-    for scale in (2.0, 1.0):
-        record(RenderParams("ball", "circle", tmp_path / str(scale), seconds=0.1, seed=3, scale=scale))
-        recordings.append(open_recording(tmp_path / str(scale)))
-    fine, usual = recordings
-    assert np.array_equal(fine.truth[0].position, usual.truth[0].position)
-    error = np.sqrt(np.mean((next(iter(fine)).left.astype(float) - next(iter(usual)).left) ** 2))
-    assert 0.5 < error < 9  # grey levels
-    with pytest.raises(InputError, match=r"expected scale 0\.5–2"):
-        record(RenderParams("ball", "circle", tmp_path / "none", scale=3.0))
-    assert not (tmp_path / "none").exists()
-
-
-@pytest.mark.long
-def test_batches_detect_the_same_centres() -> None:
-    """Within 0.05 px, with the lens's distortion and noise of 2/255."""
-    for cells in batches.run(Stages(n=1, seconds=0.4))["cells"].values():
-        for cell in cells.values():
-            assert cell["apart_px"][0] < 0.05
-            assert cell["only_in_one"][0] == 0
-            assert 0 < cell["error_px"][0] < 0.3

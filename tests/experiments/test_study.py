@@ -1,7 +1,5 @@
 """The harness against numbers known in advance."""
 
-from time import process_time
-
 import numpy as np
 import pytest
 
@@ -13,19 +11,12 @@ from pps_vision.experiments.study import (
     compare_severities,
     interval,
     mean,
-    median,
     percent,
     percent_of,
     rms,
 )
 
 METRICS = {"rms": Metric("error", rms), "found_percent": Metric("found", percent)}
-
-
-def work(ms: float) -> None:
-    end = process_time() + ms / 1000
-    while process_time() < end:
-        pass
 
 
 def test_every_method_is_measured_on_every_recording() -> None:
@@ -42,18 +33,6 @@ def test_every_method_is_measured_on_every_recording() -> None:
     assert numbers["a"]["ours"]["n"] == 2
 
 
-def test_times_are_processor_times_and_their_ratio_is_of_one_recording() -> None:
-    methods = {
-        "ours": lambda _, __: work(4) or {},
-        "slow": lambda _, __: work(20) or {},
-        "own clock": lambda _, __: {"ms": [1.0, 2.0, 3.0, 4.0, 50.0]},
-    }
-    cells = compare({"a": int}, methods, {}, range(5), reference="ours")["a"]
-    assert cells["ours"]["ms"][1] == pytest.approx(4, rel=0.3)
-    assert cells["slow"]["ratio"][0] == pytest.approx(5, rel=0.3)
-    assert cells["own clock"]["ms"] == [2, 3, 4]
-
-
 def test_intervals_are_of_independent_units() -> None:
     """100 copies of a value within a recording add nothing; 40 recordings give the normal interval of their mean."""
     rng = np.random.default_rng(1)
@@ -68,14 +47,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     rng = np.random.default_rng(2)
     held = [low <= 0 <= high for _, low, high in (interval(rng.normal(size=(30, 1)), mean) for _ in range(200))]
     assert np.mean(held) == pytest.approx(0.94, abs=0.045)
-
-
-def test_units_without_values_count_for_nothing_and_nothing_is_unknown() -> None:
-    value, low, high = interval([[], [2.0], [3.0], [10.0]], median)
-    assert value == 3
-    assert 2 <= low < 3 < high <= 10, "also where some of the resamples hold nothing"
-    assert np.isnan(interval([[], []], rms)).all()
-    assert np.isnan(interval([])).all()
 
 
 def test_percentages_have_wilsons_interval() -> None:

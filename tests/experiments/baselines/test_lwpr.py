@@ -25,15 +25,6 @@ def test_the_cross_function(rng):
     assert nmse(model) <= 0.09
 
 
-def test_a_model_of_two_outputs_is_two_models(rng):
-    x = rng.uniform(-1, 1, (400, 2))
-    y = np.stack([np.sin(3 * x[:, 0]), x[:, 0] - x[:, 1] ** 2], axis=1)
-    grid = rng.uniform(-0.9, 0.9, (100, 2))
-    params = LWPRParams(init_D=50, w_gen=0.2)
-    alone = [trained(params, x, y[:, [output]]).predict(grid)[:, 0] for output in range(2)]
-    np.testing.assert_allclose(trained(params, x, y).predict(grid), np.transpose(alone), rtol=0, atol=1e-8)
-
-
 def test_a_field_with_all_projections_is_weighted_least_squares(rng):
     """The first sample creates the field and is not part of its regression."""
     x = rng.uniform(-0.5, 0.5, (60, 3))
@@ -45,13 +36,6 @@ def test_a_field_with_all_projections_is_weighted_least_squares(rng):
     design = np.column_stack([np.ones(60), x])
     line = np.linalg.lstsq(root_w * design, root_w[:, 0] * y, rcond=None)[0]
     np.testing.assert_allclose(model.predict(x)[:, 0], design @ line, atol=1e-6)
-
-
-def test_a_function_that_changes_is_learned_again(rng):
-    x = rng.uniform(-1, 1, (1200, 1))
-    params = LWPRParams(init_D=20, first_forgetting=0.99, last_forgetting=0.99)
-    model = trained(params, x, np.where(np.arange(1200) < 600, 1.0, -1.0)[:, None] * x)
-    np.testing.assert_allclose(model.predict([[0.5], [-0.5]])[:, 0], [-0.5, 0.5], atol=0.05)
 
 
 def test_it_answers_only_near_its_samples_and_its_jacobian_is_the_derivative(rng):

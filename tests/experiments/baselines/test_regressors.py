@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from learning.reach.babbling import babble
-from pps_vision.experiments.baselines.jamone import learn_hand
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.regressors import ArmToGaze, gaussian_process, quintic_spline
 from pps_vision.experiments.reach_truth import gaze_rmse_deg
-from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import load_icub
 
 BABBLED = babble(load_icub(), "right", 6000, np.random.default_rng(1))
@@ -34,13 +32,3 @@ def test_the_forward_model_is_learned_whatever_the_batches(make, max_deg):
         batches.learn(BABBLED.arm_rad[k : k + N_TRAIN // 3], BABBLED.gaze_rad[k : k + N_TRAIN // 3])
     assert gaze_rmse_deg(whole, test)[0] < max_deg
     np.testing.assert_allclose(batches(test.arm_rad), whole(test.arm_rad), atol=1e-6)
-
-
-def test_points_beyond_the_limits_of_the_gaze_have_none():
-    hand = learn_hand(BABBLED)
-    limits = GazeLimits()
-    shares = np.array([[0.5, 0.5, 0.5], [0.1, 0.9, 0.2], [0.5, 1.2, 0.5], [0.5, 0.5, 0.95], [1.1, 0.5, 0.5]])
-    gaze = limits.lower + shares * (limits.upper - limits.lower)
-    inverse = hand.gaze(hand.points(gaze), limits)
-    np.testing.assert_allclose(inverse[[0, 1, 3]], gaze[[0, 1, 3]], atol=1e-6)
-    assert np.isnan(inverse[[2, 4]]).all()

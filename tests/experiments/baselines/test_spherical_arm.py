@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from data import SEED
-from scipy.optimize import minimize
 
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.icub import load_icub
@@ -58,25 +57,3 @@ def test_unreachable_points_are_not_found_by_least_squares(arm, side, rng):
     starts = rng.uniform(LOWER, UPPER, (16, int(is_far.sum()), 4))
     searched = solve_ik(CHAINS[side].positions, points[is_far], starts, LOWER, UPPER)
     assert not searched.converged.any()
-
-
-def test_least_effort_is_never_beaten(arm, side, rng):
-    """SLSQP from several starts finds no posture that reaches the point nearer to the middle of the ranges."""
-    points = np.array([palm(side, q) for q in rng.uniform(LOWER, UPPER, (4, 4))])
-    q, effort = arm.least_effort(points)
-    middle = (UPPER + LOWER) / 2
-    half = (UPPER - LOWER) / 2
-    np.testing.assert_allclose([palm(side, posture) for posture in q], points, atol=1e-9)
-    np.testing.assert_allclose(effort, np.mean(((q - middle) / half) ** 2, axis=1))
-    for point, least in zip(points, effort, strict=True):
-
-        def miss_dm(z, point=point):
-            return 10 * (CHAINS[side].positions((middle + half * z)[None])[0][0] - point)
-
-        for start in rng.uniform(-1, 1, (3, 4)):
-            reached = {"type": "eq", "fun": miss_dm}
-            search = minimize(lambda z: np.mean(z**2), start, bounds=[(-1, 1)] * 4, constraints=reached)
-            if np.linalg.norm(miss_dm(search.x)) < 1e-5:
-                assert least <= search.fun + 1e-4
-    assert arm.solve(np.zeros((0, 3))).shape == (0, 4)
-    assert np.isnan(np.column_stack(arm.least_effort(points + np.array([2.0, 0, 0])))).all()

@@ -9,7 +9,7 @@ from data import SEED
 from control.double_touch import FINGERTIP_RADIUS_M
 from learning.pps.joint_offsets import TouchTrial
 from pps_vision.experiments.pps.movements import AIMED, SessionName, movements
-from pps_vision.experiments.pps.robot_errors import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
+from pps_vision.experiments.pps.robot_errors import MiscalibratedRobot, errors_from
 from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials
 from pps_vision.experiments.pps_sessions import misaimed_touches
 from pps_vision.robot.icub import load_icub
@@ -69,18 +69,6 @@ def test_without_errors_the_measurement_is_the_truth(by_eyes: bool) -> None:
         if not by_eyes or source == errors_from():  # a felt fingertip does not depend on the cameras
             np.testing.assert_allclose(measured.positions, trial.positions, atol=1e-6)
             np.testing.assert_allclose(measured.velocities, trial.velocities, atol=1e-5)
-
-
-def test_every_source_displaces_the_object_and_all_by_centimetres() -> None:
-    (trial,) = exact_trials("inner", 1, SEED)
-    true = from_taxels(MiscalibratedRobot.draw(errors_from(), rng()), trial)
-
-    def error_m(sources: ErrorSources, k: int) -> float:
-        robot = MiscalibratedRobot.draw(sources, rng(k))
-        return float(np.linalg.norm(from_taxels(robot, robot.observe(trial, True, rng(1))) - true, axis=1).mean())
-
-    assert all(0.0005 < error_m(errors_from(source), 0) < 0.1 for source in SOURCES)
-    assert 0.01 < np.median([error_m(ErrorSources(), k) for k in range(8)]) < 0.08
 
 
 def test_a_robot_without_errors_touches_the_taxel_that_it_aims_at() -> None:

@@ -1,7 +1,6 @@
 """Trials in the taxels' frames against geometry, and predictors on balls that touch a taxel or pass beside it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from data import SEED
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.receptive_field import perceive as perceive_at
-from pps_vision.errors import InputError
 from pps_vision.experiments.pps.predictors import (
     Trials,
     by_base_rate,
@@ -19,7 +17,7 @@ from pps_vision.experiments.pps.predictors import (
     outcomes,
 )
 from pps_vision.experiments.pps.scores import brier
-from pps_vision.experiments.pps.taxel_trials import in_taxel_frames, load_trials, perceive
+from pps_vision.experiments.pps.taxel_trials import in_taxel_frames, perceive
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
 
@@ -88,10 +86,3 @@ def test_shrunk_maps_beat_the_base_rate_and_stay_near_it_on_permuted_touches(tri
     permuted = [replace(t, touched=partner.touched) for t, partner in zip(training, training[::-1], strict=True)]
     base = by_base_rate(permuted, test)
     assert np.abs(by_shrunk_map(permuted, test) - base).max() < np.abs(by_map(permuted, test) - base).max()
-
-
-def test_a_file_of_trials_with_taxels_of_different_lengths_is_refused(tmp_path: Path) -> None:
-    samples = np.zeros((3, 3))
-    np.savez(tmp_path / "t.npz", position_m=samples, velocity_m_s=samples, offsets=[0, 1, 3], outcome=[[1, -1]])
-    with pytest.raises(InputError, match="same number"):
-        load_trials(tmp_path / "t.npz")
