@@ -132,25 +132,24 @@ def test_clamp_stays_within_the_limits(icub: Robot) -> None:
     np.testing.assert_array_equal(icub.clamp(np.full(icub.n_joints, -10.0)), icub.lower_rad)
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.urdf: no such robot description"):
-        Robot(tmp_path / "nowhere.urdf")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, r"broken\.urdf: no such robot description"),
+        ("not xml", r"broken\.urdf: cannot be read as URDF"),
+        ("<?xml version='1.0'?><boat/>", r"broken\.urdf: cannot be read as URDF"),
+    ],
+)
+def test_what_is_no_urdf_is_named(tmp_path: Path, text: str | None, message: str) -> None:
+    if text is not None:
+        (tmp_path / "broken.urdf").write_text(text)
+    with pytest.raises(InputError, match=message):
+        Robot(tmp_path / "broken.urdf")
 
 
-@pytest.mark.parametrize("text", ["not xml", "<robot name='x'>", "<?xml version='1.0'?><boat/>"])
-def test_what_is_not_urdf_is_named(tmp_path: Path, text: str) -> None:
-    broken = tmp_path / "broken.urdf"
-    broken.write_text(text)
-    with pytest.raises(InputError, match=r"broken\.urdf: cannot be read as URDF"):
-        Robot(broken)
-
-
-def test_joints_of_more_than_one_number_are_refused(tmp_path: Path) -> None:
+def test_joints_of_more_than_one_number_and_frames_it_does_not_have_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not revolute or prismatic"):
         Robot(planar_urdf(tmp_path, first_joint="continuous"), PLANAR_NAMES)
-
-
-def test_frames_it_does_not_have_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"planar\.urdf: lacks left_eye, right_eye, neck_yaw.*FrameNames"):
         Robot(planar_urdf(tmp_path))
 
@@ -177,10 +176,10 @@ def test_a_posture_of_wrong_length_or_not_finite_is_refused(icub: Robot, q: np.n
 def test_unknown_names_are_answered_with_the_known_ones(icub: Robot) -> None:
     with pytest.raises(ValueError, match=r"no joint 'tail'; this robot has torso_pitch"):
         icub.indices(("neck_yaw", "tail"))
-    with pytest.raises(ValueError, match=r"no frame 'tail'; this robot has .*left_palm"):
-        icub.at(np.zeros(23)).T_root("tail")
-    with pytest.raises(ValueError, match="no frame 'tail'"):
-        icub.at(np.zeros(23)).jacobian("tail")
+    posture = icub.at(np.zeros(23))
+    for question in (posture.T_root, posture.jacobian):
+        with pytest.raises(ValueError, match=r"no frame 'tail'; this robot has .*left_palm"):
+            question("tail")
 
 
 def test_eyes_that_move_need_joints(icub: Robot) -> None:

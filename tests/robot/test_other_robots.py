@@ -243,13 +243,11 @@ def test_a_camera_may_be_a_link_of_the_model(tmp_path: Path) -> None:
         .replace('"skin.csv"', f'"{ARM7.parent}/skin.csv"')
     )
     eye = next(line for line in text.splitlines() if line.startswith("left_eye"))
-    (tmp_path / "robot.toml").write_text(text.replace(eye, 'left_eye = "palm"'))
-    robot = read_robot(tmp_path / "robot.toml").robot
     q = np.linspace(-0.5, 0.5, 7)
-    np.testing.assert_allclose(robot.eye_poses(q)[0], robot.at(q).T_root("palm"), atol=1e-9)
-    (tmp_path / "robot.toml").write_text(text.replace(eye, 'left_eye = {link = "palm"}'))
-    robot = read_robot(tmp_path / "robot.toml").robot
-    np.testing.assert_allclose(robot.eye_poses(q)[0], robot.at(q).T_root("palm"), atol=1e-9)
+    for camera in ('"palm"', '{link = "palm"}'):
+        (tmp_path / "robot.toml").write_text(text.replace(eye, f"left_eye = {camera}"))
+        robot = read_robot(tmp_path / "robot.toml").robot
+        np.testing.assert_allclose(robot.eye_poses(q)[0], robot.at(q).T_root("palm"), atol=1e-9)
     (tmp_path / "robot.toml").write_text(text.replace('root = "base"', 'root = "ground"'))
     with pytest.raises(InputError, match="lacks link 'ground', which is to be the root frame"):
         read_robot(tmp_path / "robot.toml")

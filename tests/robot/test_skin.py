@@ -18,17 +18,19 @@ from pps_vision.robot.skin import (
     touched_taxels,
 )
 
+ROBOT = load_icub()
+SKIN = icub_skin()
+
 
 def test_parts_hold_the_published_taxels() -> None:
-    skin = icub_skin()
-    assert [(p.name, len(p.ids)) for p in skin.parts] == [
+    assert [(p.name, len(p.ids)) for p in SKIN.parts] == [
         ("left_forearm", 12), ("right_forearm", 12), ("left_palm", 4), ("right_palm", 4),
     ]  # fmt: skip
-    assert set(skin.parts[0].ids) == set(INNER_FOREARM) | set(OUTER_FOREARM)
-    assert skin.taxel_ids[0] == "left_forearm:27"
-    i = skin.index("left_forearm:159")
-    np.testing.assert_allclose(skin.parts[0].positions_m[i], [-0.018, -0.098, 0.037])
-    np.testing.assert_allclose(skin.parts[0].normals[i], [-0.639, 0.054, 0.768], atol=1e-3)
+    assert set(SKIN.parts[0].ids) == set(INNER_FOREARM) | set(OUTER_FOREARM)
+    assert SKIN.taxel_ids[0] == "left_forearm:27"
+    i = SKIN.index("left_forearm:159")
+    np.testing.assert_allclose(SKIN.parts[0].positions_m[i], [-0.018, -0.098, 0.037])
+    np.testing.assert_allclose(SKIN.parts[0].normals[i], [-0.639, 0.054, 0.768], atol=1e-3)
 
 
 def test_the_right_forearm_mirrors_the_left_one() -> None:
@@ -62,8 +64,7 @@ def test_taxels_are_where_the_robots_own_calibration_puts_them(part: str, file: 
 
 def test_the_inner_left_forearm_faces_the_robots_eyes_at_home() -> None:
     """Seen from between the eyes, the inner taxels face us (135 edgewise), the outer ones face away."""
-    robot = load_icub()
-    posture = robot.at(home(robot))
+    posture = ROBOT.at(home(ROBOT))
     skin = icub_skin(("left_forearm",))
     positions, normals = skin.at(posture)
     eyes = 0.5 * (posture.point("left_eye") + posture.point("right_eye"))
@@ -76,38 +77,32 @@ def test_the_inner_left_forearm_faces_the_robots_eyes_at_home() -> None:
 
 
 def test_normals_turn_with_the_body_but_are_not_translated() -> None:
-    robot = load_icub()
-    skin = icub_skin()
-    posture = robot.at(home(robot))
-    positions, normals = skin.at(posture)
+    posture = ROBOT.at(home(ROBOT))
+    positions, normals = SKIN.at(posture)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     tips = positions + 0.01 * normals  # a point above each taxel, carried by the body as a point
-    for i in range(len(skin.taxel_ids)):
-        part = skin.parts[skin.part_index[i]]
-        k = part.ids.index(int(skin.taxel_ids[i].split(":")[1]))
+    for i in range(len(SKIN.taxel_ids)):
+        part = SKIN.parts[SKIN.part_index[i]]
+        k = part.ids.index(int(SKIN.taxel_ids[i].split(":")[1]))
         above = move_points(posture.T_root(part.frame), part.positions_m[k] + 0.01 * part.normals[k])
         np.testing.assert_allclose(tips[i], above, atol=1e-12)
 
 
 def test_taxels_move_as_their_jacobians_say() -> None:
     """By differences, for joints of both arms and the torso, in any order."""
-    robot = load_icub()
-    skin = icub_skin()
-    q = home(robot)
-    joints = robot.indices(("right_wrist_yaw", "torso_yaw", "left_elbow", "right_elbow"))
-    J = skin.jacobians(robot.at(q), joints)
+    q = home(ROBOT)
+    joints = ROBOT.indices(("right_wrist_yaw", "torso_yaw", "left_elbow", "right_elbow"))
+    J = SKIN.jacobians(ROBOT.at(q), joints)
     assert J.shape == (32, 3, 4)
     for k, joint in enumerate(joints):
-        step = 1e-6 * np.eye(robot.n_joints)[joint]
-        expected = (skin.at(robot.at(q + step))[0] - skin.at(robot.at(q - step))[0]) / 2e-6
+        step = 1e-6 * np.eye(ROBOT.n_joints)[joint]
+        expected = (SKIN.at(ROBOT.at(q + step))[0] - SKIN.at(ROBOT.at(q - step))[0]) / 2e-6
         np.testing.assert_allclose(J[:, :, k], expected, atol=1e-8)
 
 
 def test_an_arms_skin_is_what_its_joints_move() -> None:
-    robot = load_icub()
-    skin = icub_skin()
     for side in ("left", "right"):
-        assert [part.name for part in skin.on_arm(robot, side).parts] == [f"{side}_forearm", f"{side}_palm"]
+        assert [part.name for part in SKIN.on_arm(ROBOT, side).parts] == [f"{side}_forearm", f"{side}_palm"]
 
 
 @pytest.mark.parametrize("part", icub_skin().parts, ids=lambda part: part.name)
