@@ -16,7 +16,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.pps.memory import learn
+from learning.pps.buffer import EventBuffer, push
+from learning.pps.memory import MemoryParams, PPSMemory, activation, learn
+from learning.pps.receptive_field import ReceptiveField, perceive
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app.render import record
@@ -26,9 +28,9 @@ from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, SampledStudy
 from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
-from pps_vision.experiments.whole_skin import activations, buffer_at_touch, make_body
 from pps_vision.recordings.open import open_recording
 from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array, TaxelEvents
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
 
@@ -40,6 +42,11 @@ _RUNS = 20  # calls that take less than a frame
 _GREEN: dict[str, Any] = {"color": (30.0, 200.0, 50.0)}
 _GREEN_MARKER = TrackerParams("marker", marker=MarkerParams(127.0))
 _REDUCED = TrackerParams(reduction=2)
+_LIMBS = 8
+_SAMPLES = 60  # 3 s at 50 ms
+_FIELD = ReceptiveField(distance_to="surface")
+_RADIUS_M = 0.035
+_COV = 1e-6 * np.eye(3)
 
 Call = Callable[[], Sequence[float]]  # returns one or more processor times (ms)
 
@@ -48,7 +55,8 @@ Call = Callable[[], Sequence[float]]  # returns one or more processor times (ms)
 class Growth(SampledStudy):
     """Image: films of a ball of the same angular size. Object: a ball 10–400 px across in images of 1280×720.
     Recording: 320×240 pixels, played forwards and backwards; opening it, tracking up to a number of pairs, and memory
-    in use. Skin: as `whole_skin`. Map: training with true kinematics, and one query.
+    in use. Skin: a ball near one taxel, perceived by all of them, and learning from 3 s. Map: training with true
+    kinematics, and one query.
 
     The exponent is the slope of log time over log size between the two largest sizes.
     """
@@ -132,11 +140,11 @@ class Growth(SampledStudy):
         return {"sizes": list(self.pairs), "ms": ms, "memory_mb": memory_mb[: len(self.pairs)]}  # of the first turn
 
     def _skin(self, taxels: int) -> dict[str, Call]:
-        body = make_body(taxels, np.random.default_rng(self.seed))
+        body = _body(taxels, np.random.default_rng(self.seed))
         touched = np.arange(taxels) == 0
         return {
-            "one stimulus": partial(timed_runs, partial(activations, body), _RUNS),
-            "3 s learned": partial(timed_runs, partial(learn, body.memory, buffer_at_touch(body), touched), _RUNS),
+            "one stimulus": partial(timed_runs, partial(_activations, body), _RUNS),
+            "3 s learned": partial(timed_runs, partial(learn, body.memory, _buffer_at_touch(body), touched), _RUNS),
         }
 
     def _map(self, labels: int) -> dict[str, Call]:
@@ -156,6 +164,17 @@ class Growth(SampledStudy):
             axis.set(xscale="log", yscale="log")
             axis.legend(fontsize=7, title="exponent", title_fontsize=7)
         return figure
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Taxels of eight cylindrical limbs 30 cm long and 10 cm thick, and a ball that approaches the first taxel."""
+
+    positions: Array
+    normals: Array
+    memory: PPSMemory
+    ball: Array  # (60, 3) m, its path
+    velocity: Array
 
 
 def exponent(sizes: Sequence[float], ms: Sequence[Sequence[float]]) -> float:
@@ -187,3 +206,34 @@ def to_and_fro(recording: Path, out: Path, pairs: int) -> None:
                 stamp_s = k // len(rows) * period_s + stamps_s[k % len(rows)]
                 file.write(" ".join([f"{k} {stamp_s:.6f}", *values]) + "\n")
     (out / "truth.csv").unlink()
+
+
+def _body(n: int, rng: np.random.Generator) -> _Body:
+    """A body of `n` taxels, uniform on eight limbs 40 cm apart, with random counts in its memory."""
+    limb = np.arange(n) * _LIMBS // n
+    angle = rng.uniform(0, 2 * np.pi, n)
+    height = rng.uniform(-0.15, 0.15, n)
+    normals = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
+    positions = 0.05 * normals + np.stack([0.4 * limb, np.zeros(n), height], axis=1)
+    params = MemoryParams()
+    counts = rng.integers(0, 50, (n, *params.bins, 2))
+    memory = PPSMemory(tuple(f"limb{k}:{i}" for i, k in enumerate(limb)), limb, counts, params)
+    velocity = -0.08 * normals[0]
+    left_s = 0.05 * np.arange(_SAMPLES, 0, -1)
+    return _Body(positions, normals, memory, positions[0] - left_s[:, None] * velocity, velocity)
+
+
+def _activations(body: _Body) -> Array:
+    """Activations (n,) for the ball at the middle of its path."""
+    stimulus = (body.ball[_SAMPLES // 2], body.velocity, _RADIUS_M, _COV)
+    return activation(body.memory, *perceive(_FIELD, body.positions, body.normals, *stimulus))
+
+
+def _buffer_at_touch(body: _Body) -> EventBuffer:
+    """Buffered samples of the whole approach."""
+    buffer = EventBuffer()
+    untouched = np.zeros(len(body.positions), bool)
+    for k, p in enumerate(body.ball):
+        D, TTC = perceive(_FIELD, body.positions, body.normals, p, body.velocity)
+        buffer = push(buffer, TaxelEvents(0.05 * k, body.memory.taxel_ids, D, TTC, untouched))
+    return buffer

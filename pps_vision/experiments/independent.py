@@ -18,12 +18,13 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.errors import InputError
+from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES
 from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.films.cases import CASES, Case
 from pps_vision.experiments.films.caster import PHOTOS
 from pps_vision.experiments.films.rendered import RenderedFilm, can_render
 from pps_vision.experiments.films.scenes import Film
-from pps_vision.experiments.films.score import BASELINES, OURS, Scores, measure_film, summary
+from pps_vision.experiments.films.score import OURS, Scores, measure_film, summary
 from pps_vision.experiments.study import DATA, SceneSource, TrackingStudy, median
 from pps_vision.experiments.tables import Table, estimate
 
@@ -41,7 +42,9 @@ COLUMNS = {
     "ms_per_pair": "ms per pair",
 }
 _COMPARED_COLUMNS = ("right_percent", "false_percent", "median_mm", "ms_per_pair")
-_COLORS = dict(zip((OURS, *BASELINES), ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"), strict=True))
+_COLORS = dict(
+    zip((OURS, *STEREO_PIPELINES), ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"), strict=True)
+)
 _RIGHT_PERCENT = 90.0
 _CASES = {case.name: case for case in CASES}
 

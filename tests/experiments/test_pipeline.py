@@ -1,16 +1,14 @@
 """The baselines' pipelines against the rendered truth."""
 
-from typing import get_args
-
 import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.image_trackers import middle, sphere_box
 from pps_vision.experiments.baselines.stereo_pipelines import (
+    STEREO_PIPELINES,
     FilteredPipeline,
     StereoPipelineName,
     intersection,
-    stereo_pipeline,
 )
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.types import Status
@@ -21,16 +19,15 @@ def film() -> Footage:
     return moving("ball", "circle", 1, 0.2, noise=0.0)
 
 
-@pytest.mark.parametrize("name", get_args(StereoPipelineName))
+@pytest.mark.parametrize("name", STEREO_PIPELINES)
 def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, film: Footage) -> None:
     """A few per cent of the distance: they see a ball of 7 cm at about 0.4 m."""
     left, right = film.boxes[0]
     assert left is not None
     assert right is not None
-    start = (film.rig, film.frames[0], (left, right))
-    pipeline = FilteredPipeline(stereo_pipeline(name, *start), *start)
-    assert np.linalg.norm(pipeline.first.position - film.position[0]) < 0.002
-    track = pipeline.step(film.frames[1])
+    pipeline = FilteredPipeline(name, film.rig, film.frames[0].stamp_s, (left, right))
+    first, track = map(pipeline.step, film.frames[:2])
+    assert np.linalg.norm(first.position - film.position[0]) < 0.002
     assert track.status == Status.TRACKING
     assert np.linalg.norm(track.position - film.position[1]) < 0.02
     assert np.all(np.linalg.eigvalsh(track.cov[:3, :3]) > 0)

@@ -85,7 +85,7 @@ def test_triangulation_is_nearer_to_a_textured_ball_than_disparity() -> None:
     assert all(np.mean(value["found"]) > 0.9 for value in values.values())
     error_mm = {name: rms(np.asarray(value["error_mm"])) for name, value in values.items()}
     assert error_mm[stereo.OURS] < 1.5
-    assert error_mm[stereo.OURS] < min(error_mm["whole BM"], error_mm["whole SGBM"]) < 15
+    assert error_mm[stereo.OURS] < error_mm["whole BM"] < 15
     for triangulation in ("midpoint", "linear (OpenCV)"):
         assert error_mm[triangulation] == pytest.approx(error_mm[stereo.OURS], rel=0.3)
 
@@ -111,15 +111,14 @@ def approach(seed: int, noise: float = 1.0) -> Measurements:
     )
 
 
-def test_without_adaptation_all_filters_agree() -> None:
+def test_without_adaptation_both_filters_agree() -> None:
     data = approach(5)
     params = replace(data.params(), adaptation_rate=0)
     belief = data.first(params)
-    baselines = filter.opencv_filter(data), filter.filterpy_filter(data)
+    baseline = filter.opencv_filter(data)
     for stamp_s, position, cov in data.later():
         belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
-        for baseline in baselines:
-            np.testing.assert_allclose(baseline(stamp_s, position, cov), belief.mean, atol=1e-9)
+        np.testing.assert_allclose(baseline(stamp_s, position, cov), belief.mean, atol=1e-9)
 
 
 def test_the_quadratic_programme_keeps_limits_alone_and_least_squares_only_behind_the_last_stage() -> None:

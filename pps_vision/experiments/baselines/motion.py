@@ -1,12 +1,12 @@
-"""Baselines of the motion trigger: optical flow, frame differences, background models.
+"""Baselines of the motion trigger: optical flow, difference of images, background model.
 
 Each fires above one level, which the study chooses. All take the same central part of the image (R's grid its own
 75 %) and join pixels to regions in the same way.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,9 +18,7 @@ from tracking.ego_motion import EgoMotion
 
 BoxPx = tuple[int, int, int, int]  # x, y of the top-left corner, width, height
 MotionTrigger = Callable[[Image, View], list[BoxPx]]  # the next image of one camera to its moving regions
-Grey = NDArray[np.uint8]
-Flow = Callable[[Grey, Grey], NDArray[np.float32]]  # grey, grey → (h, w, 2) px
-GreyView = tuple[Grey, View]
+GreyView = tuple[NDArray[np.uint8], View]
 
 ROOM_M = 1.2  # distance for which the flow of a moving eye is predicted
 _CENTRAL = 0.92
@@ -50,17 +48,12 @@ def regions(on: NDArray[np.bool_]) -> list[BoxPx]:
     return [(int(stats[k, 0]) + mx, int(stats[k, 1]) + my, int(stats[k, 2]), int(stats[k, 3])) for k in large]
 
 
-def _grey(image: Image) -> NDArray[np.uint8]:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-
-
-def _of_pairs(compare: Callable[[GreyView, GreyView], list[BoxPx]], blur: bool = False) -> MotionTrigger:
+def _of_pairs(compare: Callable[[GreyView, GreyView], list[BoxPx]]) -> MotionTrigger:
     """A trigger that compares each image with the one before it."""
     last: list[GreyView] = []
 
     def step(image: Image, view: View) -> list[BoxPx]:
-        grey = _grey(image)
-        current = (np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8) if blur else grey, view)
+        current = (np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8), view)
         boxes = compare(last.pop(), current) if last else []
         last.append(current)
         return boxes
@@ -91,14 +84,14 @@ def _residual_grid(level: float, previous: GreyView, current: GreyView) -> list[
     ]
 
 
-def _flow_minus_ego(make_flow: Callable[[], Flow], camera: Camera, level: float) -> MotionTrigger:
-    """Dense flow less that of the eye's own motion before a scene `ROOM_M` away, above a level in px."""
+def _flow_minus_ego(camera: Camera, level: float) -> MotionTrigger:
+    """Dense flow (OpenCV's DIS) less that of the eye's own motion before a scene `ROOM_M` away, above a level in px."""
     ego = EgoMotion(camera)
-    flow = make_flow()
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
     pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).astype(np.float32)
 
     def compare(previous: GreyView, current: GreyView) -> list[BoxPx]:
-        moved = flow(current[0], previous[0])
+        moved = np.asarray(flow.calc(current[0], previous[0], np.empty(0)), dtype=np.float32)
         if not ego.is_still(previous[1], current[1]):
             moved = moved - (ego.maps(previous[1], current[1], 1 / ROOM_M) - pixels)
         return regions(np.asarray(cv2.magnitude(moved[..., 0], moved[..., 1])) > level)
@@ -106,63 +99,38 @@ def _flow_minus_ego(make_flow: Callable[[], Flow], camera: Camera, level: float)
     return _of_pairs(compare)
 
 
-def _difference(warped: bool, camera: Camera, level: float) -> MotionTrigger:
-    """Brighter or darker than the last image by a level; `warped`: than that image warped to the present view."""
+def _warped_difference(camera: Camera, level: float) -> MotionTrigger:
+    """Brighter or darker by a level than the last image warped to the present view."""
     ego = EgoMotion(camera)
 
     def compare(previous: GreyView, current: GreyView) -> list[BoxPx]:
-        old = previous[0]
-        new = current[0]
-        if warped and not ego.is_still(previous[1], current[1]):
-            old = ego.warp(old, previous[1], current[1], 1 / ROOM_M)
+        old, new = (cv2.blur(grey, (3, 3)) for grey, _ in (previous, current))
+        if not ego.is_still(previous[1], current[1]):
+            old = ego.warp(np.asarray(old, np.uint8), previous[1], current[1], 1 / ROOM_M)
             new = np.where(old == 0, old, new)
         return regions(np.asarray(cv2.absdiff(new, old)) > level)
 
-    return _of_pairs(compare, blur=True)
+    return _of_pairs(compare)
 
 
-def _background_model(make: Callable[..., cv2.BackgroundSubtractor], _: Camera, level: float) -> MotionTrigger:
-    """OpenCV's mixture of Gaussians or nearest neighbours for every pixel."""
-    model = make(100, level, False)
+def _background_model(_: Camera, level: float) -> MotionTrigger:
+    """OpenCV's mixture of Gaussians for every pixel."""
+    model = cv2.createBackgroundSubtractorMOG2(100, level, False)
     return lambda image, _: regions(np.asarray(model.apply(image)) > 0)
 
 
-def _dis(preset: int) -> Flow:
-    """OpenCV's dense inverse search."""
-    method = cv2.DISOpticalFlow.create(preset)
-    return lambda a, b: np.asarray(method.calc(a, b, np.empty(0)), dtype=np.float32)
-
-
-def _farneback(a: Grey, b: Grey) -> NDArray[np.float32]:
-    """OpenCV's, with the parameters of its tutorial."""
-    return np.asarray(cv2.calcOpticalFlowFarneback(a, b, np.empty(0), 0.5, 3, 15, 3, 5, 1.2, 0), dtype=np.float32)
-
-
-_FLOWS: dict[str, Callable[[], Flow]] = {
-    "DIS ultrafast": partial(_dis, cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST),
-    "DIS fast": partial(_dis, cv2.DISOPTICAL_FLOW_PRESET_FAST),
-    "DIS medium": partial(_dis, cv2.DISOPTICAL_FLOW_PRESET_MEDIUM),
-    "Farneback": lambda: _farneback,
-}
-
-
-@dataclass(frozen=True)
-class Candidate:
+class Candidate(NamedTuple):
     """A trigger to be made for a camera at one of its `levels`."""
 
     make: Callable[[Camera, float], MotionTrigger]
     levels: tuple[float, ...]
 
 
-_GREY_LEVELS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-_PX = (0.5, 0.75, 1, 1.5, 2, 3, 4, 6)
 TRIGGERS: dict[str, Candidate] = {
     "LK residual grid (R)": Candidate(
         lambda _, level: _of_pairs(partial(_residual_grid, level)), (2, 3, 4, 6, 8, 12, 16, 24)
     ),
-    **{f"{name} − ego": Candidate(partial(_flow_minus_ego, flow), _PX) for name, flow in _FLOWS.items()},
-    "frame difference": Candidate(partial(_difference, False), _GREY_LEVELS),
-    "difference, warped": Candidate(partial(_difference, True), _GREY_LEVELS),
-    "MOG2": Candidate(partial(_background_model, cv2.createBackgroundSubtractorMOG2), (16, 25, 50, 100, 400)),
-    "KNN": Candidate(partial(_background_model, cv2.createBackgroundSubtractorKNN), (400, 800, 1600, 6400)),
+    "DIS ultrafast − ego": Candidate(_flow_minus_ego, (0.5, 0.75, 1, 1.5, 2, 3, 4, 6)),
+    "difference, warped": Candidate(_warped_difference, (4, 6, 8, 12, 16, 24, 32, 48, 64)),
+    "MOG2": Candidate(_background_model, (16, 25, 50, 100, 400)),
 }

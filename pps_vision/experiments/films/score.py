@@ -2,18 +2,15 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import get_args
 
 import numpy as np
 
-from pps_vision.experiments.baselines.image_trackers import BoxPx
-from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, stereo_pipeline
+from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES, FilteredPipeline, StereoPipelineName
 from pps_vision.experiments.films.cases import Case
 from pps_vision.experiments.films.recordings import EYES_M, Footage, tracker_params
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
 from pps_vision.experiments.timing import timed, timed_steps
-from pps_vision.geometry.camera import StereoRig
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
@@ -27,7 +24,6 @@ METRICS = {
 }
 """Summaries of the values of `judge`."""
 OURS = "ours"
-BASELINES: tuple[StereoPipelineName, ...] = tuple(name for name in get_args(StereoPipelineName) if "SGBM" not in name)
 _SETTLE_S = 0.5  # in a recording, from the first visible frame to the first judged frame
 _FILM_SETTLE_S = 1.0  # the same in a film
 _RIGHT_M = 0.03
@@ -60,26 +56,11 @@ def baseline(name: StereoPipelineName) -> Method:
 
     def run(recording: Footage, seed: int) -> Values:
         first, boxes = recording.first_boxes
-        step = _initialized(name, recording.rig, float(recording.stamps_s[first]), boxes)
-        tracks, ms = timed_steps(step, recording.frames)
+        pipeline = FilteredPipeline(name, recording.rig, float(recording.stamps_s[first]), boxes)
+        tracks, ms = timed_steps(pipeline.step, recording.frames)
         return judge(recording, tracks) | {"ms": ms[first + 1 :]}
 
     return run
-
-
-def _initialized(name: StereoPipelineName, rig: StereoRig, first_s: float, boxes: tuple[BoxPx, BoxPx]) -> Step:
-    """A baseline that begins with the object's true boxes at a stamp; before, the track is unknown."""
-    pipelines: list[FilteredPipeline] = []
-
-    def step(frame: StereoFrame) -> Track3D:
-        if pipelines:
-            return pipelines[0].step(frame)
-        if frame.stamp_s < first_s:
-            return Track3D.unknown(frame.stamp_s)
-        pipelines.append(FilteredPipeline(stereo_pipeline(name, rig, frame, boxes), rig, frame, boxes))
-        return pipelines[0].first
-
-    return step
 
 
 def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
@@ -117,7 +98,8 @@ def measure_film(case: Case, film: Film, baselines: bool) -> dict[str, Scores]:
     steps: dict[str, Step] = {OURS: _ours(film, case.tracker(film.hue_deg))}
     if baselines:
         first, boxes = film.first_boxes
-        steps |= {name: _initialized(name, film.rig, float(film.stamps_s[first]), boxes) for name in BASELINES}
+        start = (film.rig, float(film.stamps_s[first]), boxes)
+        steps |= {name: FilteredPipeline(name, *start).step for name in STEREO_PIPELINES}
     return _scored(case, film, film, steps)
 
 

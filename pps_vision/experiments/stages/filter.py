@@ -1,4 +1,4 @@
-"""The Kalman filter's order and smoother beside OpenCV's and filterpy's filters, on the same measurements.
+"""The Kalman filter's order and smoother beside OpenCV's filter, on the same measurements.
 
 Orders 1–4, with and without RTS smoothing, on the tracker's measurements of balls and markers, and on the table-tennis
 flights of tt3d.
@@ -13,7 +13,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.charts import cells_chart
@@ -31,7 +30,6 @@ from tracking.kalman import Belief, KalmanParams, discretise
 from tracking.smoother import Measurement, follow, smooth
 
 DEFAULT = f"order {DEFAULT_ORDER}"
-BASELINES = ("cv2", "filterpy")
 _SETTLED = 10  # measurements before a filter is judged
 _PIXEL_STD = 2.0  # of the noisy tt3d projections, found between the two cameras' rays
 _METRICS = {
@@ -68,7 +66,7 @@ class Measurements:
             yield float(stamp_s), position, cov
 
 
-chart = cells_chart("position_mm", "position error (mm RMS)", BASELINES, DEFAULT, "time (ms per update)")
+chart = cells_chart("position_mm", "position error (mm RMS)", ("cv2",), DEFAULT, "time (ms per update)")
 
 
 def run(study: StageParameters) -> dict[str, Any]:
@@ -116,8 +114,8 @@ def methods() -> dict[str, Method]:
     """Return the filters and smoothers by name."""
     ours = {f"order {order}": partial(_online, partial(our_filter, order)) for order in (1, 2, 3, 4)}
     smoothed = {f"order {order}, RTS": partial(_smoothed, order) for order in (2, 3, 4)}
-    baselines = {"cv2": partial(_online, opencv_filter), "filterpy": partial(_online, filterpy_filter)}
-    return {name: partial(_per_update, run) for name, run in {**ours, **smoothed, **baselines}.items()}
+    filters = {**ours, **smoothed, "cv2": partial(_online, opencv_filter)}
+    return {name: partial(_per_update, run) for name, run in filters.items()}
 
 
 def _per_update(run: Method, data: Measurements, seed: int) -> Values:
@@ -140,7 +138,10 @@ def our_filter(order: int, data: Measurements) -> Filter:
 
 
 def opencv_filter(data: Measurements) -> Filter:
-    """Return OpenCV's filter with our filter's model."""
+    """Return OpenCV's filter with our filter's model.
+
+    As in an application, its matrices are computed only where the step of time has changed.
+    """
     params = data.params()
     first = data.first(params)
     n = first.mean.size
@@ -148,56 +149,22 @@ def opencv_filter(data: Measurements) -> Filter:
     kf.measurementMatrix = np.eye(3, n)
     kf.statePost = first.mean.reshape(n, 1).copy()
     kf.errorCovPost = first.cov.copy()  # it writes into them
-    changed_matrices = _matrices(params, first.stamp_s)
+    last_s = first.stamp_s
+    dt_s = np.nan
 
     def step(stamp_s: float, position: Array, cov: Array) -> Array:
-        if changed := changed_matrices(stamp_s):
-            kf.transitionMatrix, kf.processNoiseCov = changed
+        nonlocal last_s, dt_s
+        if not abs(stamp_s - last_s - dt_s) <= 1e-6:
+            dt_s = stamp_s - last_s
+            A, Q = discretise(params.order, dt_s, params.decay_s)
+            kf.transitionMatrix = np.kron(A, np.eye(3))
+            kf.processNoiseCov = np.kron(params.noise_density * Q, np.eye(3))
+        last_s = stamp_s
         kf.measurementNoiseCov = params.white_share * cov
         kf.predict()
         return np.asarray(kf.correct(position.reshape(3, 1)), dtype=float).reshape(-1, 3)
 
     return step
-
-
-def filterpy_filter(data: Measurements) -> Filter:
-    """Return filterpy's filter with our filter's model."""
-    params = data.params()
-    first = data.first(params)
-    kf = KalmanFilter(dim_x=first.mean.size, dim_z=3)
-    kf.H = np.eye(3, first.mean.size)
-    kf.x = first.mean.reshape(-1, 1)
-    kf.P = first.cov.copy()
-    changed_matrices = _matrices(params, first.stamp_s)
-
-    def step(stamp_s: float, position: Array, cov: Array) -> Array:
-        if changed := changed_matrices(stamp_s):
-            kf.F, kf.Q = changed
-        kf.predict()
-        kf.update(position.reshape(3, 1), R=params.white_share * cov)
-        return np.asarray(kf.x, dtype=float).reshape(-1, 3)
-
-    return step
-
-
-def _matrices(params: KalmanParams, stamp_s: float) -> Callable[[float], tuple[Array, Array] | None]:
-    """Transition and process noise (3·order, 3·order) of our model for the step to the next stamp.
-
-    None where the step has not changed: as in an application, the matrices are computed only where it does.
-    """
-    dt_s = np.nan
-
-    def advance(next_s: float) -> tuple[Array, Array] | None:
-        nonlocal stamp_s, dt_s
-        dt = next_s - stamp_s
-        stamp_s = next_s
-        if abs(dt - dt_s) <= 1e-6:
-            return None
-        dt_s = dt
-        A, Q = discretise(params.order, dt, params.decay_s)
-        return np.kron(A, np.eye(3)), np.kron(params.noise_density * Q, np.eye(3))
-
-    return advance
 
 
 def _online(make: Callable[[Measurements], Filter], data: Measurements, seed: int) -> Values:

@@ -1,7 +1,7 @@
-"""From two images to one point: our triangulation beside OpenCV's and beside disparity maps.
+"""From two images to one point: our triangulation beside OpenCV's and beside a disparity map.
 
 A plain and a textured ball of 35 mm, 0.4 m from the eyes, while the head sways. The error counts before any filter; the
-disparity maps are given the ball's direction.
+disparity map is given the ball's direction.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from pps_vision.experiments.baselines.stereo_pipelines import intersection, rectified
+from pps_vision.experiments.baselines.stereo_pipelines import intersection
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.films.score import steps_of
@@ -22,7 +22,7 @@ from pps_vision.experiments.timing import timed_steps
 from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.robot.icub import load_icub
-from pps_vision.types import Array, Detection2D, StereoFrame
+from pps_vision.types import Array, Detection2D, Image, StereoFrame
 from rendering.motions import Circle
 from rendering.sensor import Sensor
 from rendering.shapes import Part
@@ -30,11 +30,10 @@ from rendering.stimuli import RED, Stimulus, make_stimulus
 
 BALL_M = 0.035
 OURS = "covariance (ours)"
-BASELINES = ("midpoint", "linear (OpenCV)", "whole BM", "whole SGBM")
+BASELINES = ("midpoint", "linear (OpenCV)", "whole BM")
 _SECONDS = 1.5
 _SETTLED = 10  # first frame that counts
 _DISTANCE_M = 0.4
-_SGBM = {"P1": 8 * 25, "P2": 32 * 25, "uniquenessRatio": 5}
 _RANGE_PX = 96  # disparities that are searched: at 0.2 m an iCub's rectified eyes have 91
 _NEARER = 0.92  # of its radius: distance from the centre of a ball to the middle of its visible surface
 _METRICS = {"rms_mm": Metric("error_mm", rms), "found_percent": Metric("found", percent)}
@@ -88,8 +87,7 @@ def methods() -> dict[str, Method]:
         OURS: partial(_run, _ours),
         "midpoint": pixels(intersection),
         "linear (OpenCV)": pixels(_linear),
-        "whole BM": partial(_run, partial(_in_whole_image, lambda: cv2.StereoBM.create(_RANGE_PX, 15))),
-        "whole SGBM": partial(_run, partial(_in_whole_image, partial(cv2.StereoSGBM.create, 0, _RANGE_PX, 5, **_SGBM))),
+        "whole BM": partial(_run, _in_disparity_map),
     }
 
 
@@ -104,17 +102,17 @@ def _linear(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
     return np.asarray(homogeneous[:3] / homogeneous[3])
 
 
-def _in_whole_image(make: Callable[[], cv2.StereoMatcher], pair: Pair) -> Array | None:
-    """Centre (3,) of the ball from the median disparity of its middle in a map of the whole image.
+def _in_disparity_map(pair: Pair) -> Array | None:
+    """Centre (3,) of the ball from the median disparity of its middle, by block matching of the whole images.
 
     The ball's direction, taken from its true position, replaces an image tracker's.
     """
-    left, right, R_root_rect, Q = rectified(pair.view, pair.frame)
+    left, right, R_root_rect, Q = _rectified(pair.view, pair.frame)
     grey = [
         cv2.copyMakeBorder(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), 0, 0, _RANGE_PX, 0, cv2.BORDER_REPLICATE)
         for image in (left, right)
     ]
-    disparity = np.asarray(make().compute(*grey), dtype=float)[:, _RANGE_PX:] / 16
+    disparity = np.asarray(cv2.StereoBM.create(_RANGE_PX, 15).compute(*grey), dtype=float)[:, _RANGE_PX:] / 16
     focal = Q[2, 3]
     baseline = float(np.linalg.norm(pair.view.right.center - pair.view.left.center))
     line = pair.p - pair.view.left.center
@@ -129,6 +127,19 @@ def _in_whole_image(make: Callable[[], cv2.StereoMatcher], pair: Pair) -> Array 
     depth = focal * baseline / float(np.median(valid))
     center: Array = pair.view.left.center + line * depth / toward[2] / (1 - _NEARER * BALL_M / distance)
     return center
+
+
+def _rectified(view: StereoView, frame: StereoFrame) -> tuple[Image, Image, Array, Array]:
+    """Return both images with matching rows, the rectified left eye's axes in the root frame, and OpenCV's Q (4, 4)."""
+    T_right_left = view.right.T_camera_root @ view.left.T_root_camera
+    size = view.left.camera.width, view.left.camera.height
+    lenses = [(eye.camera.K, np.array(eye.camera.distortion)) for eye in (view.left, view.right)]
+    R1, R2, P1, P2, Q, _, _ = cv2.stereoRectify(*lenses[0], *lenses[1], size, T_right_left[:3, :3], T_right_left[:3, 3])
+    images = []
+    for image, lens, R, P in zip((frame.left, frame.right), lenses, (R1, R2), (P1, P2), strict=True):
+        u, v = cv2.initUndistortRectifyMap(*lens, R, P, size, cv2.CV_16SC2)
+        images.append(np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR), dtype=np.uint8))
+    return images[0], images[1], view.left.T_root_camera[:3, :3] @ np.asarray(R1).T, np.asarray(Q)
 
 
 def _ours(pair: Pair) -> Array | None:

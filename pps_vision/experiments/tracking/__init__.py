@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 
-from pps_vision.experiments.baselines.stereo_pipelines import StereoPipelineName
+from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.experiments.films.score import METRICS, baseline, tracker
@@ -28,12 +28,11 @@ from rendering.names import MotionName
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk", "approach")
 _ACCURACY_METRICS = {name: METRICS[name] for name in ("mean_recording_mm", "worst_recording_mm", "near_percent")}
 OURS = {"ours, generic": "generic", "ours, marker": "marker"}
-BASELINES: tuple[StereoPipelineName, ...] = get_args(StereoPipelineName)
 GOAL_MS = {"ours, generic": 4.5, "ours, marker": 0.8}  # largest median time of a pair with the object of `MEANT_FOR`
 MEANT_FOR = {"ball": "ours, generic", "marker": "ours, marker"}  # our pipeline for each object
 _SPEEDS_M_S = (0.05, 0.30)
 _FARTHEST_M = 0.30  # largest distance from the start of an approach to its end
-_PIPELINE_CHART = cells_chart("rms_mm", "3D RMS error (mm)", BASELINES, "ours, generic")
+_PIPELINE_CHART = cells_chart("rms_mm", "3D RMS error (mm)", STEREO_PIPELINES, "ours, generic")
 _PIPELINE_METRICS = {name: METRICS[name] for name in ("rms_mm", "near_percent")}
 
 
@@ -61,7 +60,7 @@ def _accuracy_table(numbers: dict[str, Any]) -> Table:
 
 
 def _pipeline(study: "Tracking") -> dict[str, Any]:
-    """Balls and markers that approach the skin at 5–30 cm/s while the head moves; beside OpenCV's trackers and SGBM.
+    """Balls and markers that approach the skin at 5–30 cm/s while the head moves; beside OpenCV's trackers.
 
     Baselines get the true boxes of the first frame and our filter. Returns by scenes and pipeline the 3D RMS error and
     the processor time with its ratio to CSRT.
@@ -74,7 +73,7 @@ def _pipeline(study: "Tracking") -> dict[str, Any]:
         return moving(stimulus, "approach", seed, _FARTHEST_M / speed + 0.1, source, speed=speed)
 
     methods: dict[str, Method] = {name: partial(_warm, tracker(mode)) for name, mode in OURS.items()}
-    methods |= {name: partial(_warm, baseline(name)) for name in BASELINES}
+    methods |= {name: partial(_warm, baseline(name)) for name in STEREO_PIPELINES}
     scenarios = study.scenarios(film, ("ball", "marker"))
     seeds = range(study.seed, study.seed + n)
     return {"cells": compare(scenarios, methods, _PIPELINE_METRICS, seeds, "two CSRT", TURNS)}
