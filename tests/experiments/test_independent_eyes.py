@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from control.fixation import gaze_at
 from pps_vision.experiments.films.recordings import moving
@@ -55,15 +54,3 @@ def test_the_tracker_follows_what_the_independent_eyes_saw() -> None:
     error = [np.linalg.norm(t.position - p) for t, p in zip(tracks, film.position, strict=True)]
     assert np.median(error[12:]) < 0.003
     assert not film.own_body(np.zeros(23), film.rig.view_of(film.frames[0]).left).any()
-
-
-def test_what_it_cannot_show_is_refused() -> None:
-    robot = load_icub()
-    rig, ball = icub_rig(robot), make_stimulus("ball")
-    with pytest.raises(ValueError, match="cube"):
-        RayCastEyes(robot, rig, make_stimulus("cube"))
-    with pytest.raises(ValueError, match="carrier 'hand'"):
-        RayCastEyes(robot, rig, ball, "hand")
-    eyes = RayCastEyes(robot, rig, ball)
-    with pytest.raises(ValueError, match="1 props; there are 0"):
-        eyes.render(SceneState(np.zeros(robot.n_joints), props=(PropPose(np.zeros(3)),)), 0.0, np.random.default_rng(0))

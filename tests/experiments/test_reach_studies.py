@@ -7,7 +7,6 @@ from documents import ROOT
 from learning.reach.map import MapPrediction
 from pps_vision.experiments.reach_kinematics import ReachKinematics
 from pps_vision.experiments.reach_kinematics.deviations import DEVIATIONS, samples
-from pps_vision.experiments.reach_paper.figures import to_root, to_simulator
 from pps_vision.experiments.reach_truth import scores
 from pps_vision.experiments.tables import read_numbers
 from pps_vision.robot.gaze import fixation_points
@@ -24,13 +23,6 @@ def test_scores_of_a_known_map() -> None:
     prediction = MapPrediction(yes, yes, yes.astype(float), degree + np.array([0.1, -0.1, 0.1, -0.1, NAN]))
     result = scores(prediction, np.array([True, True, True, True, False]), degree)
     assert result == {"je": 20, "fn": 25, "fp": 0, "degree_rmse": pytest.approx(0.1)}
-
-
-def test_simulator_coordinates_are_those_of_the_public_code() -> None:
-    """J's box in the root frame, as the maps are judged in it."""
-    corners = to_root(np.array([[-0.10, 0.75, 0.20], [0.10, 0.95, 0.35]]))
-    np.testing.assert_allclose(corners, [[-0.226, 0.10, 0.1524], [-0.376, -0.10, 0.3524]])
-    np.testing.assert_allclose(to_simulator(corners), [[-0.10, 0.75, 0.20], [0.10, 0.95, 0.35]])
 
 
 @pytest.mark.parametrize("deviation", DEVIATIONS)

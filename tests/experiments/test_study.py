@@ -7,30 +7,11 @@ from pps_vision.experiments.study import (
     Axis,
     Break,
     Metric,
-    compare,
     compare_severities,
     interval,
     mean,
-    percent,
     percent_of,
-    rms,
 )
-
-METRICS = {"rms": Metric("error", rms), "found_percent": Metric("found", percent)}
-
-
-def test_every_method_is_measured_on_every_recording() -> None:
-    calls = []
-
-    def method(recording: float, seed: int) -> dict[str, list[float]]:
-        calls.append((recording, seed))
-        return {"error": [recording, -recording], "found": [1, 0]}
-
-    numbers = compare({"a": lambda seed: 10.0 * seed, "b": float}, {"ours": method}, METRICS, (1, 2))
-    assert calls == [(10.0, 1), (20.0, 2), (1.0, 1), (2.0, 2)]
-    assert numbers["a"]["ours"]["rms"] == pytest.approx([np.sqrt(250), 10, 20])
-    assert numbers["b"]["ours"]["found_percent"] == pytest.approx([50, 50, 50])
-    assert numbers["a"]["ours"]["n"] == 2
 
 
 def test_intervals_are_of_independent_units() -> None:

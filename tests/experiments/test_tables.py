@@ -8,7 +8,6 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import (
     Table,
-    estimate,
     filled,
     markdown,
     names,
@@ -33,13 +32,6 @@ def test_only_what_stands_between_the_markers_changes() -> None:
 def test_a_marker_without_end_is_refused() -> None:
     with pytest.raises(InputError, match=r"page\.md.*without its end"):
         filled("<!-- table: one -->\n| what |\n", {"one": ""}, PAGE)
-
-
-def test_an_estimate_shows_its_interval() -> None:
-    assert estimate([1.2345, 1, 2.71828]) == "1.23 (1–2.72)"
-    assert estimate([None, None, None]) == "–"
-    assert estimate([2.0, float("nan"), 3.0]) == "2 (––3)"
-    assert estimate([3.0]) == "3"
 
 
 @pytest.mark.parametrize("study", KNOWN)
