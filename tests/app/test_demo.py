@@ -3,25 +3,20 @@
 import json
 from itertools import islice
 from pathlib import Path
-from types import SimpleNamespace
 
 import av
 import cv2
 import numpy as np
 import pytest
-from tracks import track_at
 
 from learning.pps.memory import PPSMemory, load_memory
 from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
-from pps_vision.app.demo import demo, drawn, write_side_by_side
+from pps_vision.app.demo import demo, write_side_by_side
 from pps_vision.app.demo_encounters import demo_encounters
 from pps_vision.app.simulation import SimulationScene
-from pps_vision.robot.icub import icub_setup
-from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Reachability, ReachStatus, Status, StereoFrame
 
 
 def test_the_demo_writes_its_report(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -72,36 +67,6 @@ def test_the_demo_writes_its_report(tmp_path: Path, monkeypatch, capsys) -> None
     assert len(said) == 5
     assert said[4] == f"→ {tmp_path / 'out' / 'report.html'}"
     assert said[0].split() == ["octopus", "approaching,", "avoidance", "off", "not", "touched", "arm", "still"]
-
-
-@pytest.fixture(scope="module")
-def unseen() -> SimulationScene:
-    """A scene that nobody renders."""
-    return SimulationScene(icub_setup(icub_skin(("left_forearm", "left_palm"))), None, np.random.default_rng(0), "left")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("touched", [False, True])
-def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(unseen: SimulationScene, touched: bool) -> None:
-    """Grey 80 and 200; the right eye at three tenths of its size, 8 px from the border; a touch is flashed."""
-    images = [np.full((240, 320, 3), grey, np.uint8) for grey in (80, 200)]
-    q = unseen.home
-    taxels = unseen.skin.at(unseen.robot.at(q))[0] + 9.0
-    active = SimpleNamespace(probability=np.zeros(len(taxels)), taxel_ids=unseen.skin.taxel_ids)
-    tracking = SimpleNamespace(track=track_at((-9.0, 0.0, 0.0), status=Status.SEARCHING), detections=())
-    reach = Reachability(0.0, np.zeros(3), 0.9, 0.75, ReachStatus.REACHABLE)
-    step = SimpleNamespace(activation=active, reachability=reach, tracking=tracking)
-    frame = StereoFrame(*images, 0.0, 0.0, q, q)
-    row = SimpleNamespace(step=step, frame=frame, taxels=taxels, touched=np.array([touched]))
-    image = drawn(unseen, row, "title")  # type: ignore[arg-type]
-    assert image.shape == (480, 640, 3)
-    corner = np.zeros((480, 640), bool)
-    corner[480 - 8 - 144 : 480 - 8, 640 - 8 - 192 : 640 - 8] = True
-    inside = np.zeros((480, 640), bool)
-    margin = 20 if touched else 4  # a flash is drawn along the border, its word on the left
-    inside[150 : 480 - margin, 320 : 640 - margin] = True
-    assert (image[corner & inside] == 200).all()
-    assert (image[~corner & inside] == 80).mean() > 0.95  # the rest is the legend
-    assert (image[240, 1] == [250, 40, 40]).all() == touched
 
 
 @pytest.mark.long

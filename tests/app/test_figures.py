@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from episodes import T, episode_log
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation
 from learning.reach.labels import Labels
@@ -25,54 +23,6 @@ from pps_vision.types import Array
 
 def lines(axis: Axes) -> list[tuple[Array, Array]]:
     return [(np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)) for line in axis.lines]
-
-
-def shaded(axis: Axes) -> list[tuple[float, float]]:
-    """First and last time of each shade over the whole height."""
-    shades = [np.vstack([p.vertices for p in c.get_paths()]) for c in axis.collections if len(c.get_paths())]
-    return [(v[:, 0].min(), v[:, 0].max()) for v in shades]
-
-
-@pytest.mark.parametrize("with_reach", [True, False])
-def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach: bool) -> None:
-    log = episode_log(with_reach)
-    t = 0.1 * np.arange(T)
-    figure = figures.episodes([log, log], 0.4)
-    assert len(figure.axes) == (8 if with_reach else 6)
-    gap, activity, speed = figure.axes[:6:2]
-    for axis, expected, level in ((gap, 100 * log.surface_gap_m, 2), (activity, log.activations, 0.4)):
-        *taxels, limit = lines(axis)
-        assert len(taxels) == 2
-        for k, (x, y) in enumerate(taxels):
-            np.testing.assert_allclose(x, t, atol=1e-9)
-            np.testing.assert_allclose(y, expected[:, k])
-        assert set(limit[1]) == {level}
-    ((x, y),) = lines(speed)
-    np.testing.assert_allclose(y, 100 * log.speed_m_s)
-    np.testing.assert_allclose(x, t, atol=1e-9)
-    for axis in (gap, activity, speed):
-        assert shaded(axis) == [pytest.approx((0.35, 0.55))]  # half a step about the touched stamps
-    assert gap.get_title() == "approach"
-    if with_reach:
-        (_, degree), (_, half) = lines(figure.axes[6])
-        np.testing.assert_allclose(degree, np.arange(T) / 10)
-        assert set(half) == {0.5}
-        assert shaded(figure.axes[6]) == [pytest.approx(span) for span in ((0.65, 1.0), (0.15, 0.65), (0.35, 0.55))]
-
-
-def test_a_path_shows_each_coordinate_with_two_standard_deviations_and_the_error() -> None:
-    log = episode_log(False)
-    *coordinates, error = figures.path(log).axes
-    for k, axis in enumerate(coordinates):
-        (_, track), (_, truth) = lines(axis)
-        np.testing.assert_allclose(track, 100 * log.track_m[:, k])
-        np.testing.assert_allclose(truth, 100 * log.truth_m[:, k])
-        (band,) = (c for c in axis.collections if isinstance(c, PolyCollection))
-        at_start = band.get_paths()[0].vertices
-        at_start = at_start[np.isclose(at_start[:, 0], 0)]
-        assert np.ptp(at_start[:, 1]) == pytest.approx(4 * 0.2)  # ± 2σ, cm
-    ((_, off),) = lines(error)
-    np.testing.assert_allclose(off, np.full(T, 5.0))  # mm
 
 
 def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:

@@ -15,7 +15,6 @@ from pps_vision.app.simulation import (
     Kind,
     OwnMotion,
     SimulationScene,
-    can_follow,
     first_contact,
     make_episode,
     open_scene,
@@ -27,7 +26,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.loop import Loop, LoopCase
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
-from pps_vision.types import Array, StereoFrame
+from pps_vision.types import StereoFrame
 from rendering.scene import SceneState
 from rendering.stimuli import Stimulus, make_stimulus
 
@@ -162,36 +161,6 @@ def test_an_approach_touches_and_what_recedes_does_not(unseen: SimulationScene, 
     assert episode.seconds - resting[0] == pytest.approx(0.5, abs=0.002)
     assert gaps[-1].min() > 0.1
     assert gaps[0].min() == pytest.approx(gaps.min() if kind == "recede" else gaps[-1].min(), abs=1e-4)
-
-
-def test_a_static_object_comes_5_cm_and_rests_12_to_15_cm_from_the_taxel(unseen: SimulationScene) -> None:
-    rests = []
-    index = unseen.skin.index("left_forearm:3")
-    taxel, normal = (a[index] for a in unseen.skin.at(unseen.robot.at(unseen.home)))
-    for seed in range(12):
-        episode = make_episode("static", unseen, "left_forearm:3", "octopus", np.random.default_rng(seed), 0.1)
-        begin, end = (episode.motion(t)[0] for t in (0.0, episode.seconds))  # type: ignore[misc]
-        away = end - taxel
-        rests.append(np.linalg.norm(away))
-        np.testing.assert_allclose(end - begin, 0.05 * away / rests[-1], atol=1e-9)
-        assert away @ normal > 0
-    assert 0.12 <= min(rests) < 0.13
-    assert 0.14 < max(rests) <= 0.15
-    assert episode.seconds == 5.0
-
-
-@pytest.mark.parametrize(("near_at_s", "distance_m", "visible"), [(0, 0.23, True), (0, 0.21, False), (2, 0.21, False)])
-def test_what_comes_nearer_than_22_cm_to_an_eye_is_not_followed(
-    unseen: SimulationScene, near_at_s: float, distance_m: float, visible: bool
-) -> None:
-    """In the first of two seconds or in the last."""
-    view = unseen.rig.view(unseen.home)
-    axis = view.left.rays(np.array([[160.0, 120.0]]))[0]
-
-    def motion(t: float) -> tuple[Array, Array]:
-        return view.left.center + (distance_m if t == near_at_s else 0.35) * axis, np.zeros(3)
-
-    assert can_follow(unseen.robot, unseen.rig, unseen.home, motion, 2.0) == visible
 
 
 @pytest.mark.parametrize(

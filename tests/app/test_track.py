@@ -12,9 +12,9 @@ from pps_vision.app.track_statistics import CameraStatistics, PathStatistics, er
 from pps_vision.app.track_summary import headline
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
-from pps_vision.types import Observation3D, Status, Track3D, Truth
+from pps_vision.types import Status, Track3D, Truth
 from tracking.camera_pose import CameraMotion
-from tracking.tracker import TrackerParams, TrackerStep
+from tracking.tracker import TrackerParams
 
 FRAMES = 10
 """That come first and are not counted."""
@@ -80,20 +80,6 @@ def recorded(*stamps_s: tuple[float, float]) -> TrackedRecording:
         for k, (left_s, right_s) in enumerate(stamps_s)
     )
     return TrackedRecording(Recording("made up", pairs, (40, 30), []), TrackerParams())
-
-
-def test_a_pair_s_track_is_that_of_its_mean_stamp() -> None:
-    """The second pair of three is not tracked; the right image is later."""
-    run = recorded((0.0, 0.5), (1.0, 1.5), (2.0, 2.5))
-    observed = Observation3D(2.25, np.zeros(3), np.eye(3), 0.03, 1e-6, 0.25)
-    steps = [
-        TrackerStep(track(t, 0.0), (), observation, np.zeros(3)) for t, observation in ((0.25, None), (2.25, observed))
-    ]
-    pairs = list(run.tracked_pairs(steps))
-    assert [[image.name for image in pair.images] for pair in pairs] == [["left0", "right0"], ["left2", "right2"]]
-    assert [pair.track for pair in pairs] == [step.track for step in steps]
-    assert np.isnan(pairs[0].residual_px)
-    assert pairs[1].residual_px == 0.25
 
 
 def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last() -> None:

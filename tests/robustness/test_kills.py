@@ -177,10 +177,3 @@ def test_a_careless_command_is_noticed(tmp_path: Path, program, first: str, last
     """Programs that write in place, change their input, leave files behind, or fail after a kill."""
     command = program(CARELESS.format(first=first, last=last))
     assert fault in " ".join(kill(command, tmp_path, 3, (signal.SIGKILL,)))
-
-
-def test_a_command_that_ignores_the_signal_is_noticed(tmp_path: Path, program, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(f"{__name__}.ENDS_WITHIN_S", 0.5)
-    first = "again = Path('b').exists(); Path('b').touch()"
-    command = program(CARELESS.format(first=first, last="out.write_text('whole.'); time.sleep(30 * again)"))
-    assert "runs on after the signal" in kill(command, tmp_path, 3, (signal.SIGTERM,))
