@@ -11,7 +11,6 @@ from pycocotools.mask import iou as coco_iou
 
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate_boxes import Boxes, evaluate_boxes, per_frame, precision, read_boxes, success
-from pps_vision.app.report.errors import box_curves
 from pps_vision.errors import InputError
 
 
@@ -78,17 +77,6 @@ def test_misses_and_switches_are_motmetrics() -> None:
         [row["mota"], row["num_misses"] / row["num_objects"], row["num_false_positives"] / row["num_objects"]],
     )
     assert np.isnan(score.success_auc)
-
-
-def test_the_figure_shows_both_curves_of_every_track() -> None:
-    """Half of a box 10 px beside it, and the box itself: overlaps of 1/3 and 1."""
-    truth, aside = one((0, 0, 20, 20)), one((10, 0, 20, 20))
-    axes = box_curves([aside, truth], truth).axes
-    names = [[text.get_text() for text in axis.get_legend().texts] for axis in axes]
-    assert names == [["one: area 0.333", "one: area 0.952"], ["one: 1.000 at 20 px"] * 2]
-    shares = lambda x: x < 1 / 3, lambda x: x < 1, lambda x: x >= 10, lambda x: x >= 0
-    for line, share in zip([line for axis in axes for line in axis.lines], shares, strict=True):
-        np.testing.assert_array_equal(line.get_ydata(), share(line.get_xdata()))
 
 
 def test_files_of_other_tools(tmp_path: Path, capsys) -> None:

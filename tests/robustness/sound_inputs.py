@@ -138,12 +138,8 @@ def _gaze(folder: Path) -> list[Path]:
     return [folder / "gaze.csv"]
 
 
-def _truth(folder: Path) -> list[Path]:
-    return [file for file in _recording(folder) if file.name == "truth.csv"]
-
-
-def _eyes(folder: Path) -> list[Path]:
-    return [file for file in _recording(folder) if file.name == "icubEyes.ini"]
+def _of_recording(name: str) -> Callable[[Path], list[Path]]:
+    return lambda folder: [file for file in _recording(folder) if file.name == name]
 
 
 def _calibration(suffix: str) -> Reader:
@@ -256,6 +252,21 @@ def _read_robot(folder: Path) -> None:
     setup.skin.at(setup.robot.at(setup.home_rad))
 
 
+def _against_itself(text: str, judge: Callable[[Path, Path], object]) -> Reader:
+    """A file that is mutated and compared with the sound one."""
+
+    def write(folder: Path) -> list[Path]:
+        for name in ("mutant", "sound"):
+            (folder / name).write_text(text)
+        return [folder / "mutant"]
+
+    def read(folder: Path) -> None:
+        with np.errstate(all="ignore"):
+            judge(folder / "mutant", folder / "sound")
+
+    return Reader(write, read)
+
+
 def _path(form: str) -> Reader:
     """A path of ten positions in a form that `evaluate` reads."""
     rows = [(0.1 * k, 0.01 * k, -0.02, 0.5 + 1e-3 * k**2) for k in range(10)]
@@ -267,18 +278,7 @@ def _path(form: str) -> Reader:
         covariance = ",".join(f"cov_{axes}_m2" for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
         text = f"stamp_s,x_m,y_m,z_m,{covariance}\n"
         text += "".join(f"{t},{x},{y},{z},1e-6,0,0,1e-6,0,4e-6\n" for t, x, y, z in rows)
-
-    def write(folder: Path) -> list[Path]:
-        (folder / "path").write_text(text)
-        (folder / "sound").write_text(text)
-        return [folder / "path"]
-
-    def read(folder: Path) -> None:
-        path, sound = (read_path(folder / name, fps=10.0) for name in ("path", "sound"))
-        with np.errstate(all="ignore"):
-            evaluate(path, sound)
-
-    return Reader(write, read)
+    return _against_itself(text, lambda *files: evaluate(*(read_path(file, fps=10.0) for file in files)))
 
 
 def _boxes(form: str) -> Reader:
@@ -292,18 +292,7 @@ def _boxes(form: str) -> Reader:
         text = "".join(f"{k},1,{x},{y},{w},{h},1,-1,-1,-1\n" for k, (x, y, w, h) in enumerate(boxes, 1))
     else:
         text = "".join(f"{x}\t{y}\t{w}\t{h}\n" for x, y, w, h in boxes)
-
-    def write(folder: Path) -> list[Path]:
-        (folder / "boxes").write_text(text)
-        (folder / "sound").write_text(text)
-        return [folder / "boxes"]
-
-    def read(folder: Path) -> None:
-        boxes, sound = (read_boxes(folder / name) for name in ("boxes", "sound"))
-        with np.errstate(all="ignore"):
-            evaluate_boxes(boxes, sound)
-
-    return Reader(write, read)
+    return _against_itself(text, lambda *files: evaluate_boxes(*map(read_boxes, files)))
 
 
 def _manifest(folder: Path) -> list[Path]:
@@ -415,8 +404,10 @@ READERS: Mapping[str, Reader] = {
         _offsets, lambda folder: read_joint_offsets(folder / "joints.csv", load_icub().joint_names)
     ),
     "gaze": Reader(_gaze, lambda folder: read_gaze(folder / "gaze.csv")),
-    "truth": Reader(_truth, lambda folder: read_truth(folder / "rec/truth.csv", [])),
-    "icub_eyes": Reader(_eyes, lambda folder: read_icub_eyes(folder / "rec/icubEyes.ini", (640, 480))),
+    "truth": Reader(_of_recording("truth.csv"), lambda folder: read_truth(folder / "rec/truth.csv", [])),
+    "icub_eyes": Reader(
+        _of_recording("icubEyes.ini"), lambda folder: read_icub_eyes(folder / "rec/icubEyes.ini", (640, 480))
+    ),
     **{f"calibration_{suffix}": _calibration(suffix) for suffix in ("xml", "yml", "json")},
     **{f"calibration_{tool}": _calibration_of(tool) for tool in _CALIBRATIONS},
     **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},

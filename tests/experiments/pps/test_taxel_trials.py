@@ -1,22 +1,13 @@
-"""Trials in the taxels' frames against geometry, and predictors on balls that touch a taxel or pass beside it."""
+"""Trials in the taxels' frames against geometry."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from data import SEED
 
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.receptive_field import perceive as perceive_at
-from pps_vision.experiments.pps.predictors import (
-    Trials,
-    by_base_rate,
-    by_map,
-    by_shrunk_map,
-    outcomes,
-)
-from pps_vision.experiments.pps.scores import brier
 from pps_vision.experiments.pps.taxel_trials import in_taxel_frames, perceive
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
@@ -41,13 +32,6 @@ def straight(taxel: int, aside_m: float, rng: np.random.Generator) -> TouchTrial
         radius_m=np.full(31, 0.03),
         touched=touched_taxels(POSITIONS, end, 0.03),
     )
-
-
-@pytest.fixture(scope="module")
-def trials() -> tuple[Trials, Trials]:
-    rng = np.random.default_rng(SEED)
-    trials = in_taxel_frames([straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(32)])
-    return trials[::2], trials[1::2]
 
 
 def test_skin_at_rest_perceives_every_frame_alone() -> None:
@@ -77,12 +61,3 @@ def test_a_moving_arm_perceives_its_own_approach_to_a_resting_object() -> None:
     inside[[0, -1]] = False
     assert inside.sum() > 50
     np.testing.assert_allclose(ttc[inside], gap[inside] / closing[inside], rtol=0.02)
-
-
-def test_shrunk_maps_beat_the_base_rate_and_stay_near_it_on_permuted_touches(trials: tuple[Trials, Trials]) -> None:
-    training, test = trials
-    touched = outcomes(test)
-    assert brier(touched, by_shrunk_map(training, test)) < brier(touched, by_base_rate(training, test))
-    permuted = [replace(t, touched=partner.touched) for t, partner in zip(training, training[::-1], strict=True)]
-    base = by_base_rate(permuted, test)
-    assert np.abs(by_shrunk_map(permuted, test) - base).max() < np.abs(by_map(permuted, test) - base).max()
