@@ -9,13 +9,14 @@ from data import SEED
 from evo.core import metrics
 from evo.tools.file_interface import read_tum_trajectory_file
 from scipy.spatial.transform import Rotation
+from tracks import track_at
 
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate import Path3D, errors_of, evaluate, read_path
 from pps_vision.errors import InputError
 from pps_vision.recordings.exchange import TrackedPair, open_forms, write_tum_rows
 from pps_vision.recordings.tables import COVARIANCE, TRAJECTORY, trajectory_row, write_table
-from pps_vision.types import Status, Track3D
+from pps_vision.types import Track3D
 
 STAMPS = 1403636579.75 + np.arange(400) / 20
 
@@ -105,14 +106,14 @@ def test_too_little_in_common_is_refused() -> None:
 
 
 def tracks() -> list[Track3D]:
-    rows = [Track3D.unknown(STAMPS[0] - 0.05)]
-    for stamp_s, position in zip(STAMPS, curve(STAMPS), strict=True):
-        mean = np.zeros((4, 3))
-        mean[0] = position + np.array([0.002, 0, 0])
-        cov = 1e-6 * np.eye(12)
-        cov[0, 1] = cov[1, 0] = 2e-7
-        rows.append(Track3D(float(stamp_s), mean, cov, 0.03, 1e-6, Status.TRACKING))
-    return rows
+    """The curve, 2 mm beside it, after a frame without a position."""
+    cov = 1e-6 * np.eye(12)
+    cov[0, 1] = cov[1, 0] = 2e-7
+    on = [
+        track_at(position + np.array([0.002, 0, 0]), stamp_s=float(t), cov=cov)
+        for t, position in zip(STAMPS, curve(STAMPS), strict=True)
+    ]
+    return [Track3D.unknown(STAMPS[0] - 0.05), *on]
 
 
 def write_tum(file: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tracks import track_at
 
 from pps_vision.experiments.baselines.image_trackers import sphere_box
 from pps_vision.experiments.films.caster import (
@@ -19,13 +20,7 @@ from pps_vision.experiments.films.caster import (
     Solids,
     visible_share,
 )
-from pps_vision.experiments.films.scenes import (
-    EYES_AT_REST,
-    Film,
-    FilmScene,
-    head_pose,
-    lenses,
-)
+from pps_vision.experiments.films.scenes import EYES_AT_REST, Film, FilmScene, head_pose, lenses
 from pps_vision.experiments.films.score import score, score_of_either
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Status, Track3D
@@ -166,9 +161,8 @@ def test_scores_count_what_they_say() -> None:
     film = Film(FilmScene(start="moving", seconds=2.0, fps=10.0), 1, NOWHERE)
 
     def track(k: int, off_m: float, status: Status = Status.TRACKING) -> Track3D:
-        mean = np.zeros((4, 3))
-        mean[0] = film.truth[k].position + np.array([off_m, 0, 0])
-        return Track3D(film.truth[k].stamp_s, mean, 1e-4 * np.eye(12), 0.03, 0.0, status)
+        row = film.truth[k]
+        return track_at(row.position + np.array([off_m, 0, 0]), stamp_s=row.stamp_s, cov=1e-4, status=status)
 
     tracks = [track(k, 0.01) for k in range(20)]
     tracks[12:16] = [track(12, 0.04), track(13, 0.06), track(14, 0.001, Status.COASTING), Track3D.unknown(1.5)]
@@ -203,10 +197,7 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
     np.testing.assert_allclose(rates[1][1:-1], (second[2:] - second[:-2]) / 0.2, atol=0.02)
 
     def shares(path: Array) -> tuple[float, float]:
-        tracks = [
-            Track3D(row.stamp_s, np.vstack([p, np.zeros((3, 3))]), 1e-4 * np.eye(12), 0.03, 0.0, Status.TRACKING)
-            for row, p in zip(film.truth, path, strict=True)
-        ]
+        tracks = [track_at(p, stamp_s=row.stamp_s, cov=1e-4) for row, p in zip(film.truth, path, strict=True)]
         scores = score_of_either(tracks, film.truths)
         return scores["right_percent"], scores["false_percent"]
 

@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from pps_vision.experiments.study import (
-    Axis,
-    Break,
-    Metric,
-    compare_severities,
-    interval,
-    mean,
-    percent_of,
-)
+from pps_vision.experiments.study import Axis, Break, Metric, compare_severities, interval, mean, percent_of
 
 
 def test_intervals_are_of_independent_units() -> None:

@@ -8,13 +8,7 @@ from scipy.stats import ncx2
 
 from learning.pps.memory import MemoryParams
 from learning.pps.receptive_field import ReceptiveField
-from pps_vision.experiments.baselines.single_taxel import (
-    Simulation,
-    count_paths,
-    empty_map,
-    from_taxel,
-    sample_paths,
-)
+from pps_vision.experiments.baselines.single_taxel import Simulation, count_paths, empty_map, from_taxel, sample_paths
 
 
 def rng(k=0):

@@ -6,10 +6,7 @@ from pathlib import Path
 import pytest
 from data import SEED
 
-from pps_vision.experiments.pps_taxel import (
-    SIMULATIONS,
-    simulated_ridge,
-)
+from pps_vision.experiments.pps_taxel import SIMULATIONS, simulated_ridge
 from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import read_numbers
 from pps_vision.recordings.atomic_write import plain
