@@ -1,4 +1,4 @@
-"""What the documents hold follows from the results: claims, tables and charts."""
+"""What the documents hold follows from the results: claims, tables, charts and tuned parameters."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,10 @@ import pytest
 from documents import ROOT
 from matplotlib.figure import Figure
 
+from pps_vision.app.encounters.registry import BASELINES
+from pps_vision.app.encounters.tuned import TUNED
 from pps_vision.errors import InputError
+from pps_vision.experiments.bench import bench
 from pps_vision.experiments.charts import pareto_front
 from pps_vision.experiments.claims import CLAIMS, claims_table
 from pps_vision.experiments.study import catalogue
@@ -76,3 +79,27 @@ def test_the_documents_charts_follow_from_the_results(study: str) -> None:
     assert published <= files
     for figure in charts.values():
         assert any(axis.lines or axis.collections or axis.patches or axis.images for axis in figure.axes)
+
+
+def test_tuned_parameters_are_those_of_the_tuning_study() -> None:
+    tuned = read_numbers(DOCS / "results" / "encounters.json")["tuning"]["best"]
+    best = {name: of for name, of in tuned.items() if name in BASELINES}
+    assert {name: {k: v for k, v in of.items() if k != "score"} for name, of in best.items()} == TUNED
+    for name, baseline in BASELINES.items():
+        assert all(low <= TUNED[name][k] <= high for k, (low, high) in baseline.ranges.items())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_short_run_has_every_chart_and_table(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    bench([name], out=tmp_path, short=True)
+    study = KNOWN[name]()
+    numbers = read_numbers(tmp_path / "results" / f"{name}.json")
+    tables = study.tables(numbers)
+    published = study.tables(read_numbers(DOCS / "results" / f"{name}.json"))
+    assert set(tables) == set(published)
+    assert all(list(table.header) and len(table.rows) for table in tables.values())
+    charts = study.chart(numbers)
+    n_charts = 1 if isinstance(charts, Figure) else len(charts)
+    assert len(list((tmp_path / "figures").glob("*.png"))) == n_charts
