@@ -1,6 +1,6 @@
 """R's five sources of robot error: their cost to predictions, compensation by learning, invariance to modality."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -19,8 +19,8 @@ from pps_vision.experiments.pps.taxel_trials import in_taxel_frames
 from pps_vision.experiments.study import Part, interval
 from pps_vision.experiments.tables import Table, estimate
 
-TrialSets = tuple[list[TouchTrial], list[TouchTrial]]
-Sets = tuple[Trials, Trials]  # training and test trials
+Exact = Sequence[Sequence[TouchTrial]]  # training and test trials
+Sets = list[Trials]  # training and test trials as the taxels perceive them
 CASES = ("no errors", "errors, map trained without", "errors, map trained with", "encoder offsets estimated too")
 MODALITIES: dict[SessionName, int] = {"motor": 45, "visual": 45, "inner": 53}
 """Trials of the felt finger, the seen finger, and seen objects."""
@@ -29,43 +29,33 @@ MODALITIES: dict[SessionName, int] = {"motor": 45, "visual": 45, "inner": 53}
 def scores(sets: Iterable[Sets]) -> dict[str, list[float]]:
     """Return AUROC and Brier score of R's map on pairs of training and test trials, with 95 % over the pairs."""
     predictions = [(outcomes(test), by_map(training, test)) for training, test in sets]
-    return {
-        "auroc": interval([[auroc(touched, p)] for touched, p in predictions]),
-        "brier": interval([[brier(touched, p)] for touched, p in predictions]),
-    }
+    return {score.__name__: interval([[score(*pair)] for pair in predictions]) for score in (auroc, brier)}
 
 
 def compensation(study: "PpsErrors") -> dict[str, Any]:
     """Return the scores by source of error and case, with 95 % over robots."""
     exact = [exact_trials("inner", study.size(TRIALS["inner"]), study.seed + i) for i in (0, 1)]
-    training, test = (in_taxel_frames(trials) for trials in exact)
+    without: Sets = [in_taxel_frames(trials) for trials in exact]
     sources = {**{name: errors_from(name) for name in SOURCES}, "all": ErrorSources()}
     numbers: dict[str, Any] = {}
     for name, source in tqdm(sources.items(), desc="errors", unit="source", disable=None):
         sets: dict[str, list[Sets]] = {case: [] for case in CASES}
         for k in range(study.n if name == "all" else study.n_single):
             robot = MiscalibratedRobot.draw(source, np.random.default_rng((study.seed, k)))
-            observed = _observed(robot, exact, (study.seed, k, 1))
-            calibrated = robot.calibrated(observed[0])
-            with_errors = _perceived(robot, observed)
-            estimated = _perceived(calibrated, _observed(calibrated, exact, (study.seed, k, 1)))
-            case_sets = ((training, test), (training, with_errors[1]), with_errors, estimated)
-            for case, case_set in zip(CASES, case_sets, strict=True):
-                sets[case].append(case_set)
+            observed, erring = _observe(robot, exact, (study.seed, k, 1))
+            _, estimated = _observe(robot.calibrated(observed[0]), exact, (study.seed, k, 1))
+            of_cases: tuple[Sets, ...] = (without, [without[0], erring[1]], erring, estimated)
+            for case, of_case in zip(CASES, of_cases, strict=True):
+                sets[case].append(of_case)
         numbers[name] = {case: scores(sets[case]) for case in CASES}
     return {"sources": numbers}
 
 
-def _observed(robot: MiscalibratedRobot, exact: Iterable[Iterable[TouchTrial]], seed: tuple[int, ...]) -> TrialSets:
-    """Training and test trials as a robot measures them, with the slack drawn from `seed`."""
+def _observe(robot: MiscalibratedRobot, exact: Exact, seed: tuple[int, ...]) -> tuple[Exact, Sets]:
+    """Training and test trials as a robot measures and perceives them, with the slack drawn from `seed`."""
     rng = np.random.default_rng(seed)
-    training, test = ([robot.observe(trial, True, rng) for trial in trials] for trials in exact)
-    return training, test
-
-
-def _perceived(robot: MiscalibratedRobot, observed: TrialSets) -> Sets:
-    training, test = (in_taxel_frames(trials, robot.model, robot.skin) for trials in observed)
-    return training, test
+    observed = [[robot.observe(trial, True, rng) for trial in trials] for trials in exact]
+    return observed, [in_taxel_frames(trials, robot.model, robot.skin) for trials in observed]
 
 
 def draw_compensation(numbers: dict[str, Any]) -> Figure:
@@ -96,8 +86,8 @@ def invariance(study: "PpsErrors") -> dict[str, Any]:
     for name, n in MODALITIES.items():
         trials = in_taxel_frames(study.measured_trials(name, n))
         n_training = 2 * len(trials) // 3
-        sets[name] = (trials[:n_training], trials[n_training:])
-    return {"modalities": {a: {b: scores([(sets[a][0], sets[b][1])]) for b in sets} for a in sets}}
+        sets[name] = [trials[:n_training], trials[n_training:]]
+    return {"modalities": {a: {b: scores([[sets[a][0], sets[b][1]]]) for b in sets} for a in sets}}
 
 
 @dataclass(frozen=True)

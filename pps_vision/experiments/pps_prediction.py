@@ -47,29 +47,26 @@ _EARLY_SHARE = 24 / 37
 
 
 def calibration(study: "PpsPrediction") -> dict[str, Any]:
-    """Return scores and the reliability diagram by predictor; intervals are over the held-out approaches."""
+    """Return scores by predictor, and the percentage touched by tenths of the probability; None of an empty tenth."""
     training = in_taxel_frames(study.measured_trials("inner"))
     test = in_taxel_frames(study.measured_trials("inner", HELD_OUT, seed_offset=1))
     touched = outcomes(test)
+    errors = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
     numbers = {}
     for name, predict in CALIBRATED.items():
         p = predict(training, test)
-        errors = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
-        scores = {key: score_interval(score, touched, p) for key, score in errors.items()}
-        numbers[name] = {"scores": scores, "touched_percent": percent_touched(touched, p)}
+        tenth = np.minimum((_BINS * p).astype(int), _BINS - 1)
+        bins = [touched[tenth == k] for k in range(_BINS)]
+        numbers[name] = {
+            "scores": {key: score_interval(score, touched, p) for key, score in errors.items()},
+            "touched_percent": [percent_of(int(b.sum()), b.size) if b.size else None for b in bins],
+        }
     return {"n": len(test), "methods": numbers}
 
 
 def score_interval(score: Callable[[ArrayLike, ArrayLike], float], touched: Mask, p: Array) -> list[float]:
     """Return a score of probabilities (trials, taxels) with its 95 % interval by resampling trials."""
     return interval(list(np.stack([touched, p], axis=-1)), lambda rows: score(rows[:, 0], rows[:, 1]))
-
-
-def percent_touched(touched: Mask, p: Array) -> list[list[float] | None]:
-    """Return the touched percentage by tenths of the probability, with Wilson's interval; None of an empty tenth."""
-    tenth = np.minimum((_BINS * p).astype(int), _BINS - 1)
-    bins = [touched[tenth == k] for k in range(_BINS)]
-    return [percent_of(int(outcome.sum()), outcome.size) if outcome.size else None for outcome in bins]
 
 
 def draw_calibration(numbers: dict[str, Any]) -> Figure:
@@ -104,40 +101,31 @@ def real_trials(study: "PpsPrediction") -> dict[str, Any]:
         return {"skipped": f"no {path}"}
     trials = load_trials(path)
     n_early = round(_EARLY_SHARE * len(trials))
-    first = trials[:n_early]
-    last = trials[n_early:]
     touched = outcomes(trials)
-    numbers = {
-        name: {
-            "quarters": _scores(touched, in_blocks(predict, trials), in_blocks(by_base_rate, trials)),
-            "early_late": _scores(touched[n_early:], predict(first, last), by_base_rate(first, last)),
-        }
-        for name, predict in REAL_TRIALS.items()
+    splits: dict[str, tuple[Mask, Callable[[Predictor], Array]]] = {
+        "quarters": (touched, lambda predict: in_blocks(predict, trials)),
+        "early_late": (touched[n_early:], lambda predict: predict(trials[:n_early], trials[n_early:])),
     }
+    numbers: dict[str, dict[str, Any]] = {name: {} for name in REAL_TRIALS}
+    for name, predict in REAL_TRIALS.items():
+        for split, (outcome, probabilities) in splits.items():
+            p = probabilities(predict)
+            numbers[name][split] = {
+                "auroc": score_interval(auroc, outcome, p),
+                "brier": interval(list((p - outcome) ** 2)),
+                "gain": list(brier_gain(outcome, p, probabilities(by_base_rate))),
+            }
     return {"n": len(trials), "touched": touched.sum(axis=0).tolist(), "methods": numbers}
-
-
-def _scores(touched: Mask, p: Array, base_rate: Array) -> dict[str, list[float]]:
-    """AUROC, Brier score, and its gain on the base rate."""
-    return {
-        "auroc": score_interval(auroc, touched, p),
-        "brier": interval(list((p - touched) ** 2)),
-        "gain": list(brier_gain(touched, p, base_rate)),
-    }
 
 
 def tabulate_real_trials(numbers: dict[str, Any]) -> Table:
     """Return the scores by predictor and split."""
-    columns = {
-        ("quarters", "auroc"): "AUROC, quarters",
-        ("quarters", "brier"): "Brier score, quarters",
-        ("quarters", "gain"): "below the base rate's, quarters",
-        ("early_late", "gain"): "below the base rate's, first 24 → last 13",
-    }
     rows = [
-        [name, *(estimate(method[split][key]) for split, key in columns)] for name, method in numbers["methods"].items()
+        [name, *map(estimate, method["quarters"].values()), estimate(method["early_late"]["gain"])]
+        for name, method in numbers["methods"].items()
     ]
-    return Table(["", *columns.values()], rows)
+    gains = [f"below the base rate's, {split}" for split in ("quarters", "first 24 → last 13")]
+    return Table(["", "AUROC, quarters", "Brier score, quarters", *gains], rows)
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ def simulated_ridge(simulation: Simulation, reference: str, n: int, seed: int) -
     widths = [100 * ridge_width(fine.counts[0]) for fine in maps]
     first = _simulated_map(simulation, reference, seed, 0, MemoryParams())
     return {
-        "crosses_ttc_0_at_cm": [round(float(q), 2) for q in np.percentile(crossings, (50, 25, 75))],
+        "crosses_ttc_0_at_cm": np.percentile(crossings, (50, 25, 75)).round(2).tolist(),
         "ridge_width_cm": round(float(np.median(widths)), 2),
         "activation": np.round(landscape(first), 2).tolist(),
     }
@@ -151,11 +151,12 @@ def count_fig3(data: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     shifted = from_end + _FIG3_OFFSET_M * NORMAL
     D, TTC = from_taxel(shifted[:, None], data["velocity_m_s"].astype(float)[:, None], UNBOUNDED)
     is_near = np.linalg.norm(from_end[:, :2], axis=1) < _FIG3_RADIUS_M
-    counts = []
-    for is_touch in (True, False):
-        used = is_near & ((data["outcome"] > 0)[event] == is_touch)
-        counts.append(count_samples(empty_map(1, MemoryParams()), D[used], TTC[used], np.ones(1, bool)).counts[..., 0])
-    return _difference(np.stack(counts, axis=-1)[0].astype(np.int64), _published(data, ""))
+    # Two taxels: the second one is touched by the misses alone, which makes them negative samples of the first.
+    memory = empty_map(2, MemoryParams())
+    touch = (data["outcome"] > 0)[event]
+    for used, touched in ((is_near & touch, [True, False]), (is_near & ~touch, [False, True])):
+        memory = count_samples(memory, D[used].repeat(2, axis=1), TTC[used].repeat(2, axis=1), np.array(touched))
+    return _difference(memory.counts[0].astype(np.int64), _published(data, ""))
 
 
 def count_fig9(folder: Path) -> dict[str, Any]:
@@ -215,42 +216,36 @@ def _spread_bins() -> tuple[Array, Array]:
 
 def single_touch(study: "PpsTaxel") -> dict[str, Any]:
     """Return, by approach, reference of D and map, the share (%) of repeated approaches above the threshold."""
-    return {
-        "approaches": {
-            name: {
-                reference: {label: _above_threshold(study, simulation, params, field) for label, params in MAPS.items()}
-                for reference, field in FIELDS.items()
-            }
-            for name, simulation in APPROACHES.items()
+    approaches = {
+        name: {
+            reference: {label: _above_threshold(study, simulation, params, field) for label, params in MAPS.items()}
+            for reference, field in FIELDS.items()
         }
+        for name, simulation in APPROACHES.items()
     }
+    return {"approaches": approaches}
 
 
 def _above_threshold(
     study: "PpsTaxel", simulation: Simulation, params: MemoryParams, field: ReceptiveField
 ) -> dict[str, float]:
-    rng = np.random.default_rng(study.seed)
-    until_touch_s, activations = repeat_approaches(simulation, params, field, study.approaches, rng)
-    above = 100 * np.mean(activations > THRESHOLD, axis=1)
-    return {
-        "above_at_lead_percent": round(float(above[np.argmin(np.abs(until_touch_s - LEAD_S))]), 1),
-        "above_at_touch_percent": round(float(above[-1]), 1),
-    }
-
-
-def repeat_approaches(
-    simulation: Simulation, params: MemoryParams, field: ReceptiveField, n: int, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Return the time until the touch (T,) s and the activation (T, n) of maps that have counted only that approach.
+    """Share (%) of the approaches that are above the threshold, each in a map that has counted only that approach.
 
     The simulated paths are paths of the ball's lowest point.
     """
+    n = study.approaches
+    rng = np.random.default_rng(study.seed)
     paths = [sample_paths(simulation, 2000, rng) for _ in range(-(-n // 100))]  # 8 % touch the first taxel
     d = np.concatenate([batch.d_m[batch.touched[:, 0], :, 0] for batch in paths])[:n] + RADIUS_M * NORMAL
     v = np.concatenate([batch.v_m_s[batch.touched[:, 0], :, 0] for batch in paths])[:n]
     D, TTC = (samples.T for samples in from_taxel(d, v, field, RADIUS_M))
     memory = count_samples(empty_map(n, params), D, TTC, np.ones(n, bool))  # every approach has its own taxel
-    return np.arange(len(D) - 1, -1, -1) * simulation.step_s, activation(memory, D, TTC)
+    above = 100 * np.mean(activation(memory, D, TTC) > THRESHOLD, axis=1)
+    lead = round(LEAD_S / simulation.step_s)
+    return {
+        "above_at_lead_percent": round(float(above[-1 - lead]), 1),
+        "above_at_touch_percent": round(float(above[-1]), 1),
+    }
 
 
 def tabulate_single_touch(numbers: dict[str, Any]) -> Table:

@@ -38,7 +38,6 @@ _SCATTER_M = 0.025  # standard deviation of the end point about the taxel aimed 
 _DEEPEST_M = -0.005  # greatest penetration of a taxel on the way
 _MARGIN_PX = 15.0  # smallest distance of a fingertip from the image's edge
 _BATCH = 12  # double touches planned at once
-_MAX_INFEASIBLE = 600  # consecutive infeasible starts after which a taxel counts as out of reach
 _SKIPPED_SHARE = 0.15  # the first part of a reach, in which it hardly moves
 
 
@@ -77,12 +76,12 @@ def _approach(session: SessionName, k: int, seed: int) -> Movement:
     robot, rig, skin = true_robot()
     rng = np.random.default_rng((seed, get_args(SessionName).index(session), 1, k))
     part, ids = AIMED[session]
-    aimed = f"{part}:{ids[k % len(ids)]}"
+    aimed = skin.index(f"{part}:{ids[k % len(ids)]}")
     stimulus = _OBJECTS[k % len(_OBJECTS)]
     radius = make_stimulus(stimulus, fineness=0).radius_m
     q = start_posture(robot, session)
     positions, normals = skin.at(robot.at(q))
-    T = taxel_frame(positions[skin.index(aimed)], normals[skin.index(aimed)])
+    T = taxel_frame(positions[aimed], normals[aimed])
     for _ in range(500):
         end = T[:3, :3] @ np.array([*(_SCATTER_M * rng.standard_normal(2)), radius]) + T[:3, 3]
         reach = make_reach(rng, end, T[:3, 2], rng.uniform(*_START_M), rng.uniform(*_PEAK_M_S))
@@ -96,7 +95,9 @@ def _approach(session: SessionName, k: int, seed: int) -> Movement:
             rotation = Rotation.random(random_state=rng).as_matrix()
             joints = np.tile(gaze_at(robot, q, path[0]), (len(stamps), 1))
             return Movement(stimulus, rotation, _true_trial(stamps, joints, path, velocities, touched, radius))
-    raise ValueError(f"no approach to {aimed} stays in view of both eyes; expected a taxel that its posture shows")
+    raise ValueError(
+        f"no approach to {skin.taxel_ids[aimed]} stays in view of both eyes; expected a taxel that its posture shows"
+    )
 
 
 def _double_touches(session: SessionName, seed: int) -> Iterator[Movement]:
@@ -104,26 +105,21 @@ def _double_touches(session: SessionName, seed: int) -> Iterator[Movement]:
     robot, rig, skin = true_robot()
     planner = DoubleTouching(robot, icub_skin(("left_forearm",)).parts[0])
     key = (seed, get_args(SessionName).index(session))
-    touches = {i: (finger_movement(robot, skin, plan) for plan in plans(planner, i, key)) for i in INNER_FOREARM}
+    touches = {i: (_finger_movement(robot, skin, plan) for plan in _plans(planner, i, key)) for i in INNER_FOREARM}
     for i in cycle(INNER_FOREARM):
         yield next(movement for movement in touches[i] if session == "motor" or _is_in_view(robot, rig, movement.trial))
 
 
-def plans(planner: DoubleTouching, taxel_id: int, key: tuple[int, ...]) -> Iterator[DoubleTouch]:
-    """Yield feasible double touches of one taxel, drawn with the seed `key`, while the taxel is within reach."""
+def _plans(planner: DoubleTouching, taxel_id: int, key: tuple[int, ...]) -> Iterator[DoubleTouch]:
+    """Feasible double touches of one taxel within reach, drawn with the seed `key`."""
     taxel = planner.part.ids.index(taxel_id)
-    n_infeasible = 0
     for batch in count():
-        rng = np.random.default_rng((*key, taxel, batch))
-        feasible = [plan for plan in planner.plan(taxel, _BATCH, rng) if isinstance(plan, DoubleTouch)]
-        yield from feasible
-        n_infeasible = 0 if feasible else n_infeasible + _BATCH
-        if n_infeasible >= _MAX_INFEASIBLE:
-            return
+        plans = planner.plan(taxel, _BATCH, np.random.default_rng((*key, taxel, batch)))
+        yield from (plan for plan in plans if isinstance(plan, DoubleTouch))
 
 
-def finger_movement(robot: Robot, skin: Skin, touch: DoubleTouch) -> Movement:
-    """Return the true movement of the right index fingertip, which ends with a touch of the skin."""
+def _finger_movement(robot: Robot, skin: Skin, touch: DoubleTouch) -> Movement:
+    """The true movement of the right index fingertip, which ends with a touch of the skin."""
     tip = np.array([robot.at(q).point(robot.names.index_tips[1]) for q in touch.joints_rad])
     velocities = np.gradient(tip, touch.stamps_s, axis=0, edge_order=2)
     joints = np.where(gaze_mask(robot), gaze_at(robot, touch.joints_rad[0], tip[0]), touch.joints_rad)
@@ -144,8 +140,6 @@ def _true_trial(
 
 def _is_in_view(robot: Robot, rig: StereoRig, trial: TouchTrial) -> bool:
     """Whether both eyes, fixating the fingertip, have it in their image along its way."""
-    for q, tip in zip(trial.joints_rad[::-8], trial.positions[::-8], strict=True):
-        view = rig.view(gaze_at(robot, q, tip))
-        if not (view.left.sees(tip, _MARGIN_PX) and view.right.sees(tip, _MARGIN_PX)):
-            return False
-    return True
+    samples = zip(trial.joints_rad[::-8], trial.positions[::-8], strict=True)
+    views = ((rig.view(gaze_at(robot, q, tip)), tip) for q, tip in samples)
+    return all(view.left.sees(tip, _MARGIN_PX) and view.right.sees(tip, _MARGIN_PX) for view, tip in views)

@@ -82,11 +82,9 @@ def corrected(predictor: Predictor) -> Predictor:
     """Return the prediction corrected by isotonic regression on held-out folds of the training trials."""
 
     def predict(training: Trials, test: Trials) -> Array:
-        every = np.arange(len(training))
-        folds = [every[k::_FOLDS] for k in range(_FOLDS)]
-        p = [predictor(_take(training, np.setdiff1d(every, f)), _take(training, f)) for f in folds]
+        folds = [np.arange(k, len(training), _FOLDS) for k in range(_FOLDS)]
         regression = IsotonicRegression(out_of_bounds="clip")
-        regression.fit(np.concatenate(p).ravel(), outcomes(training)[np.concatenate(folds)].ravel())
+        regression.fit(_held_out(predictor, training, folds).ravel(), outcomes(training).ravel())
         raw = predictor(training, test)
         return np.asarray(regression.predict(raw.ravel())).reshape(raw.shape)
 
@@ -95,10 +93,13 @@ def corrected(predictor: Predictor) -> Predictor:
 
 def in_blocks(predictor: Predictor, trials: Trials, n_blocks: int = 4) -> Array:
     """Return probabilities (trials, taxels), each block of consecutive trials predicted from the others."""
-    every = np.arange(len(trials))
-    parts = np.array_split(every, n_blocks)
-    return np.concatenate([predictor(_take(trials, np.setdiff1d(every, p)), _take(trials, p)) for p in parts])
+    return _held_out(predictor, trials, np.array_split(np.arange(len(trials)), n_blocks))
 
 
-def _take(trials: Trials, indices: NDArray[np.intp]) -> tuple[Trial, ...]:
-    return tuple(trials[i] for i in indices)
+def _held_out(predictor: Predictor, trials: Trials, folds: Sequence[NDArray[np.intp]]) -> Array:
+    """Probabilities (trials, taxels), each fold of indices predicted from the others."""
+    p = np.zeros(outcomes(trials).shape)
+    for fold in folds:
+        others = [trial for k, trial in enumerate(trials) if k not in fold]
+        p[fold] = predictor(others, [trials[k] for k in fold])
+    return p

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
+from scipy.stats import rankdata, sem
 
 _BINS = 10  # reliability diagram
 
@@ -12,13 +13,11 @@ def auroc(outcome: ArrayLike, score: ArrayLike) -> float:
 
     It is the share of pairs of a positive and a negative outcome in which the positive scores higher; ties count half.
     """
-    positive = np.asarray(outcome, dtype=bool).ravel()
-    values, index = np.unique(np.asarray(score, dtype=float).ravel(), return_inverse=True)
-    n_positive = np.bincount(index[positive], minlength=len(values))
-    n_negative = np.bincount(index[~positive], minlength=len(values))
-    below = np.cumsum(n_negative) - n_negative
-    pairs = n_positive.sum() * n_negative.sum()
-    return float((n_positive * (below + 0.5 * n_negative)).sum() / pairs) if pairs else float("nan")
+    is_positive = np.asarray(outcome, dtype=bool).ravel()
+    n = np.count_nonzero(is_positive)
+    if n in (0, len(is_positive)):
+        return np.nan
+    return float((rankdata(score)[is_positive].mean() - (n + 1) / 2) / (len(is_positive) - n))
 
 
 def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
@@ -34,15 +33,12 @@ def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike)
     """
     y, p, q = (np.asarray(values, dtype=float) for values in (outcome, probability, reference))
     gains = np.mean((q - y) ** 2 - (p - y) ** 2, axis=1)
-    half = float(stdtrit(len(gains) - 1, 0.975) * gains.std(ddof=1) / np.sqrt(len(gains)))
-    mean = float(gains.mean())
-    return mean, mean - half, mean + half
+    half = float(stdtrit(len(gains) - 1, 0.975) * sem(gains))
+    return float(gains.mean()), float(gains.mean()) - half, float(gains.mean()) + half
 
 
 def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike) -> float:
     """Return the mean distance between predicted probability and share of positives in its bin (ten equal bins)."""
     p = np.asarray(probability, dtype=float).ravel()
-    y = np.asarray(outcome, dtype=float).ravel()
     index = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
-    differences = np.bincount(index, weights=p, minlength=_BINS) - np.bincount(index, weights=y, minlength=_BINS)
-    return float(np.abs(differences).sum() / len(p))
+    return float(np.abs(np.bincount(index, weights=p - np.ravel(outcome))).sum() / len(p))

@@ -58,14 +58,12 @@ def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, .
     return tuple(movement.trial for movement in movements(session, n, seed))
 
 
-def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLDER) -> tuple[TouchTrial, ...]:
-    """Return the first `n` trials of a session as tracked in rendered eye views.
+def rendered_trials(session: SessionName, n: int, seed: int, folder: Path) -> tuple[TouchTrial, ...]:
+    """Return the first `n` trials of a session (not motor, which is felt) as tracked in rendered eye views.
 
     `folder` keeps every trial under a name that identifies movement and code: a trial is rendered once, and an
     interrupted run resumes.
     """
-    if session == "motor":
-        raise ValueError("rendered motor trials; expected visual, inner, outer or palm: a motor double touch is felt")
     planned = movements(session, n, seed)
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / f"{movement.stimulus}_{_digest(movement, code_digest())}.npz" for movement in planned]
@@ -73,13 +71,12 @@ def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLD
     if missing:
         with worker_pool(min(_PROCESSES, len(missing))) as pool:
             rendered = pool.map(_render_to, *zip(*missing, strict=True))
-            for _ in tqdm(rendered, "rendering", len(missing), unit="trial", disable=None):
-                pass
+            list(tqdm(rendered, "rendering", len(missing), unit="trial", disable=None))
     return tuple(_read(movement, file) for movement, file in zip(planned, files, strict=True))
 
 
-def render_trial(movement: Movement) -> TouchTrial:
-    """Return a movement as tracked in rendered eye views, the eyes following the track."""
+def _render_to(movement: Movement, file: Path) -> None:
+    """Write a movement as tracked in rendered eye views, the eyes following the track."""
     is_marker = movement.stimulus == "marker"
     icub = load_icub()
     skin = icub_skin()
@@ -99,19 +96,9 @@ def render_trial(movement: Movement) -> TouchTrial:
             tracks.append(step.tracking.track)
             joints.append(q)
             q = icub.clamp(q + STEP_S * step.command.dq_rad_s)
-    return replace(
-        true,
-        joints_rad=np.array(joints),
-        positions=np.array([track.position for track in tracks]),
-        velocities=np.array([track.velocity for track in tracks]),
-        velocity_covs=np.array([track.cov[3:6, 3:6] for track in tracks]),
-        radius_m=np.array([track.radius_m for track in tracks]),
-    )
-
-
-def _render_to(movement: Movement, file: Path) -> None:
-    trial = render_trial(movement)
-    write_archive(file, _KIND, _VERSION, {name: getattr(trial, name) for name in _TRACKED})
+    samples = [(q, t.position, t.velocity, t.cov[3:6, 3:6], t.radius_m) for q, t in zip(joints, tracks, strict=True)]
+    arrays = map(np.array, zip(*samples, strict=True))
+    write_archive(file, _KIND, _VERSION, dict(zip(_TRACKED, arrays, strict=True)))
 
 
 def _read(movement: Movement, file: Path) -> TouchTrial:

@@ -11,7 +11,6 @@ from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField
 from pps_vision.app.encounters.postures import SessionName
-from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.single_taxel import empty_map, from_taxel
 from pps_vision.experiments.pps.movements import AIMED
 from pps_vision.robot.icub import load_icub
@@ -47,12 +46,6 @@ def load_trials(path: Path) -> tuple[Trial, ...]:
     data = read_arrays(path, "trials", _ARRAYS)
     outcome = data["outcome"]
     offsets = data["offsets"].astype(np.int64)
-    if outcome.ndim != 2 or offsets.shape != (outcome.size + 1,):
-        shapes = f"outcome of shape {outcome.shape}, offsets of shape {offsets.shape}"
-        raise InputError(path, f"{shapes}; expected (trials, taxels) and one offset more than pairs")
-    lengths = np.diff(offsets).reshape(outcome.shape)
-    if np.any(lengths != lengths[:, :1]):
-        raise InputError(path, "taxels of one trial with different numbers of samples; expected the same number")
     n_taxels = outcome.shape[1]
     trials = []
     is_touch = outcome.astype(int) > 0

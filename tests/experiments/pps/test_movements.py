@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from data import SEED
 
-from control.double_touch import FINGERTIP_RADIUS_M
-from learning.pps.joint_offsets import TouchTrial
 from pps_vision.experiments.pps.movements import AIMED, SessionName, movements
 from pps_vision.experiments.pps.robot_errors import MiscalibratedRobot, errors_from
 from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials
-from pps_vision.experiments.pps_sessions import misaimed_touches
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
-from pps_vision.types import Array
 
 ROBOT = load_icub()
 SKIN = icub_skin()
@@ -54,13 +50,6 @@ def test_a_rendered_trial_is_tracked_and_read_again(tmp_path: Path) -> None:
     assert file.stat().st_mtime_ns == written_ns
 
 
-def from_taxels(robot: MiscalibratedRobot, trial: TouchTrial) -> Array:
-    """(n, 3) m, the object's end relative to the taxels by the robot's model."""
-    taxels, _ = robot.skin.at(robot.model.at(trial.joints_rad[-1]))
-    end: Array = trial.positions[-1] - taxels
-    return end
-
-
 @pytest.mark.parametrize("by_eyes", [True, False])
 def test_without_errors_the_measurement_is_the_truth(by_eyes: bool) -> None:
     (trial,) = exact_trials("motor", 1, SEED)
@@ -69,13 +58,3 @@ def test_without_errors_the_measurement_is_the_truth(by_eyes: bool) -> None:
         if not by_eyes or source == errors_from():  # a felt fingertip does not depend on the cameras
             np.testing.assert_allclose(measured.positions, trial.positions, atol=1e-6)
             np.testing.assert_allclose(measured.velocities, trial.velocities, atol=1e-5)
-
-
-def test_a_robot_without_errors_touches_the_taxel_that_it_aims_at() -> None:
-    """The first touch is aimed at taxel 27, the first inner taxel."""
-    exact = MiscalibratedRobot.draw(errors_from(), rng())
-    (trial,) = misaimed_touches(exact, 1, SEED)
-    gaps = np.linalg.norm(from_taxels(exact, trial), axis=1) - FINGERTIP_RADIUS_M
-    assert gaps.argmin() == SKIN.index("left_forearm:27")
-    assert gaps.min() < 0.0075  # a step at 15 cm/s
-    np.testing.assert_array_equal(gaps <= TOUCH_RADIUS_M, trial.touched)

@@ -11,7 +11,7 @@ from pps_vision.experiments.tables import read_numbers
 
 PARTS = {
     "pps_taxel": ("monte_carlo", "single_touch"),
-    "pps_sessions": ("double_touches", "misaimed", "offsets"),
+    "pps_sessions": ("offsets",),
     "pps_errors": ("compensation",),
 }
 
