@@ -70,8 +70,8 @@ class MapTruth:
         """Return JE, FN, FP (percent), the same in J's box, and the RMS error of the degree R."""
         box = rates(query(self.box_gaze_rad).reachable, self.box_reachable)
         degree = jamone.degree(self.reachable, self.optimality, self.error_m, max_error_m)
-        in_box = {f"box_{name}": value for name, value in box.items()}
-        return {**scores(query(self.gaze_rad), self.reachable, degree), **in_box}
+        exact = scores(query(self.gaze_rad), self.reachable, degree)
+        return exact | {f"box_{name}": value for name, value in box.items()}
 
 
 def rates(predicted: Mask, reachable: Mask) -> dict[str, float]:

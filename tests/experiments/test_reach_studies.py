@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from documents import ROOT
 
 from learning.reach.map import MapPrediction
-from pps_vision.experiments.reach_kinematics import ReachKinematics
 from pps_vision.experiments.reach_kinematics.deviations import DEVIATIONS, samples
 from pps_vision.experiments.reach_truth import scores
-from pps_vision.experiments.tables import read_numbers
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 
@@ -41,16 +38,3 @@ def test_the_eyes_of_the_deviating_head_meet_at_the_deviating_hand(deviation: st
     assert (np.median(unbent) > 5e-4) == (
         deviation not in ("none", "neck yaw below pitch", "neck yaw axis tilted by 5°")
     )
-
-
-def test_the_official_models_differ_from_ours_as_published() -> None:
-    pytest.importorskip("icub_models")
-    published = read_numbers(ROOT / "docs" / "results" / "reach_kinematics.json")["official_icub"]["models"]
-    models = ReachKinematics(parts=("official_icub",)).run()["official_icub"]["models"]
-    assert list(models) == list(published)
-    for name, rows in models.items():
-        assert [row["joint"] for row in rows] == [row["joint"] for row in published[name]]
-        for key in ("offset_m", "limits_deg", "our_limits_deg"):
-            for ours, theirs in zip(rows, published[name], strict=True):
-                assert ours[key] == pytest.approx(theirs[key], rel=1e-4, abs=1e-6)
-        assert max(row["angle_deg"] for row in rows) < 0.01

@@ -1,4 +1,4 @@
-"""Forward models arm → gaze, and LWPR beside its authors' library on the cross function."""
+"""Forward models arm → gaze, also of robots that are no chain of ideal joints; our iCub beside the official ones."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,23 +13,17 @@ from learning.reach.babbling import Babbled, babble
 from learning.reach.forward_model import RevoluteArm
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines import jamone
-from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
+from pps_vision.experiments.baselines.lwpr import LWPR
 from pps_vision.experiments.baselines.regressors import ArmToGaze, ForwardModel, gaussian_process, quintic_spline
 from pps_vision.experiments.reach_kinematics import deviations, official_icub
 from pps_vision.experiments.reach_truth import N_TEST, first, gaze_rmse_deg
 from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval
-from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.robot.icub import load_icub
-from pps_vision.types import Array
 
 _N_TRIED = 20_000
 _N_FIXATED_OF_J = 4400
 _N_QUERIES = 50  # timed one by one
-_N_SAMPLES = 20_000
-_LIBRARY_NMSE = (0.058, 0.065)  # of five seeds of the authors' C library with a constant metric
-_WARM_UP_SHARE = 0.02  # of the samples, for a first model that loads the compiled code
-_GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
 MODELS: dict[str, Callable[[], ForwardModel]] = {
     "model of revolute joints": RevoluteArm,
     "Gaussian process": lambda: ArmToGaze(gaussian_process()),
@@ -100,56 +94,6 @@ def _forward_model_chart(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def cross(x: Array) -> Array:
-    """Return (N,) the cross function of points (N, 2) (Schaal, Atkeson & Vijayakumar 2002)."""
-    ridges = (np.exp(-10 * x[:, 0] ** 2), np.exp(-50 * x[:, 1] ** 2), 1.25 * np.exp(-5 * np.sum(x**2, axis=1)))
-    return np.asarray(np.max(ridges, axis=0))
-
-
-def train(rng: np.random.Generator, share: float) -> tuple[LWPR, float]:
-    """Return a model trained with a share of 20 000 samples, and the processor time per update (µs)."""
-    x = rng.uniform(-1, 1, (round(share * _N_SAMPLES), 2))
-    y = cross(x) + rng.uniform(-0.05, 0.05, len(x))
-    order = rng.permutation(len(x))
-    model = LWPR(2, 1, LWPRParams(init_D=50, w_gen=0.2))
-    _, ms = timed(lambda: model.update(x[order], y[order, None]))
-    return model, 1000 * ms / len(x)
-
-
-def nmse(model: LWPR) -> float:
-    """Return the normalized mean squared error on a 41×41 grid."""
-    truth = cross(_GRID)
-    return float(np.mean((model.predict(_GRID)[:, 0] - truth) ** 2) / truth.var())
-
-
-def _lwpr(study: "ReachKinematics") -> dict[str, Any]:
-    """Return the results of each model with a constant metric, beside the range of the library's."""
-    train(np.random.default_rng(study.seed), _WARM_UP_SHARE)
-    columns: dict[str, list[float]] = {"fields": [], "nmse": [], "update_us": []}
-    for k in tqdm(range(study.n_lwpr), desc="LWPR", disable=None):
-        model, update_us = train(np.random.default_rng(study.seed + k), study.lwpr_share)
-        for name, value in zip(columns, (model.n_fields, nmse(model), update_us), strict=True):
-            columns[name].append(value)
-    return {"settings": {"constant metrics": {**columns, "library_nmse": _LIBRARY_NMSE}}}
-
-
-def _lwpr_table(numbers: dict[str, Any]) -> Table:
-    """Return fields, error and update time of the models, median and range, beside the library's error."""
-    rows = []
-    for name, row in numbers["settings"].items():
-        fields, error, update = (_spread(row[key]) for key in ("fields", "nmse", "update_us"))
-        rows.append([name, fields, error, _range(row["library_nmse"]), update])
-    return Table(["setting", "fields", "error (nMSE)", "library", "update (µs)"], rows)
-
-
-def _spread(values: Sequence[float]) -> str:
-    return f"{np.median(values):.3g} ({_range((min(values), max(values)))})"
-
-
-def _range(ends: Sequence[float]) -> str:
-    return "–".join(f"{end:.3g}" for end in ends)
-
-
 @dataclass(frozen=True)
 class ReachKinematics(SampledStudy, PartsStudy):
     """Kinematics behind the reachable-space map."""
@@ -157,15 +101,12 @@ class ReachKinematics(SampledStudy, PartsStudy):
     PARTS: ClassVar[Mapping[str, Part]] = {
         "forward_model": Part(_forward_model, _forward_model_chart),
         "deviations": Part(lambda s: deviations.run(s.seeds, s.sizes[-1]), table=deviations.table),
-        "lwpr": Part(_lwpr, table=_lwpr_table),
         "official_icub": Part(lambda s: official_icub.run(s.official_models), table=official_icub.table),
     }
-    SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200), "n_lwpr": 1, "lwpr_share": 0.05}
+    SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200)}
 
     n: int = 3  # sets of babbled postures, each with its own test set
     sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, 4400)
     """Fixated postures after which each forward model is judged; of robots with deviations, the last one only."""
-    n_lwpr: int = 5  # LWPR models of the cross function
-    lwpr_share: float = 1.0  # share of their training samples
     official_models: tuple[str, ...] = ("iCubLisboa01", "iCubGazeboV2_5")
     """Official iCub models: of version 1, as ours, and of version 2.5."""

@@ -6,6 +6,7 @@ Of the deviations only the order of the neck's axes is in the class of the struc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -113,29 +114,20 @@ def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
 
 def run(seeds: Sequence[int], n_samples: int) -> dict[str, Any]:
     """Return by noise, deviation and model the RMSE (°) with its interval."""
-    return {
-        "noises": {
-            f"{noise_deg:g}": {
-                deviation: _measure(seeds, n_samples, deviation, noise_deg)
-                for deviation in tqdm(DEVIATIONS, desc=f"noise {noise_deg:g}°", disable=None)
-            }
-            for noise_deg in NOISES_DEG
-        }
-    }
-
-
-def _measure(seeds: Sequence[int], n_samples: int, deviation: str, noise_deg: float) -> dict[str, Any]:
-    errors: dict[str, list[list[float]]] = {model: [] for model in MODELS}
-    for seed in seeds:
-        rng = np.random.default_rng(seed)
-        train, test = (first(samples(deviation, int(n / _MIN_FIXATED), rng), n) for n in (n_samples, N_TEST))
-        noise = np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
-        gaze = np.clip(train.gaze_rad + noise, _LIMITS.lower, _LIMITS.upper)
-        for name, make in MODELS.items():
-            model = make()
-            model.learn(train.arm_rad, gaze)
-            errors[name].append([gaze_rmse_deg(model, test)[0]])
-    return {name: {"rmse_deg": interval(errors[name])} for name in MODELS}
+    noises: dict[str, dict[str, Any]] = {f"{noise_deg:g}": {} for noise_deg in NOISES_DEG}
+    for noise_deg, deviation in tqdm(list(product(NOISES_DEG, DEVIATIONS)), desc="deviations", disable=None):
+        errors: dict[str, list[list[float]]] = {model: [] for model in MODELS}
+        for seed in seeds:
+            rng = np.random.default_rng(seed)
+            train, test = (first(samples(deviation, int(n / _MIN_FIXATED), rng), n) for n in (n_samples, N_TEST))
+            noise = np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
+            gaze = np.clip(train.gaze_rad + noise, _LIMITS.lower, _LIMITS.upper)
+            for name, make in MODELS.items():
+                model = make()
+                model.learn(train.arm_rad, gaze)
+                errors[name].append([gaze_rmse_deg(model, test)[0]])
+        noises[f"{noise_deg:g}"][deviation] = {name: {"rmse_deg": interval(e)} for name, e in errors.items()}
+    return {"noises": noises}
 
 
 def table(numbers: dict[str, Any]) -> Table:

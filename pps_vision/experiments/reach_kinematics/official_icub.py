@@ -20,8 +20,8 @@ class JointDifference:
     joint: str  # our name
     angle_deg: float  # angle between the axes
     offset_m: float  # distance of the origin of our joint from the official axis
-    limits_deg: tuple[float, float]  # limits of the official model
-    our_limits_deg: tuple[float, float]  # limits of ours
+    limits_deg: list[float]  # limits of the official model
+    our_limits_deg: list[float]  # limits of ours
 
 
 def run(names: Sequence[str]) -> dict[str, Any]:
@@ -36,33 +36,26 @@ def compare_joints(urdf: Path) -> list[JointDifference]:
     """Compare the joints of torso, neck and left arm; the right arm mirrors the left one."""
     official = pin.buildModelFromUrdf(str(urdf))
     ours = load_icub().model
-    axes, _ = _axes(official)
-    our_axes, our_origins = _axes(ours)
     rows = []
-    for joint in ours.names:
+    for joint in ours.names[1:]:
         name = joint.replace("left_", "l_").replace("prosupination", "prosup")
-        if joint.startswith("right_") or not official.existJointName(name) or joint == "universe":
+        if joint.startswith("right_") or not official.existJointName(name):
             continue
-        i = official.getJointId(name) - 1
-        k = ours.getJointId(joint) - 1
-        v, w = np.split(axes[:, i], 2)
-        our_w = our_axes[3:, k]
+        (v, w), _, limits_deg = _joint(official, name)
+        (_, our_w), our_origin, our_limits_deg = _joint(ours, joint)
         angle = np.rad2deg(np.arctan2(np.linalg.norm(np.cross(w, our_w)), w @ our_w))
-        offset = np.linalg.norm(np.cross(our_origins[k] - np.cross(w, v), w))  # w × v is on the axis
-        rows.append(JointDifference(joint, float(angle), float(offset), _limits_deg(official, i), _limits_deg(ours, k)))
+        offset = np.linalg.norm(np.cross(our_origin - np.cross(w, v), w))  # w × v is on the axis
+        rows.append(JointDifference(joint, float(angle), float(offset), limits_deg, our_limits_deg))
     return rows
 
 
-def _axes(model: pin.Model) -> tuple[Array, list[Array]]:
-    """(6, n) screws (v, ω) of the joints at 0 in the root frame, and their origins (3,)."""
+def _joint(model: pin.Model, name: str) -> tuple[list[Array], Array, list[float]]:
+    """Screw [v, ω] of a joint in the root frame, all joints at 0, its origin (3,), and its limits in degrees."""
     data = model.createData()
-    screws = np.array(pin.computeJointJacobians(model, data, pin.neutral(model)))
-    return screws, [data.oMi[i].translation.copy() for i in range(1, model.njoints)]
-
-
-def _limits_deg(model: pin.Model, i: int) -> tuple[float, float]:
-    lower, upper = np.rad2deg([model.lowerPositionLimit[i], model.upperPositionLimit[i]])
-    return float(lower), float(upper)
+    i = model.getJointId(name)
+    screw = pin.computeJointJacobians(model, data, pin.neutral(model))[:, i - 1]
+    limits = np.rad2deg([model.lowerPositionLimit[i - 1], model.upperPositionLimit[i - 1]])
+    return np.split(screw, 2), data.oMi[i].translation.copy(), limits.tolist()
 
 
 def table(numbers: dict[str, Any]) -> Table:
@@ -70,14 +63,10 @@ def table(numbers: dict[str, Any]) -> Table:
     models = numbers["models"]
     rows = []
     for joints in zip(*models.values(), strict=True):
-        cells = [
-            cell
-            for row in joints
-            for cell in (f"{1000 * row['offset_m']:.1f}", "{:.0f} to {:.0f}".format(*row["limits_deg"]))
-        ]
-        rows.append(
-            [joints[0]["joint"].replace("_", " "), "{:.0f} to {:.0f}".format(*joints[0]["our_limits_deg"]), *cells]
-        )
+        cells = [joints[0]["joint"].replace("_", " "), "{:.0f} to {:.0f}".format(*joints[0]["our_limits_deg"])]
+        for row in joints:
+            cells += [f"{1000 * row['offset_m']:.1f}", "{:.0f} to {:.0f}".format(*row["limits_deg"])]
+        rows.append(cells)
     largest = max(row["angle_deg"] for joints in models.values() for row in joints)
     rows.append(["largest angle between axes (°)", "", f"{largest:.3f}", *[""] * (2 * len(models) - 1)])
     columns = [f"{name}: {column}" for name in models for column in ("axis (mm)", "limits (°)")]

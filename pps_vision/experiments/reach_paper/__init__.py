@@ -7,6 +7,7 @@ kinematics.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -83,16 +84,12 @@ def _repetition(study: "ReachPaper", seed: int) -> dict[str, Any]:
 
 def _extremes(babbled: Babbled) -> dict[str, dict[str, float]]:
     """Return points C and D of J Fig 3, the farthest and the closest fixated hand; degrees."""
-    gaze_deg = np.rad2deg(babbled.gaze_rad)
-    vergence_deg = gaze_deg[:, 2]
-    return {
-        name: {
-            "yaw_deg": float(gaze_deg[k, 0]),
-            "vergence_deg": float(vergence_deg[k]),
-            "elbow_deg": float(np.rad2deg(babbled.arm_rad[k, 3])),
-        }
-        for name, k in (("C, farthest", vergence_deg.argmin()), ("D, closest", vergence_deg.argmax()))
-    }
+    vergence = babbled.gaze_rad[:, 2]
+    points = {}
+    for name, k in (("C, farthest", vergence.argmin()), ("D, closest", vergence.argmax())):
+        angles = np.rad2deg([babbled.gaze_rad[k, 0], vergence[k], babbled.arm_rad[k, 3]]).tolist()
+        points[name] = dict(zip(("yaw_deg", "vergence_deg", "elbow_deg"), angles, strict=True))
+    return points
 
 
 def _whole_paper_chart(numbers: dict[str, Any]) -> dict[str, Figure]:
@@ -147,37 +144,34 @@ def _error_bound(study: "ReachPaper") -> dict[str, Any]:
     """
     robot = load_icub()
     maps: list[dict[str, Any]] = []
-    for i, requested in enumerate(study.requested):
-        params = replace(map_params(study.n_labels), max_error=requested)
-        for k in tqdm(range(study.n_bounds), f"{requested:g}", unit="pair of maps", disable=None):
-            for arm_index, arm in enumerate(ARMS):
-                rng = np.random.default_rng((study.seed + k, arm_index, i))
-                learned = train_reachable_map(robot, arm, rng, params)
-                gaze = rng.uniform(learned.limits.lower, learned.limits.upper, (study.n_bound_test, 3))
-                reachable = np.isfinite(closed_form(robot, arm).solve(fixation_points(robot, gaze))[:, 0])
-                maps.append(
-                    {
-                        "requested": requested,
-                        "arm": arm,
-                        "labels": len(learned.labels.gaze_rad) + learned.unanswered,
-                        "stated": learned.error_bound,
-                        "measured": float(np.mean(learned.query(gaze).reachable != reachable)),
-                    }
-                )
+    pairs = list(product(enumerate(study.requested), range(study.n_bounds), enumerate(ARMS)))
+    for (i, requested), k, (arm_index, arm) in tqdm(pairs, "stated bounds", unit="map", disable=None):
+        rng = np.random.default_rng((study.seed + k, arm_index, i))
+        learned = train_reachable_map(robot, arm, rng, replace(map_params(study.n_labels), max_error=requested))
+        gaze = rng.uniform(learned.limits.lower, learned.limits.upper, (study.n_bound_test, 3))
+        reachable = np.isfinite(closed_form(robot, arm).solve(fixation_points(robot, gaze))[:, 0])
+        maps.append(
+            {
+                "requested": requested,
+                "arm": arm,
+                "labels": len(learned.labels.gaze_rad) + learned.unanswered,
+                "stated": learned.error_bound,
+                "measured": float(np.mean(learned.query(gaze).reachable != reachable)),
+            }
+        )
     return {"maps": maps, "hold_percent": percent_of(_n_holding(maps), len(maps))}
 
 
 def _error_bound_table(numbers: dict[str, Any]) -> Table:
     """Return for each requested bound and arm: maps, bounds that hold, requests met, and means."""
     rows = []
-    for requested in dict.fromkeys(row["requested"] for row in numbers["maps"]):
-        for arm in ARMS:
-            maps = [row for row in numbers["maps"] if row["requested"] == requested and row["arm"] == arm]
-            met = sum(row["stated"] <= requested for row in maps)
-            shares = (f"{100 * np.mean([row[key] for row in maps]):.3g}" for key in ("stated", "measured"))
-            labels = f"{np.mean([row['labels'] for row in maps]):.0f}"
-            counts = (str(count) for count in (len(maps), _n_holding(maps), met))
-            rows.append([f"{100 * requested:g} %, {arm}", *counts, *shares, labels])
+    for requested, arm in product(dict.fromkeys(row["requested"] for row in numbers["maps"]), ARMS):
+        maps = [row for row in numbers["maps"] if row["requested"] == requested and row["arm"] == arm]
+        met = sum(row["stated"] <= requested for row in maps)
+        shares = (f"{100 * np.mean([row[key] for row in maps]):.3g}" for key in ("stated", "measured"))
+        labels = f"{np.mean([row['labels'] for row in maps]):.0f}"
+        counts = map(str, (len(maps), _n_holding(maps), met))
+        rows.append([f"{100 * requested:g} %, {arm}", *counts, *shares, labels])
     holding = f"{_n_holding(numbers['maps'])}; {estimate(numbers['hold_percent'])} %"
     rows.append(["all", str(len(numbers["maps"])), holding, *["–"] * 4])
     header = ["requested", "maps", "bounds that hold", "requests met", "stated (%)", "measured (%)", "labels"]

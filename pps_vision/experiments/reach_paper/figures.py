@@ -5,7 +5,7 @@ Figs 5 and 6 show the same of the Basic map and are not drawn: R above 0.5 means
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,7 +18,7 @@ from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.jamone import MapQuery
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 
 _N_YAWS = 60
 _N_VERGENCES = 56
@@ -33,45 +33,33 @@ _SIMULATOR_M = np.array([0.0, 0.5976, -0.026])  # p_sim = (−y, z, −x) of the
 _PLANES = {"seen from above, Y 0.85 m": (0, 2), "seen from the side, X 0 m": (2, 1)}  # horizontal and vertical axis
 
 
-class Plane(NamedTuple):
-    """Plane on which maps are sampled."""
-
-    x: Array  # (w,) values of the horizontal axis
-    y: Array  # (h,) values of the vertical axis
-    gaze_rad: Array  # (h·w, 3) gaze postures, NaN where a location cannot be fixated
-    babbled: Array  # (N, 2) babbled postures near the plane
-
-
 def sample_planes(maps: Mapping[str, MapQuery], robot: Robot, babbled: Babbled) -> dict[str, Any]:
     """Return the degree R (percent) of each map on slices of gaze space and on planes through J's box."""
-    slices = {f"pitch {pitch}°": _slice(pitch, babbled) for pitch in _PITCHES_DEG}
-    box = {title: _box_plane(robot, *axes, babbled) for title, axes in _PLANES.items()}
     return {
-        "slices": {title: _sampled(maps, plane) for title, plane in slices.items()},
-        "box": {title: _sampled(maps, plane) for title, plane in box.items()},
+        "slices": {f"pitch {pitch}°": _sample_slice(maps, pitch, babbled) for pitch in _PITCHES_DEG},
+        "box": {title: _sample_box(maps, robot, *axes, babbled) for title, axes in _PLANES.items()},
     }
 
 
 def sample_space(labels: Labels, query: MapQuery, max_error_m: float, rng: np.random.Generator) -> dict[str, Any]:
     """Return gaze postures (degrees), whether they are reachable, and R (percent): training data and map."""
-    chosen = np.zeros(len(labels.gaze_rad), dtype=bool)
-    chosen[rng.permutation(len(chosen))[:_N_SPACE]] = True
-    some = labels.only(chosen)
+    n = len(labels.gaze_rad)
+    some = labels.only(np.isin(np.arange(n), rng.permutation(n)[:_N_SPACE]))
     degree = jamone.degree(some.reachable, some.optimality, some.error_m, max_error_m)
     limits = GazeLimits()
     gaze = rng.uniform(limits.lower, limits.upper, (_N_SPACE, 3))
     predicted = query(gaze)
-    sources = {
-        "training data": (some.gaze_rad, some.reachable, degree),
-        "map": (gaze, predicted.reachable, predicted.degree),
-    }
     return {
-        name: {
-            "gaze_deg": np.rad2deg(gaze_rad).round(1).tolist(),
-            "reachable": reachable.astype(int).tolist(),
-            "degree": np.round(100 * R).astype(int).tolist(),
-        }
-        for name, (gaze_rad, reachable, R) in sources.items()
+        "training data": _space_samples(some.gaze_rad, some.reachable, degree),
+        "map": _space_samples(gaze, predicted.reachable, predicted.degree),
+    }
+
+
+def _space_samples(gaze_rad: Array, reachable: Mask, degree: Array) -> dict[str, Any]:
+    return {
+        "gaze_deg": np.rad2deg(gaze_rad).round(1).tolist(),
+        "reachable": reachable.astype(int).tolist(),
+        "degree": np.round(100 * degree).astype(int).tolist(),
     }
 
 
@@ -136,8 +124,8 @@ def to_root(points_simulator: Array) -> Array:
     return np.stack([-z, -x, y], axis=1)
 
 
-def _slice(pitch_deg: float, babbled: Babbled) -> Plane:
-    """Yaws and vergences of one pitch, in degrees."""
+def _sample_slice(maps: Mapping[str, MapQuery], pitch_deg: float, babbled: Babbled) -> dict[str, Any]:
+    """Samples over yaws and vergences of one pitch, in degrees."""
     limits = GazeLimits()
     yaw = np.linspace(*limits.yaw_rad, _N_YAWS)
     vergence = np.geomspace(*limits.vergence_rad, _N_VERGENCES)
@@ -146,11 +134,11 @@ def _slice(pitch_deg: float, babbled: Babbled) -> Plane:
     gaze_deg = np.rad2deg(babbled.gaze_rad)
     near = np.abs(gaze_deg[:, 1] - pitch_deg) <= _PITCH_HALF_WIDTH_DEG
     gaze = grid.clip(limits.lower, limits.upper)  # geomspace rounds
-    return Plane(np.rad2deg(yaw), np.rad2deg(vergence), gaze, gaze_deg[near][:, [0, 2]])
+    return _sample(maps, np.rad2deg(yaw), np.rad2deg(vergence), gaze, gaze_deg[near][:, [0, 2]])
 
 
-def _box_plane(robot: Robot, across: int, up: int, babbled: Babbled) -> Plane:
-    """Plane through the middle of J's box, spanned by two axes of the simulator, m."""
+def _sample_box(maps: Mapping[str, MapQuery], robot: Robot, across: int, up: int, babbled: Babbled) -> dict[str, Any]:
+    """Samples on a plane through the middle of J's box, spanned by two axes of the simulator, m."""
     x, y = (np.linspace(low, high, _N_SIDE) for low, high in _BOX[[across, up]])
     points = np.tile(_BOX.mean(axis=1), (_N_SIDE**2, 1))
     points[:, across], points[:, up] = (values.ravel() for values in np.meshgrid(x, y))
@@ -158,19 +146,20 @@ def _box_plane(robot: Robot, across: int, up: int, babbled: Babbled) -> Plane:
     normal = 3 - across - up
     near = np.abs(hands[:, normal] - _BOX[normal].mean()) <= _PLANE_HALF_WIDTH_M
     near &= ((hands >= _BOX[:, 0]) & (hands <= _BOX[:, 1]))[:, [across, up]].all(axis=1)
-    return Plane(x, y, gaze_for_points(robot, to_root(points)), hands[near][:, [across, up]])
+    return _sample(maps, x, y, gaze_for_points(robot, to_root(points)), hands[near][:, [across, up]])
 
 
-def _sampled(maps: Mapping[str, MapQuery], plane: Plane) -> dict[str, Any]:
-    fixated = np.isfinite(plane.gaze_rad[:, 0])
+def _sample(maps: Mapping[str, MapQuery], x: Array, y: Array, gaze_rad: Array, babbled: Array) -> dict[str, Any]:
+    """R (percent) of each map over x (w,) and y (h,), whose gaze (h·w, 3) is NaN where a location cannot be fixated."""
+    fixated = np.isfinite(gaze_rad[:, 0])
     grids = {}
     for name, query in maps.items():
         percent = np.full(len(fixated), np.nan)
-        percent[fixated] = 100 * query(plane.gaze_rad[fixated]).degree
-        rows = percent.reshape(len(plane.y), len(plane.x)).tolist()
+        percent[fixated] = 100 * query(gaze_rad[fixated]).degree
+        rows = percent.reshape(len(y), len(x)).tolist()
         grids[name] = [[None if np.isnan(value) else round(value) for value in row] for row in rows]
-    axes = {"x": plane.x.round(3).tolist(), "y": plane.y.round(3).tolist()}
-    return {**axes, "grids": grids, "babbled": plane.babbled[:_MAX_BABBLED].round(3).tolist()}
+    axes = {"x": x.round(3).tolist(), "y": y.round(3).tolist()}
+    return {**axes, "grids": grids, "babbled": babbled[:_MAX_BABBLED].round(3).tolist()}
 
 
 def _draw(planes: dict[str, Any]) -> tuple[Figure, list[Axes]]:
