@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pps_vision.jit import njit
-from pps_vision.types import Array, Mask
+from pps_vision.types import Array
 
 _TINY = 1e-10  # initial weight; keeps the first divisions finite
 _FIRST_CAPACITY = 64
@@ -43,9 +43,6 @@ class Fields(NamedTuple):
 
     output: NDArray[np.intp]  # (F,) output that the field predicts
     n_projections: NDArray[np.intp]  # (F,) projections in use
-    stale: Mask  # (F,) whether `offset` and `slope` are older than the moments
-    offset: Array  # (F,) prediction at x = 0
-    slope: Array  # (F, n) derivative of the prediction
     center: Array  # (F, n) c
     weight: Array  # (F,) Σ w
     n_seen: Array  # (F,) number of samples
@@ -59,8 +56,8 @@ class Fields(NamedTuple):
     @classmethod
     def empty(cls, capacity: int, n: int) -> "Fields":
         """Return rows of zeros."""
-        shapes = {"slope": (n,), "center": (n,), "mean_x": (n,), "xx": (n, n), "xy": (n,), "left_out_error": (n,)}
-        types = {"output": np.intp, "n_projections": np.intp, "stale": np.bool_}
+        shapes = {"center": (n,), "mean_x": (n,), "xx": (n, n), "xy": (n,), "left_out_error": (n,)}
+        types = {"output": np.intp, "n_projections": np.intp}
         return cls(**{f: np.zeros((capacity, *shapes.get(f, ())), types.get(f, np.float64)) for f in cls._fields})
 
 
@@ -88,7 +85,6 @@ class LWPR:
         fields = self.fields
         fields.output[k] = output
         fields.n_projections[k] = min(self.params.first_projections, len(x))
-        fields.stale[k] = True
         fields.center[k] = x
         fields.mean_x[k] = x
         fields.mean_y[k] = y
@@ -103,179 +99,124 @@ class LWPR:
 
     def predict_with_jacobian(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return predictions (N, outputs) at x (N, inputs) and their derivatives (N, outputs, inputs)."""
-        mean, jacobian = _predict(self.fields, self.n_fields, np.asarray(x, float), self.n_outputs, self.params)
-        return mean, jacobian
+        total, slope, decay = _sums(self.fields, self.n_fields, np.asarray(x, float), self.n_outputs, self.params)
+        weight = np.where(total[..., 1] > 0, total[..., 1], np.nan)
+        mean = total[..., 0] / weight
+        return mean, (slope + mean[..., None] * decay) / weight[..., None]
 
 
 @njit(cache=True, error_model="numpy")
 def _learn(fields: Fields, n_fields: int, x: Array, y: Array, params: LWPRParams) -> Array:
     """Update in place all fields that respond to a sample; return the largest activation (outputs,)."""
     largest = np.zeros(len(y))
-    metric = math.sqrt(params.init_D)
-    max_distance2 = -2 * math.log(params.cutoff)
     for k in range(n_fields):
-        distance2 = _distance2(metric, fields.center[k], x)
-        if distance2 >= max_distance2:
-            continue
-        w = math.exp(-0.5 * distance2)
-        output = fields.output[k]
-        _regress(fields, k, x, y[output], w, params)
-        _add_projection(fields, k, params.add_threshold)
-        largest[output] = max(w, largest[output])
+        w = _activation(fields.center[k], x, params)
+        if w > 0:
+            output = fields.output[k]
+            _regress(fields, k, x, y[output], w, params)
+            _add_projection(fields, k, params.add_threshold)
+            largest[output] = max(w, largest[output])
     return largest
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(fields: Fields, n_fields: int, x: Array, n_outputs: int, params: LWPRParams) -> tuple[Array, Array]:
-    """Predictions (N, outputs) and Jacobian (N, outputs, inputs) at x (N, inputs); updates stale linear models."""
+def _sums(fields: Fields, n_fields: int, x: Array, n_outputs: int, params: LWPRParams) -> tuple[Array, Array, Array]:
+    """Sums over fields at x (N, inputs), y being a field's prediction: Σ w y and Σ w (N, outputs, 2),
+    Σ w (∂y/∂x − y D (x − c)) (N, outputs, inputs) and Σ w D (x − c) = −∂(Σ w)/∂x (N, outputs, inputs)."""
     n_queries, n = x.shape
-    weight = np.zeros((n_queries, n_outputs))
-    mean = np.zeros((n_queries, n_outputs))
-    slope = np.zeros((n_queries, n_outputs, n))  # Σ w (∂y/∂x − y M²(x − c))
-    decay = np.zeros((n_queries, n_outputs, n))  # Σ w M²(x − c) = −∂(Σ w)/∂x
-    metric = math.sqrt(params.init_D)
-    max_distance2 = -2 * math.log(params.cutoff)
+    total = np.zeros((n_queries, n_outputs, 2))
+    slopes = np.zeros((n_queries, n_outputs, n))
+    decay = np.zeros((n_queries, n_outputs, n))
     for k in range(n_fields):
         if fields.n_seen[k] <= 2 * n:
             continue
-        if fields.stale[k]:
-            _update_linear_model(fields, k)
+        offset, slope = _linear_model(fields, k)
         output = fields.output[k]
         for i in range(n_queries):
-            distance2 = _distance2(metric, fields.center[k], x[i])
-            if distance2 >= max_distance2:
-                continue
-            w = math.exp(-0.5 * distance2)
-            y = fields.offset[k] + _dot(fields.slope[k], x[i])
-            weight[i, output] += w
-            mean[i, output] += w * y
-            for j in range(n):
-                narrowing = w * metric**2 * (x[i, j] - fields.center[k, j])
-                slope[i, output, j] += w * fields.slope[k, j] - y * narrowing
-                decay[i, output, j] += narrowing
-    for i in range(n_queries):
-        for output in range(n_outputs):
-            total = weight[i, output] if weight[i, output] > 0 else np.nan
-            mean[i, output] /= total
-            for j in range(n):
-                slope[i, output, j] = (slope[i, output, j] + mean[i, output] * decay[i, output, j]) / total
-    return mean, slope
+            w = _activation(fields.center[k], x[i], params)
+            if w > 0:
+                y = offset + slope @ x[i]
+                narrowing = w * params.init_D * (x[i] - fields.center[k])
+                total[i, output, 0] += w * y
+                total[i, output, 1] += w
+                slopes[i, output] += w * slope - y * narrowing
+                decay[i, output] += narrowing
+    return total, slopes, decay
 
 
 @njit(cache=True, error_model="numpy")
-def _distance2(metric: float, center: Array, x: Array) -> float:
-    """Σ (√D (xᵢ − cᵢ))²."""
-    total = 0.0
+def _activation(center: Array, x: Array, params: LWPRParams) -> float:
+    """w = exp(−½ D |x − c|²); 0 below the cutoff."""
+    distance2 = 0.0
     for i in range(len(x)):
-        total += (metric * (x[i] - center[i])) ** 2
-    return total
-
-
-@njit(cache=True, error_model="numpy")
-def _dot(a: Array, b: Array) -> float:
-    """Σ aᵢ bᵢ of short vectors."""
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i] * b[i]
-    return total
+        distance2 += (x[i] - center[i]) ** 2
+    exponent = -0.5 * params.init_D * distance2
+    return math.exp(exponent) if exponent > math.log(params.cutoff) else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _regress(fields: Fields, k: int, x: Array, y: float, w: float, params: LWPRParams) -> None:
     """Update the moments and errors of field k with one sample of activation w."""
-    n = len(x)
     forget = fields.forgetting[k]
     fields.weight[k] = forget * fields.weight[k] + w
     fields.n_seen[k] = forget * fields.n_seen[k] + 1
     fields.forgetting[k] += (1 - params.forgetting_pace) * (params.last_forgetting - forget)
-    fields.stale[k] = True
-    z = np.empty(n)
-    residual = _update_moments(fields, k, x, y, w, forget, z)
+    gain = w / fields.weight[k]
+    z = x - fields.mean_x[k]
+    residual = y - fields.mean_y[k]
+    fields.mean_x[k] += gain * z
+    fields.mean_y[k] += gain * residual
+    increment = w * (1 - gain) * z
+    fields.xx[k] = forget * fields.xx[k] + np.outer(increment, z)
+    fields.xy[k] = forget * fields.xy[k] + increment * residual
     if fields.n_seen[k] * (1 - fields.forgetting[k]) <= 0.1:  # too few samples for meaningful errors
         return
+    z *= 1 - gain
+    residual *= 1 - gain
     xx = fields.xx[k].copy()
     xy = fields.xy[k].copy()
-    direction = np.empty(n)
-    load = np.empty(n)
     left_out = 1.0  # 1 − leverage of the projections up to r
-    for r in range(n):
-        ss, slope = _project(xx, xy, direction, load)
-        s = _dot(z, direction)
+    for r in range(len(x)):
+        direction, load, ss, slope = _project(xx, xy)
+        s = z @ direction
         left_out -= w * s * s / ss
         residual -= s * slope
-        for i in range(n):
-            z[i] -= s * load[i]
+        z -= s * load
         e = residual / max(left_out, _TINY)
         fields.left_out_error[k, r] = forget * fields.left_out_error[k, r] + w * e**2
 
 
 @njit(cache=True, error_model="numpy")
-def _update_moments(fields: Fields, k: int, x: Array, y: float, w: float, forget: float, z: Array) -> float:
-    """Update weighted means and co-moments; writes x − mean into z (inputs,) and returns y − mean."""
-    gain = w / fields.weight[k]
-    off_y = y - fields.mean_y[k]
-    fields.mean_y[k] += gain * off_y
-    for i in range(len(x)):
-        z[i] = x[i] - fields.mean_x[k, i]
-        fields.mean_x[k, i] += gain * z[i]
-    for i in range(len(x)):
-        increment = w * (1 - gain) * z[i]
-        for j in range(len(x)):
-            fields.xx[k, i, j] = forget * fields.xx[k, i, j] + increment * z[j]
-        fields.xy[k, i] = forget * fields.xy[k, i] + increment * off_y
-    for i in range(len(x)):
-        z[i] *= 1 - gain
-    residual: float = (1 - gain) * off_y
-    return residual
-
-
-@njit(cache=True, error_model="numpy")
-def _project(xx: Array, xy: Array, direction: Array, load: Array) -> tuple[float, float]:
+def _project(xx: Array, xy: Array) -> tuple[Array, Array, float, float]:
     """Next projection of partial least squares, subtracted from the co-moments in place.
 
-    Writes its unit direction u and its load p = Σ w s x / Σ w s² (inputs,).  Returns Σ w s² and the regression
-    coefficient of y on the score s.
+    Returns its unit direction u and its load p = Σ w s x / Σ w s² (inputs,), Σ w s² and the regression coefficient of
+    y on the score s.
     """
-    n = len(xy)
-    length = math.sqrt(_dot(xy, xy))
-    for i in range(n):
-        direction[i] = xy[i] / (length + 1e-300)
-    ss = _TINY
-    for i in range(n):
-        load[i] = _dot(xx[i], direction)
-        ss += direction[i] * load[i]
+    length = math.sqrt(xy @ xy)
+    direction = xy / (length + 1e-300)
+    load = xx @ direction
+    ss = direction @ load + _TINY
     slope = length / ss
-    for i in range(n):
-        xy[i] -= slope * load[i]
-    for i in range(n):
-        for j in range(n):
-            xx[i, j] -= load[i] * load[j] / ss
-    for i in range(n):
-        load[i] /= ss
-    return ss, slope
+    xy -= slope * load
+    xx -= np.outer(load, load) / ss
+    return direction, load / ss, ss, slope
 
 
 @njit(cache=True, error_model="numpy")
-def _update_linear_model(fields: Fields, k: int) -> None:
-    """Compute `offset` and `slope` of field k from its moments."""
+def _linear_model(fields: Fields, k: int) -> tuple[float, Array]:
+    """Prediction of field k at x = 0, and its derivative (inputs,)."""
     n = len(fields.center[k])
     xx = fields.xx[k].copy()
     xy = fields.xy[k].copy()
-    direction = np.empty(n)
-    load = np.empty(n)
     dz_dx = np.eye(n)  # derivative of the deflated input
-    ds_dx = np.empty(n)  # derivative of the score
-    fields.slope[k, :] = 0.0
+    slope = np.zeros(n)
     for _ in range(fields.n_projections[k]):
-        _, slope = _project(xx, xy, direction, load)
-        for j in range(n):
-            ds_dx[j] = _dot(direction, dz_dx[:, j])
-            fields.slope[k, j] += ds_dx[j] * slope
-        for i in range(n):
-            for j in range(n):
-                dz_dx[i, j] -= load[i] * ds_dx[j]
-    fields.offset[k] = fields.mean_y[k] - _dot(fields.slope[k], fields.mean_x[k])
-    fields.stale[k] = False
+        direction, load, _, coefficient = _project(xx, xy)
+        ds_dx = direction @ dz_dx  # derivative of the score
+        slope += coefficient * ds_dx
+        dz_dx -= np.outer(load, ds_dx)
+    return fields.mean_y[k] - slope @ fields.mean_x[k], slope
 
 
 @njit(cache=True, error_model="numpy")
