@@ -53,4 +53,3 @@ def test_the_tracker_follows_what_the_independent_eyes_saw() -> None:
     tracks = [tracker.step(frame).track for frame in film.frames]
     error = [np.linalg.norm(t.position - p) for t, p in zip(tracks, film.position, strict=True)]
     assert np.median(error[12:]) < 0.003
-    assert not film.own_body(np.zeros(23), film.rig.view_of(film.frames[0]).left).any()

@@ -10,7 +10,7 @@ limit, but with tens of samples per field the difference is half of the error.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,7 +57,7 @@ class Fields(NamedTuple):
     def empty(cls, capacity: int, n: int) -> "Fields":
         """Return rows of zeros."""
         shapes = {"center": (n,), "mean_x": (n,), "xx": (n, n), "xy": (n,), "left_out_error": (n,)}
-        types = {"output": np.intp, "n_projections": np.intp}
+        types: dict[str, Any] = {"output": np.intp, "n_projections": np.intp}
         return cls(**{f: np.zeros((capacity, *shapes.get(f, ())), types.get(f, np.float64)) for f in cls._fields})
 
 
@@ -196,7 +196,7 @@ def _project(xx: Array, xy: Array) -> tuple[Array, Array, float, float]:
     length = math.sqrt(xy @ xy)
     direction = xy / (length + 1e-300)
     load = xx @ direction
-    ss = direction @ load + _TINY
+    ss = float(direction @ load) + _TINY
     slope = length / ss
     xy -= slope * load
     xx -= np.outer(load, load) / ss

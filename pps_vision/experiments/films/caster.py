@@ -50,6 +50,7 @@ _INSTANT_OF_SAMPLE = np.array([[15, 2, 1, 12], [4, 9, 10, 7], [8, 5, 6, 11], [3,
 _COARSE_INSTANTS = (1, 5, 10, 14)  # of a background that moves
 _COARSE_INSTANT_OF_SAMPLE = np.array([[0, 2], [3, 1]])
 _TAPE_LENGTH = 1 << 21  # of the noise
+_SIDES = tuple(np.linspace(-0.97, 0.97, 16))  # of a panel, where its visible share is sampled
 _WIDEST_RAD = np.deg2rad(55.0)  # from the optical axis: farther out the lens model may fold back
 
 
@@ -117,15 +118,12 @@ class Panel:
         """The row of `raycast`."""
         return panel_row(self.center, self.right, self.down)
 
-    def outline(self, _: Array) -> Array:
+    def outline(self, eye: Array) -> Array:
         """Return the corners (4, 3)."""
-        return self._points([-1, 1])
+        return self.sample(eye, (-1, 1))
 
-    def sample(self, _: Array) -> Array:
+    def sample(self, _: Array, sides: ArrayLike = _SIDES) -> Array:
         """Return points (256, 3) spread evenly over the rectangle."""
-        return self._points(np.linspace(-0.97, 0.97, 16))
-
-    def _points(self, sides: ArrayLike) -> Array:
         s, t = np.meshgrid(sides, sides)
         return np.asarray(self.center + s.reshape(-1, 1) * self.right + t.reshape(-1, 1) * self.down)
 
@@ -470,7 +468,10 @@ class SensorChain:
         if self.defocus_px > 0:
             light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.defocus_px), dtype=np.float32)
         if self.bayer:
-            light = _mosaic(light)
+            mosaic = light[..., 1].copy()
+            mosaic[::2, ::2] = light[::2, ::2, 0]
+            mosaic[1::2, 1::2] = light[1::2, 1::2, 2]
+            light = mosaic
         h, w = light.shape[:2]
         rows = light.reshape(h, -1)
         image: Image = np.empty(rows.shape, np.uint8)
@@ -490,14 +491,6 @@ class SensorChain:
 def noise_tape(rng: np.random.Generator) -> Array:
     """Return normal deviates (n,) for `SensorChain.expose`."""
     return rng.standard_normal(_TAPE_LENGTH, dtype=np.float32)
-
-
-def _mosaic(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w) of an RGGB sensor."""
-    mosaic = light[..., 1].copy()
-    mosaic[::2, ::2] = light[::2, ::2, 0]
-    mosaic[1::2, 1::2] = light[1::2, 1::2, 2]
-    return mosaic
 
 
 @njit(cache=True, error_model="numpy")

@@ -11,12 +11,13 @@ from control.fixation import gaze_at
 from pps_vision.app.render import scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
-from pps_vision.experiments.films.rendered import eyes_of, own_body_of
+from pps_vision.experiments.films.rendered import eyes_of
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import NOISE_SIGMA, SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, icub_setup, load_icub
 from pps_vision.robot.model import Robot
+from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame, Truth
 from rendering.motions import Motion
 from rendering.names import MotionName
@@ -62,7 +63,7 @@ class Footage:
     """(n) true boxes in the left and the right image; None where an eye does not see the object."""
     radius_m: float  # the object's radius
     rig: StereoRig  # cameras and poses for the tracker
-    own_body: Any  # the robot's silhouette for the tracker
+    own_body: Silhouette | None  # the robot's silhouette for the tracker; None: it is not shown
     stimulus: str = "ball"  # name of the object
     in_question: Mask | None = None  # (n,) frames that count, if not all
     second_position: Array | None = None  # (n, 3) m of a second object that may be tracked instead
@@ -79,11 +80,6 @@ class Footage:
             if left is not None and right is not None:
                 return k, (left, right)
         raise ValueError("the object is never in view of both eyes; expected boxes to start with")
-
-    @property
-    def hue_deg(self) -> float:
-        """The object's hue."""
-        return HUES_DEG[self.stimulus]
 
     @property
     def jumped(self) -> Mask:
@@ -120,7 +116,7 @@ def tracker_params(recording: Footage, mode: str | None = None) -> TrackerParams
     """Return the tracker's defaults in the mode for the recording's object, or in the given mode."""
     if (mode or {"ball": "generic"}.get(recording.stimulus, "marker")) == "generic":
         return TrackerParams()
-    return TrackerParams("marker", marker=MarkerParams(recording.hue_deg))
+    return TrackerParams("marker", marker=MarkerParams(HUES_DEG[recording.stimulus]))
 
 
 def film(
@@ -141,7 +137,7 @@ def film(
     rng = np.random.default_rng(seed) if rng is None else rng
     frames = []
     truth = []
-    with eyes_of(source, seed)(robot, rig, stimulus, "none", sensor or Sensor(), props=props) as eyes:
+    with eyes_of(source, seed)(robot, rig, stimulus, sensor=sensor or Sensor(), props=props) as eyes:
         for t, state in states:
             truth.append(eyes.truth(state, t))
             frames.append(eyes.render(state, t, rng))
@@ -151,7 +147,8 @@ def film(
         eye_visible = ((view.left, row.visible_left), (view.right, row.visible_right))
         left, right = (sphere_box(eye, row.position, row.radius_m) if visible else None for eye, visible in eye_visible)
         boxes.append((left, right))
-    return _footage(frames, truth, boxes, rig, own_body_of(source, robot), stimulus.name)
+    own_body = Silhouette(robot) if source == "rendered" else None
+    return _footage(frames, truth, boxes, rig, own_body, stimulus.name)
 
 
 def _footage(
@@ -159,7 +156,7 @@ def _footage(
     truth: Sequence[Truth],
     boxes: Sequence[Boxes],
     rig: StereoRig,
-    own_body: Any,
+    own_body: Silhouette | None,
     stimulus: str,
 ) -> Footage:
     visible = np.array([row.visible_left and row.visible_right for row in truth])
@@ -171,9 +168,8 @@ def _footage(
 
 def from_film(independent: Film) -> Footage:
     """Return the recording of a ray-cast film, which shows no robot."""
-    own_body = own_body_of("independent", load_icub())
     boxes = ((None, None),) * len(independent)
-    return _footage(list(independent), independent.truth, boxes, independent.rig, own_body, "ball")
+    return _footage(list(independent), independent.truth, boxes, independent.rig, None, "ball")
 
 
 def moving(

@@ -35,10 +35,9 @@ from pps_vision.experiments.films.scenes import (
 )
 from pps_vision.experiments.study import DATA, SceneSource
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.geometry.se3 import rotation_to
+from pps_vision.geometry.se3 import move_points, rotation_to
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame, Truth
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
@@ -101,9 +100,6 @@ class RenderedFilm(Film):
             empty = eyes.render(SceneState(configuration(self.head_joints(0.0))), 0.0)
         return np.asarray(empty.left.mean(axis=(0, 1)))
 
-    def _all_solids(self, t_s: float) -> Solids:
-        return (*self.solids(t_s), *self.static)
-
     def _state(self, t_s: float) -> SceneState:
         """The scene for the renderer, with the velocities that blur it."""
         R = self.T_root_stage[:3, :3]
@@ -111,17 +107,17 @@ class RenderedFilm(Film):
         after_s = t_s + _INSTANT_S / 2
         q_rad = configuration(self.head_joints(t_s))
         dq_rad_s = 2 * (configuration(self.head_joints(after_s)) - q_rad) / _INSTANT_S
-        ends = zip(self._all_solids(before_s), self._all_solids(after_s), strict=True)
+        ends = zip(self.all_solids(before_s), self.all_solids(after_s), strict=True)
         rates = [R @ (end.center - begin.center) / _INSTANT_S for begin, end in ends]
         ball, *props = (
             PropPose(R @ solid.center + self.T_root_stage[:3, 3], rate, R @ _rotation_of(solid))
-            for solid, rate in zip(self._all_solids(t_s), rates, strict=True)
+            for solid, rate in zip(self.all_solids(t_s), rates, strict=True)
         )
         return SceneState(q_rad, ball.position, ball.velocity, dq_rad_s, ball.rotation, props=tuple(props))
 
     def __iter__(self) -> Iterator[StereoFrame]:
         """Yield the frames in the order of their stamps."""
-        ball, *props = (_meshes(solid) for solid in self._all_solids(0.0))
+        ball, *props = (_meshes(solid) for solid in self.all_solids(0.0))
         rng = np.random.default_rng((self.seed, 1))
         tape = noise_tape(rng)
         stimulus = Stimulus("ball", self.scene.radius_m, ball)
@@ -187,19 +183,6 @@ def eyes_of(source: SceneSource, photo: int) -> Callable[..., Any]:
     return Eyes if source == "rendered" else partial(RayCastEyes, photo=photo)
 
 
-def own_body_of(source: SceneSource, robot: Robot) -> Silhouette:
-    """Return the robot's silhouette in its own images; ray-cast images do not show the robot."""
-    return Silhouette(robot) if source == "rendered" else _NoBody(robot)
-
-
-class _NoBody(Silhouette):
-    """Silhouette of a robot that is not in the image."""
-
-    def __call__(self, joints_rad: Array, view: Any) -> Mask:
-        """(H, W) False."""
-        return np.zeros((view.camera.height, view.camera.width), bool)
-
-
 class RayCastEyes(AbstractContextManager["RayCastEyes"]):
     """Ray-cast views of an iCub's eyes, with the interface of `rendering.eyes.Eyes`.
 
@@ -212,14 +195,11 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
         robot: Robot,
         rig: StereoRig,
         stimulus: Stimulus,
-        carrier: str = "none",
         sensor: Sensor | None = None,
         props: tuple[tuple[Part, ...], ...] = (),
         photo: int = 0,
         data: Path = DATA,
     ) -> None:
-        if carrier != "none":
-            raise ValueError(f"carrier {carrier!r} in a ray-cast scene; expected none")
         if stimulus.name not in ("ball", "marker"):
             raise ValueError(f"stimulus {stimulus.name!r} in a ray-cast scene; expected ball or marker")
         self._joint_names = robot.joint_names
@@ -273,13 +253,9 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
         if state.position is not None:
             rotation = np.eye(3) if state.rotation is None else state.rotation
             R_stage_body = _T_STAGE_ROOT[:3, :3] @ rotation
-            solids.append(Ball(_to_stage(state.position), self._radius_m, self._paint, R_stage_body))
+            solids.append(Ball(move_points(_T_STAGE_ROOT, state.position), self._radius_m, self._paint, R_stage_body))
         placed = zip(state.props, self._props, strict=False)
         return (*solids, *(prop(place) for place, prop in placed if place is not None))
-
-
-def _to_stage(p_root: Array) -> Array:
-    return np.asarray(_T_STAGE_ROOT[:3, :3] @ p_root + _T_STAGE_ROOT[:3, 3])
 
 
 def _paint_of(parts: tuple[Part, ...]) -> Paint:
@@ -293,7 +269,7 @@ def _prop(parts: tuple[Part, ...]) -> Callable[[PropPose], Ball | Panel]:
     paint = _paint_of(parts)
 
     def solid(place: PropPose) -> Ball | Panel:
-        center = _to_stage(place.position)
+        center = move_points(_T_STAGE_ROOT, place.position)
         if max(x, y, z) < _ROUND * min(x, y, z):
             return Ball(center, max(x, y, z) / 2, paint)
         R = _T_STAGE_ROOT[:3, :3] @ (np.eye(3) if place.rotation is None else place.rotation)

@@ -32,8 +32,8 @@ from pps_vision.experiments.films.caster import (
 )
 from pps_vision.experiments.study import DATA
 from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import icub_rig, load_icub
-from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image, StereoFrame, Truth
 
 TimedPath = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
@@ -109,12 +109,6 @@ class FilmScene:
     flicker: float = 0.0  # amplitude of the light's 100 Hz flicker
     sensor: SensorChain = SensorChain()
 
-    @property
-    def hue_deg(self) -> float:
-        """Hue of the object's colour, for a marker tracker."""
-        color = np.array([[self.color if not isinstance(self.color, str) else (128.0, 128.0, 128.0)]], np.float32)
-        return float(cv2.cvtColor(color / 255, cv2.COLOR_RGB2HSV)[0, 0, 0])
-
 
 def head_pose(joints_rad: Mapping[str, float], side: Literal["left", "right"]) -> Array:
     """Return T_root_eye (4, 4) of the iCub by the table above; joints without a value are 0."""
@@ -155,7 +149,6 @@ class Film:
         self.seed = seed
         self.data = data
         rng = np.random.default_rng((seed, 0))
-        self.hue_deg = scene.hue_deg
         self._joint_phases = rng.uniform(0, 2 * np.pi, 8)
         self._shake = _shaking(rng, np.deg2rad(scene.shake_deg))
         self._lenses = lenses(scene)
@@ -166,17 +159,27 @@ class Film:
 
     # inputs of the tracker
 
+    @property
+    def hue_deg(self) -> float:
+        """Hue of the object's colour, for a marker tracker."""
+        color = (128.0, 128.0, 128.0) if isinstance(self.scene.color, str) else self.scene.color
+        return float(cv2.cvtColor(np.array([[color]], np.float32) / 255, cv2.COLOR_RGB2HSV)[0, 0, 0])
+
     @cached_property
     def rig(self) -> StereoRig:
         """Cameras and, as far as the tracker may know them, their poses by the frame's joints."""
         left, right = (camera_of(lens) for lens in self._lenses)
         if self.scene.rig == "head":
             return icub_rig(load_icub(), left, right)
-        T_left_right = np.eye(4)
-        T_left_right[0, 3] = _BASELINE_M
+        T_left_right = transform(translation=(_BASELINE_M, 0, 0))
         if not self.scene.rig_known:
             return StereoRig.fixed(left, right, T_left_right)
-        return StereoRig(left, right, lambda pose: _eye_poses_of(pose, T_left_right))
+
+        def eye_poses(pose: Array | None) -> tuple[Array, Array]:
+            T_root_left = transform(_rotation(np.asarray(pose)[:3]), np.asarray(pose)[3:])
+            return T_root_left, T_root_left @ T_left_right
+
+        return StereoRig(left, right, eye_poses)
 
     def joints(self, t_s: float) -> Array | None:
         """Return the joints of an image of that stamp, `stale_s` old.
@@ -197,11 +200,7 @@ class Film:
     @cached_property
     def T_root_stage(self) -> Array:
         """The tracker's root frame: the left camera at rest, or the iCub's root."""
-        if self.scene.rig == "head":
-            return T_ROOT_STAGE_HEAD
-        T = np.eye(4)
-        T[0, 3] = _BASELINE_M / 2
-        return T
+        return T_ROOT_STAGE_HEAD if self.scene.rig == "head" else transform(translation=(_BASELINE_M / 2, 0, 0))
 
     def head_joints(self, t_s: float) -> dict[str, float]:
         """Return the head's joints (rad): it looks ahead, and every joint of neck and eyes sways."""
@@ -218,12 +217,8 @@ class Film:
             T_stage_root = np.linalg.inv(T_ROOT_STAGE_HEAD)
             joints = self.head_joints(t_s)
             return T_stage_root @ head_pose(joints, "left"), T_stage_root @ head_pose(joints, "right")
-        T_left = np.eye(4)
-        T_left[:3, :3] = _rotation(self.rig_rotation(self.scene.rig, t_s))
-        T_right = T_left.copy()
-        T_left[:3, 3] = -0.5 * _BASELINE_M * T_left[:3, 0]
-        T_right[:3, 3] = 0.5 * _BASELINE_M * T_left[:3, 0]
-        return T_left, T_right
+        R = _rotation(self.rig_rotation(self.scene.rig, t_s))
+        return transform(R, -0.5 * _BASELINE_M * R[:, 0]), transform(R, 0.5 * _BASELINE_M * R[:, 0])
 
     def rig_rotation(self, rig: str, t_s: float) -> Array:
         """Return the rotation vector (3,) of a rotating or shaking rig (rad)."""
@@ -250,8 +245,7 @@ class Film:
         if scene.hidden_s == 0:
             return ()
         nearer = 0.67
-        half = 0.5 * nearer * (scene.speed_m_s * scene.hidden_s + 2 * scene.radius_m)
-        half += 0.5 * (1 - nearer) * _BASELINE_M
+        half = 0.5 * nearer * (scene.speed_m_s * scene.hidden_s + 2 * scene.radius_m) + 0.5 * (1 - nearer) * _BASELINE_M
         middle = np.array([0.0, 0.0, nearer * scene.distance_m])
         return (Panel(middle, np.array([half, 0, 0]), np.array([0, 0.5, 0]), Paint(CARDBOARD)),)
 
@@ -273,18 +267,21 @@ class Film:
             solids.append(Cylinder(middle, half, FINGER_RADIUS_M, Paint(FINGER)))
         return tuple(solids)
 
-    @cached_property
-    def _truths_and_shares(self) -> tuple[tuple[tuple[Truth, ...], Array], ...]:
-        """Of the object, and of the second ball if there is one."""
-        signs = (1, -1) if self.scene.second_ball else (1,)  # of the velocities
-        return tuple(self._truth_and_share(k, sign) for k, sign in enumerate(signs))
+    def all_solids(self, t_s: float) -> Solids:
+        """Return the moving solids and the board."""
+        return (*self.solids(t_s), *self.static)
 
-    def _truth_and_share(self, k: int, sign: int) -> tuple[tuple[Truth, ...], Array]:
+    @cached_property
+    def _truths_and_shares(self) -> list[tuple[tuple[Truth, ...], Array]]:
+        """Of the object, and of the second ball if there is one."""
+        return [self._truth_and_share(k) for k in range(1 + self.scene.second_ball)]
+
+    def _truth_and_share(self, k: int) -> tuple[tuple[Truth, ...], Array]:
         R = self.T_root_stage[:3, :3]
         rows = []
         shares = []
         for t in self.stamps_s.tolist():
-            solids = (*self.solids(t), *self.static)
+            solids = self.all_solids(t)
             solid = solids[k]
             assert not isinstance(solid, Cylinder)
             views = list(zip(self._lenses, self.eye_poses(t), strict=True))
@@ -292,7 +289,7 @@ class Film:
             left_px, right_px = (lens.project(pose, solid.center)[0] for lens, pose in views)
             visible = [value >= VISIBLE_SHARE for value in share]
             p_root = R @ solid.center + self.T_root_stage[:3, 3]
-            velocity = sign * (R @ self._path(t)[1])
+            velocity = (1, -1)[k] * (R @ self._path(t)[1])
             rows.append(Truth(t, p_root, velocity, self.scene.radius_m, left_px, right_px, *visible))
             shares.append(share)
         return tuple(rows), np.array(shares)
@@ -358,13 +355,13 @@ class Film:
 
 
 @cache
-def _robot() -> Robot:
-    return load_icub()
+def _joint_names() -> tuple[str, ...]:
+    return tuple(load_icub().joint_names)
 
 
 def configuration(joints_rad: Mapping[str, float]) -> Array:
     """Return joints in the order of the tracker's robot; the others are 0."""
-    return np.array([joints_rad.get(name, 0.0) for name in _robot().joint_names])
+    return np.array([joints_rad.get(name, 0.0) for name in _joint_names()])
 
 
 def camera_of(lens: FilmLens) -> Camera:
@@ -372,16 +369,6 @@ def camera_of(lens: FilmLens) -> Camera:
     (fx, _, cx), (_, fy, cy), _ = lens.K.tolist()
     k1, k2, p1, p2, k3 = lens.distortion.tolist()
     return Camera(lens.width, lens.height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
-
-
-def _eye_poses_of(pose: Array | None, T_left_right: Array) -> tuple[Array, Array]:
-    """T_root_left and T_root_right of a known rig pose (6,)."""
-    if pose is None:
-        raise ValueError("a rig whose motion is known needs its pose with every frame")
-    T = np.eye(4)
-    T[:3, :3] = _rotation(pose[:3])
-    T[:3, 3] = pose[3:]
-    return T, T @ T_left_right
 
 
 def _rotation(vector: Array) -> Array:
