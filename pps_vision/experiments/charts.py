@@ -1,4 +1,4 @@
-"""The five charts of the studies: speed–error, severity, calibration, curves and bars, each drawn from plain data.
+"""The charts of the studies: speed–error, severity, curves and bars, each drawn from plain data.
 
 A value is a number or [value, low, high] with its 95 % interval; None is a value that does not exist.
 """
@@ -95,11 +95,13 @@ def speed_error(
     axis.margins(x=0.2)
     axis.set(xlabel=time, ylabel=error)
     axis.grid(alpha=0.25, which="both")
-    lines = [np.column_stack([ms[front, 1], value[front]])]
-    lines += [np.array([[ms[k, 0], shown[k]], [ms[k, 2], shown[k]]]) for k in range(len(names))]
-    lines += [np.array([[ms[k, 1], low[k]], [ms[k, 1], high[k]]]) for k in np.flatnonzero(np.isfinite(low + high))]
+    times = np.stack([ms[:, [0, 2]], np.tile(shown[:, None], 2)], axis=-1)
+    errors = np.stack([ms[:, [1, 1]], np.column_stack([low, high])], axis=-1)
+    steps = np.stack([ms[front, 1], value[front]], axis=-1)
+    bars = np.concatenate([times, errors, np.stack([steps[:-1], steps[1:]], axis=1)])  # (m, 2 ends, 2)
+    obstacles = np.linspace(bars[:, 0], bars[:, 1], 9).reshape(-1, 2)
     labels = [name if k else f"{name} (fails)" for name, k in zip(names, is_finite, strict=True)]
-    _write_names(axis, ms[:, 1], shown, labels, lines)
+    _write_names(axis, ms[:, 1], shown, labels, obstacles)
     axis.plot([], [], "o", color=_OURS, label="ours")
     if baselines:
         axis.plot([], [], "o", color=_BASELINE, label="baseline")
@@ -130,45 +132,29 @@ def cells_chart(*args: Any, **options: Any) -> Callable[[Mapping[str, Any]], Fig
     return lambda numbers: speed_errors(numbers["cells"], *args, **options)
 
 
-def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, bound: float | None = None) -> None:
-    """Draw `metric` of each method over the severities of a disturbance, from the result of `compare_severities`.
+def severities(studies: Mapping[str, Mapping[str, Any]], metric: str, label: str, bound: float, columns: int) -> Figure:
+    """Return a figure of `metric` over severity, one panel a disturbance (results of `compare_severities`).
 
     × marks where a method breaks; the `bound` is dashed.
     """
-    severities = study["severities"]
-    methods = study["methods"]
-    curves(axis, range(len(severities)), {name: cell[metric] for name, cell in methods.items()}, study["axis"], label)
-    for line, cell in zip(list(axis.lines), methods.values(), strict=True):
-        line.set_markersize(3)
-        if cell["breaks_at"] is not None:
-            k = severities.index(cell["breaks_at"])
-            value = float(np.asarray(line.get_ydata())[k])
-            place = axis.transData if np.isfinite(value) else axis.get_xaxis_transform()
-            y = value if np.isfinite(value) else 0.0
-            axis.plot(k, y, "x", color=line.get_color(), ms=10, mew=2, clip_on=False, transform=place)
-    if bound is not None:
-        axis.axhline(bound, color=_INK, lw=0.9, ls="--")
-    axis.set_xticks(range(len(severities)), [f"{value:g}" for value in severities])
-
-
-def severities(studies: Mapping[str, Mapping[str, Any]], metric: str, label: str, bound: float, columns: int) -> Figure:
-    """Return a figure of `metric` over severity, one panel a disturbance (results of `compare_severities`)."""
     figure, axes = panels(len(studies), columns, width=3.2, height=2.7)
     for axis, (name, study) in zip(axes, studies.items(), strict=True):
-        severity(axis, study, metric, label, bound)
+        values = study["severities"]
+        series = {method: cell[metric] for method, cell in study["methods"].items()}
+        curves(axis, range(len(values)), series, study["axis"], label)
+        for line, cell in zip(list(axis.lines), study["methods"].values(), strict=True):
+            line.set_markersize(3)
+            if cell["breaks_at"] is not None:
+                k = values.index(cell["breaks_at"])
+                y = float(np.asarray(line.get_ydata())[k])
+                place = axis.transData if np.isfinite(y) else axis.get_xaxis_transform()
+                color = line.get_color()
+                axis.plot(k, np.nan_to_num(y), "x", color=color, ms=10, mew=2, clip_on=False, transform=place)
+        axis.axhline(bound, color=_INK, lw=0.9, ls="--")
+        axis.set_xticks(range(len(values)), [f"{value:g}" for value in values])
         axis.set_title(name, fontsize=9)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=columns, fontsize=9)
     return figure
-
-
-def calibration(axis: Axes, stated: Sequence[float], measured: Mapping[str, Sequence[Any]], label: str) -> None:
-    """Draw measured against stated percentages for each series; the diagonal is perfect."""
-    axis.plot([0, 100], [0, 100], color=_INK, lw=0.9, ls="--")
-    for k, (name, values) in enumerate(measured.items()):
-        at = np.asarray(stated, dtype=float) + 0.6 * (k - (len(measured) - 1) / 2)
-        _error_bars(axis, at, values, fmt="o-", ms=4, label=name)
-    axis.set(xlabel="stated (%)", ylabel=label)
-    axis.grid(alpha=0.25)
 
 
 def curves(axis: Axes, x: ArrayLike, series: Mapping[str, Sequence[Any]], xlabel: str, ylabel: str) -> None:
@@ -187,16 +173,12 @@ def bars(axis: Axes, groups: Sequence[str], series: Mapping[str, Sequence[Any]],
     width = 0.8 / len(series)
     for k, (name, values) in enumerate(series.items()):
         at = np.arange(len(groups)) + width * (k - (len(series) - 1) / 2)
-        axis.bar(at, intervals(values)[0], width, label=name)
-        _error_bars(axis, at, values, fmt="none", ecolor=_INK)
+        value, low, high = intervals(values)
+        axis.bar(at, value, width, label=name)
+        axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="none", ecolor=_INK, capsize=2)
     axis.set_xticks(range(len(groups)), list(groups), rotation=30, ha="right")
     axis.set_ylabel(label)
     axis.grid(alpha=0.25, axis="y")
-
-
-def _error_bars(axis: Axes, at: Array, values: Sequence[Any], **style: Any) -> None:
-    value, low, high = intervals(values)
-    axis.errorbar(at, value, np.maximum([value - low, high - value], 0), capsize=2, **style)
 
 
 def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:
@@ -206,30 +188,27 @@ def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:
     return value, low, high
 
 
-def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], lines: Sequence[Array]) -> None:
-    """Write names beside points, inside the axes and clear of points, other names and `lines` ((n, 2) each) as far as
-    there is room."""
+def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], obstacles: Array) -> None:
+    """Write names beside points, inside the axes and clear of points, names and `obstacles` (m, 2), if possible."""
     axis.autoscale_view()
     to_axes = (axis.transData + axis.transAxes.inverted()).transform
     extent = axis.get_window_extent()
     size = 72 / axis.figure.dpi * np.array([extent.width, extent.height])  # points
     points = to_axes(np.column_stack([x, y])) * size
+    drawn = to_axes(obstacles[np.isfinite(obstacles).all(axis=1)]) * size
+    taken = np.vstack([np.hstack([points - 5, points + 5]), np.hstack([drawn - 1, drawn + 1])])
     inside = np.array([[0.0, 0.0, *size]])
     line = 1.2 * _NAME_PT
-    markers = [(5, points), *((1, _dots(to_axes(path) * size)) for path in lines)]
-    taken = np.vstack([np.hstack([center - half, center + half]) for half, center in markers])
+    rises = [-line / 2, *(4 + i * line for i in range(4)), *(-4 - i * line for i in range(1, 5))]
+    rises.sort(key=lambda dy: abs(dy + line / 2 - 1))
     for k in np.argsort(-points[:, 1], kind="stable").tolist():
-        u, v = points[k]
         length = 1.08 * TextPath((0, 0), names[k], _NAME_PT).get_extents().width
-        rises = [4 + i * line for i in range(4)] + [-4 - (i + 1) * line for i in range(4)] + [-line / 2]
-        rises.sort(key=lambda dy: abs(dy + line / 2 - 1))
-        offsets = [(dx, dy) for dy in rises for dx in (5, -5 - length)]
-        offsets += [(-length / 2, dy) for dy in rises if abs(dy + line / 2) > line]
-        boxes = np.array([(u + dx, v + dy, u + dx + length, v + dy + line) for dx, dy in offsets])
-        hidden = _shared(boxes, taken) - 3 * _shared(boxes, inside)
-        best = int(np.argmin(np.round(hidden, 3)))
+        offsets = np.array([(dx, dy) for dy in rises for dx in (5, -5 - length)])
+        low = points[k] + offsets
+        boxes = np.hstack([low, low + np.array([length, line])])
+        best = int(np.argmin(np.round(_shared(boxes, taken) - 3 * _shared(boxes, inside), 3)))
         taken = np.vstack([taken, boxes[best]])
-        begins = (0.0, 0.5) if offsets[best][0] > 0 else (1.0, 0.5) if offsets[best][0] < -length else (0.5, 0.5)
+        begins = (float(offsets[best, 0] < 0), 0.5)
         axis.annotate(
             names[k],
             (x[k], y[k]),
@@ -240,14 +219,6 @@ def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], lines: Se
             in_layout=False,
             arrowprops={"arrowstyle": "-", "relpos": begins, "color": _INK, "lw": 0.4, "shrinkA": 0, "shrinkB": 2},
         )
-
-
-def _dots(line: Array) -> Array:
-    """(m, 2) points about 3 apart on the line through the points (n, 2)."""
-    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.arange(0.0, along[-1], 3.0) if np.isfinite(along).all() else np.empty(0)
-    return np.column_stack([np.interp(at, along, line[:, axis]) for axis in (0, 1)])
 
 
 def _shared(boxes: Array, others: Array) -> Array:

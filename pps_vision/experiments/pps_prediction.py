@@ -36,7 +36,6 @@ CALIBRATED: dict[str, Predictor] = {
     "R's map": by_map,
     "R's map, corrected": corrected(by_map),
 }
-SHOWN = ("R's map", "R's map, corrected")
 REAL_TRIALS: dict[str, Predictor] = {
     "base rate": by_base_rate,
     "R's map": by_map,
@@ -72,9 +71,13 @@ def score_interval(score: Callable[[ArrayLike, ArrayLike], float], touched: Mask
 def draw_calibration(numbers: dict[str, Any]) -> Figure:
     """Draw the reliability of R's map before and after correction."""
     figure, (axis,) = charts.panels(1, width=5.2)
+    axis.plot([0, 100], [0, 100], color="0.25", lw=0.9, ls="--")
     stated = 100 * (np.arange(_BINS) + 0.5) / _BINS
-    shown = {name: numbers["methods"][name]["touched_percent"] for name in SHOWN}
-    charts.calibration(axis, stated.tolist(), shown, "touched (%)")
+    for aside, name in ((-0.3, "R's map"), (0.3, "R's map, corrected")):
+        value, low, high = charts.intervals(numbers["methods"][name]["touched_percent"])
+        axis.errorbar(stated + aside, value, (value - low, high - value), fmt="o-", ms=4, capsize=2, label=name)
+    axis.set(xlabel="stated (%)", ylabel="touched (%)")
+    axis.grid(alpha=0.25)
     axis.legend(fontsize=8)
     return figure
 

@@ -94,7 +94,6 @@ def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
         "controllers": {name: _of_controller(by_name[name], by_name[OURS]) for name in names},
         "reaching": {name: _of_reaching(by_name[name]) for name in REACHING if name in by_name},
         "limits": {
-            "encounters": len(rows),
             "smallest_self_distance_mm": 1000 * min(row["self_distance_m"] for row in rows),
             "left": len(faults),
         },
@@ -124,14 +123,11 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
 
 
 def _of_reaching(rows: Rows) -> dict[str, Any]:
-    """Rates of all objects to reach for, of those that the part aimed at can touch, and of the others."""
+    """Rates of the objects to reach for that the part aimed at can touch, and of the others."""
     reaches = _of_condition(rows, "reach")
     reachable = [row for row in reaches if row["reachable"]]
     unreachable = [row for row in reaches if not row["reachable"]]
     return {
-        "reachable": rate(reaches, lambda row: bool(row["reachable"])),
-        "touched": rate(reaches, lambda row: bool(row["touched"])),
-        "reachable: touched": rate(reachable, lambda row: bool(row["touched"])),
         "reachable: by the part aimed at": rate(reachable, lambda row: row["touched_part"] == row["part"]),
         "out of reach: attempted": rate(unreachable, lambda row: not is_still(row)),
     }
@@ -203,8 +199,7 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
     above = {name: _above(cells[name]["press and through, beyond ours"]) for name in (*BASELINES, TRUE)}
     best = min(BASELINES, key=lambda name: above[name][0])
     fast = _above(cells[TRUE]["fast, beyond ours"])
-    smallest_mm = [numbers["limits"]["smallest_self_distance_mm"]]
-    left = [numbers["limits"]["left"]]
+    limits = numbers["limits"]
     reaching = numbers["reaching"]
     goals: list[tuple[str, str, float, Sequence[float]]] = [
         ("stop, ≤ 15 cm/s: not touched (%)", "≥ ", 99, ours["stop, slow"]),
@@ -217,8 +212,8 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
         ("harmless: no command (%)", "≥ ", 99, ours["still, all"]),
         ("reached by the part aimed at (%)", "≥ ", 98, reaching[OURS]["reachable: by the part aimed at"]),
         ("out of reach, attempted (%)", "", 0, reaching[ASKING]["out of reach: attempted"]),
-        ("smallest self-collision distance (mm)", "≥ ", MIN_SELF_DISTANCE_MM, smallest_mm),
-        ("encounters that left a limit", "", 0, left),
+        ("smallest self-collision distance (mm)", "≥ ", MIN_SELF_DISTANCE_MM, [limits["smallest_self_distance_mm"]]),
+        ("encounters that left a limit", "", 0, [limits["left"]]),
     ]
     return [
         [name, f"{sign}{bound:g}".replace("-", "−"), judged(estimate(value), not _IS_MET[sign](value[0], bound))]
@@ -273,13 +268,13 @@ def run_rendered(study: EncountersParameters) -> dict[str, Any]:
         encounter = draw(scene, condition, number, study.seed)
         memory = memories[encounter.side]
         tracks = track_of(scene, encounter, track_rng(study.seed, condition, number))
-        simulated = simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks)
-        rendered = render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number).result
+        results = {
+            "rendered": render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number).result,
+            "without": simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks),
+        }
         quantity = "commands" if condition in HARMLESS else "touched"
-        results = {"rendered": rendered, "without": simulated}
-        rows.append(
-            {"condition": condition, **{name: not getattr(result, quantity) for name, result in results.items()}}
-        )
+        is_good = {name: not getattr(result, quantity) for name, result in results.items()}
+        rows.append({"condition": condition, **is_good})
     groups: dict[str, Rows] = {c: _of_condition(rows, c) for c in HAZARDS}
     groups["all approaching"] = [row for row in rows if row["condition"] in HAZARDS]
     groups["harmless"] = [row for row in rows if row["condition"] in HARMLESS]

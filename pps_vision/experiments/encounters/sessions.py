@@ -1,6 +1,7 @@
 """R's last sessions, simulated: an octopus approaches forearm and palm in turn, in avoidance and in reaching."""
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any, get_args
 
 import numpy as np
@@ -71,7 +72,7 @@ def session(
 ) -> dict[str, Any]:
     """Return counts and ranges of a session of approaches to both arms in turn."""
     rng = np.random.default_rng((seed, condition == "reach"))
-    logs: dict[Side, list[list[FrameLog]]] = {"left": [], "right": []}
+    logs: dict[Side, list[list[FrameLog]]] = {side: [] for side in get_args(Side)}
     results: list[EncounterResult] = []
     t = 0.0
     while t < seconds:
@@ -208,43 +209,25 @@ def _panel(above: Axes, below: Axes, approaches: Sequence[dict[str, Any]], title
 
 
 def _paths(numbers: Mapping[str, Any]) -> Figure:
-    """Draw the palms' paths about the robot at rest and their spheres: in perspective, from behind and from above."""
-    figure = Figure((13.5, 4.6), layout="constrained")
-    space = figure.add_subplot(1, 3, 1, projection="3d")
-    planes = {figure.add_subplot(1, 3, 2): (1, 2), figure.add_subplot(1, 3, 3): (1, 0)}
+    """Draw the palms' paths about the robot at rest, and their spheres, from behind and from above."""
+    figure, axes = panels(2, width=5.0, height=4.6)
     rest = {name: np.array(points) for name, points in numbers["rest_m"].items()}
-    lines: list[tuple[Array, dict[str, Any]]] = [
-        (points, {"color": _LINKS[name][1], "lw": 4, "alpha": 0.9}) for name, points in rest.items()
-    ]
-    for name, colour in _COLOURS.items():
-        paths = (np.array(path) / 1000 for paths in numbers[name]["paths_mm"].values() for path in paths if path)
-        lines += [(path, {"color": colour, "lw": 0.5, "alpha": 0.8}) for path in paths]
-        space.plot([], [], color=colour, label=name)
     angles = np.linspace(0, 2 * np.pi, 60)
-    cos = RADIUS_M * np.cos(angles)
-    sin = RADIUS_M * np.sin(angles)
-    for side in get_args(Side):
-        center = rest[f"{side} arm"][-1]
-        for axes in ((0, 1), (1, 2), (2, 0)):
-            circle = np.tile(center, (60, 1))
-            circle[:, axes] += np.column_stack([cos, sin])
-            space.plot(*circle.T, color="0.6", lw=0.6)
-        for plane, axes in planes.items():
-            plane.plot(center[axes[0]] + cos, center[axes[1]] + sin, color="0.6", lw=0.8)
-    for points, style in lines:
-        space.plot(*points.T, **style)
-        for plane, axes in planes.items():
-            plane.plot(*points[:, axes].T, **style)
-    space.plot([], [], color="0.6", lw=0.8, label=f"{RADIUS_M:g} m from rest")
-    space.legend(fontsize=7, loc="upper left")
-    space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
-    space.set_aspect("equal")
-    space.locator_params(nbins=4)
-    space.view_init(elev=20, azim=-150)
-    for plane, axes, name in zip(planes, planes.values(), ("from behind", "from above"), strict=True):
-        plane.set(xlabel=f"{'xyz'[axes[0]]} (m)", ylabel=f"{'xyz'[axes[1]]} (m)", title=name, aspect="equal")
-        plane.grid(alpha=0.25)
-    list(planes)[1].invert_yaxis()  # the robot looks along −x
+    circle = RADIUS_M * np.column_stack([np.cos(angles), np.sin(angles)])
+    for axis, plane, title in zip(axes, ([1, 2], [1, 0]), ("from behind", "from above"), strict=True):
+        for name, points in rest.items():
+            axis.plot(*points[:, plane].T, color=_LINKS[name][1], lw=4, alpha=0.9)
+        for name, colour in _COLOURS.items():
+            for path in filter(None, chain(*numbers[name]["paths_mm"].values())):
+                axis.plot(*np.array(path)[:, plane].T / 1000, color=colour, lw=0.5, alpha=0.8)
+            axis.plot([], [], color=colour, label=name)
+        for side in get_args(Side):
+            axis.plot(*(rest[f"{side} arm"][-1, plane] + circle).T, color="0.6", lw=0.8)
+        axis.plot([], [], color="0.6", lw=0.8, label=f"{RADIUS_M:g} m from rest")
+        axis.set(xlabel="y (m)", ylabel=f"{'xyz'[plane[1]]} (m)", title=title, aspect="equal")
+        axis.grid(alpha=0.25)
+    axes[0].legend(fontsize=7, loc="upper left")
+    axes[1].invert_yaxis()  # the robot looks along −x
     return figure
 
 
