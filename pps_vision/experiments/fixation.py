@@ -183,9 +183,11 @@ class Fixation(SampledStudy):
         for axis in self.axes:
             conditions = AXES[axis][1]
             names = (*_FOLLOWING, "J IV.1, latency ignored", "six joints, latency ignored")
-            axes[axis] = {"severities": list(conditions), "methods": {}}
-            for name in tqdm(names if axis == "latency" else _FOLLOWING, axis, disable=None):
-                axes[axis]["methods"][name] = [self.follow(head, name, condition) for condition in conditions.values()]
+            methods = {
+                name: [self.follow(head, name, condition) for condition in conditions.values()]
+                for name in tqdm(names if axis == "latency" else _FOLLOWING, axis, disable=None)
+            }
+            axes[axis] = {"severities": list(conditions), "methods": methods}
         return {
             "static": {name: self.settle(head, name) for name in _CONTROLLERS},
             "motions": {
@@ -295,11 +297,8 @@ def _motion(head: Head, kind: MotionName, rng: np.random.Generator, speed_m_s: f
         visit = make_approach(rng, at_taxel(head.skin, posture, taxel, _RADIUS_M), speed_m_s)
         whole_s = 2 * visit.contact_s + visit.dwell_s
         path = [visit(t)[0] for t in np.linspace(0.0, visit.contact_s, 9)]
-        path_postures = [(head.robot.at(gaze_at(head.robot, head.home, p)), p) for p in path]
-        if all(
-            fixation_error(at, p) < _EYES_DEG * _DEG and np.linalg.norm(p - EYES_M) > _NEAREST_M
-            for at, p in path_postures
-        ):
+        errors = [fixation_error(head.robot.at(gaze_at(head.robot, head.home, p)), p) for p in path]
+        if max(errors) < _EYES_DEG * _DEG and np.linalg.norm(path - EYES_M, axis=1).min() > _NEAREST_M:
             return lambda t: visit(t % whole_s)
 
 

@@ -70,11 +70,9 @@ class Independent(TrackingStudy):
         numbers: dict[str, Any] = {source: {} for source in self.sources}
         for source in self.sources:
             for case in tqdm(chosen, desc=source, unit="case", disable=None):
-                films = list(self._films(source, case))
-                if films:
-                    numbers[source][case.name] = {
-                        name: [film[name] for film in films if name in film] for name in films[0]
-                    }
+                if films := list(self._films(source, case)):
+                    scores = {name: [film[name] for film in films if name in film] for name in films[0]}
+                    numbers[source][case.name] = scores
         absent = [name for name in PHOTOS if not (self.data / name).exists()]
         return {**numbers, "procedural_instead_of": absent}
 
@@ -82,10 +80,12 @@ class Independent(TrackingStudy):
         """Scores of each film by tracker; nothing where the source cannot draw the case."""
         if source == "independent":
             for k in range(self.n):
-                yield measure_film(case, Film(case.scene(k), self.seed + k, self.data), k < self.n_compared)
+                film = Film(case.scene(k), self.seed + k, self.data)
+                yield measure_film(film, case.tracker(film.hue_deg), k < self.n_compared)
         elif can_render(case.base):
             for k in range(self.n_rendered):
-                yield measure_film(case, RenderedFilm(case.scene(k), self.seed + k, self.data), False)
+                film = RenderedFilm(case.scene(k), self.seed + k, self.data)
+                yield measure_film(film, case.tracker(film.hue_deg))
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw right and median error of every case, ours beside the baselines; hollow: rendered scenes."""
@@ -96,20 +96,14 @@ class Independent(TrackingStudy):
             for source, by_case in cells.items():
                 for tracker, color in _COLORS.items():
                     points = {
-                        names.index(name): summary(films[tracker])[key]
-                        for name, films in map(_compared_films, by_case.items())
+                        names.index(name): summary(_compared_films(films)[tracker])[key]
+                        for name, films in by_case.items()
                         if tracker in films
                     }
-                    face = color if source == "independent" else "none"
-                    style: dict[str, Any] = {
-                        "ls": "",
-                        "mec": color,
-                        "mfc": face,
-                        "ms": 4,
-                        "zorder": 3 if tracker == OURS else 2,
-                    }
                     if points:
-                        axis.plot(list(points.values()), list(points), "o", label=f"{tracker}, {source}", **style)
+                        (line,) = axis.plot(list(points.values()), list(points), "o", color=color, ms=4)
+                        line.set(label=f"{tracker}, {source}", zorder=3 if tracker == OURS else 2)
+                        line.set_fillstyle("full" if source == "independent" else "none")
             axis.set_xlabel(COLUMNS[key], fontsize=8)
             axis.set_yticks(range(len(names)), names if axis is axes[0] else [], fontsize=5)
             axis.set_ylim(len(names) - 0.5, -0.5)
@@ -121,23 +115,17 @@ class Independent(TrackingStudy):
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the number of cases that meet each goal, and ours beside the baselines."""
         cells = _by_source(numbers)
-        return {
-            "goals": _goals_table(cells),
-            "baselines": _baselines_table(cells),
-        }
+        return {"goals": _goals_table(cells), "baselines": _baselines_table(cells)}
 
 
 def _by_source(numbers: dict[str, Any]) -> dict[str, CaseScores]:
     return {source: numbers.get(source, {}) for source in ("independent", "rendered")}
 
 
-def _compared_films(
-    case: tuple[str, Mapping[str, Sequence[Scores]]],
-) -> tuple[str, dict[str, Sequence[Scores]]]:
-    """A case with the films on which all trackers ran."""
-    name, by_tracker = case
+def _compared_films(by_tracker: Mapping[str, Sequence[Scores]]) -> dict[str, Sequence[Scores]]:
+    """The films of a case on which all trackers ran."""
     n = min(len(films) for films in by_tracker.values())
-    return name, {tracker: films[:n] for tracker, films in by_tracker.items()}
+    return {tracker: films[:n] for tracker, films in by_tracker.items()}
 
 
 def _goals_table(by_source: Mapping[str, CaseScores]) -> Table:
@@ -159,7 +147,7 @@ def _baselines_table(by_source: Mapping[str, CaseScores]) -> Table:
     """One row a source and tracker, over the films on which all trackers ran."""
     rows = []
     for source, cells in by_source.items():
-        films = [by_tracker for _, by_tracker in map(_compared_films, cells.items())]
+        films = [_compared_films(by_tracker) for by_tracker in cells.values()]
         for tracker in _COLORS:
             scores = [summary(by_tracker[tracker]) for by_tracker in films if tracker in by_tracker]
             if scores:

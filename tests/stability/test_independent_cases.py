@@ -11,7 +11,7 @@ from data import SEED
 
 from pps_vision.experiments.films.cases import CASES, Case
 from pps_vision.experiments.films.scenes import Film, FilmScene
-from pps_vision.experiments.films.score import scored
+from pps_vision.experiments.films.score import OURS, measure_film
 
 BY_NAME = {case.name: case for case in CASES}
 LARGE = Case("object of 200 px", FilmScene(radius_m=0.109, extent_m=0.08, seconds=2.5))
@@ -67,7 +67,7 @@ def test_a_case_is_tracked_within_its_limits(name):
     case = BY_NAME.get(name, LARGE)
     limits = LIMITS.get(name, Limits())
     film = Film(small(case), SEED, Path("absent"))
-    scores = scored(case, film, film, case.tracker(film.hue_deg))
+    scores = measure_film(film, case.tracker(film.hue_deg))[OURS]
     print(name, {key: round(value, 1) for key, value in scores.items()})
     assert scores["judged"] > 25
     assert scores["right_percent"] >= limits.right

@@ -1,12 +1,11 @@
 """Trackers and baselines on films and recordings, and scores of their tracks against the truth."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES, FilteredPipeline, StereoPipelineName
-from pps_vision.experiments.films.cases import Case
 from pps_vision.experiments.films.recordings import EYES_M, Footage, tracker_params
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
@@ -90,34 +89,20 @@ def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
     }
 
 
-def measure_film(case: Case, film: Film, baselines: bool) -> dict[str, Scores]:
+def measure_film(film: Film, params: TrackerParams, baselines: bool = False) -> dict[str, Scores]:
     """Track a film with our tracker, which gets its rig alone, and with the baselines; return scores by tracker.
 
     A baseline gets the true boxes of the first frame that shows the whole object to both eyes.
     """
-    steps: dict[str, Step] = {OURS: _ours(film, case.tracker(film.hue_deg))}
+    tracker = Tracker(params, film.rig, np.random.default_rng(film.seed))
+    steps: dict[str, Step] = {OURS: lambda frame: tracker.step(frame).track}
     if baselines:
         first, boxes = film.first_boxes
         start = (film.rig, float(film.stamps_s[first]), boxes)
         steps |= {name: FilteredPipeline(name, *start).step for name in STEREO_PIPELINES}
-    return _scored(case, film, film, steps)
-
-
-def scored(case: Case, film: Film, frames: Iterable[StereoFrame], params: TrackerParams) -> Scores:
-    """Track a film's frames with our tracker and return the scores."""
-    return _scored(case, film, frames, {OURS: _ours(film, params)})[OURS]
-
-
-def _ours(film: Film, params: TrackerParams) -> Step:
-    tracker = Tracker(params, film.rig, np.random.default_rng(film.seed))
-    return lambda frame: tracker.step(frame).track
-
-
-def _scored(case: Case, film: Film, frames: Iterable[StereoFrame], steps: Mapping[str, Step]) -> dict[str, Scores]:
-    """All trackers take each frame by turns, as iterating draws a film anew."""
     tracks: dict[str, list[Track3D]] = {name: [] for name in steps}
     ms: dict[str, list[float]] = {name: [] for name in steps}
-    for frame in frames:
+    for frame in film:  # once for all trackers, as it is drawn anew each time
         for name, step in steps.items():
             track, step_ms = timed(partial(step, frame))
             tracks[name].append(track)
@@ -125,8 +110,7 @@ def _scored(case: Case, film: Film, frames: Iterable[StereoFrame], steps: Mappin
     moves_at_s = film.scene.rest_s if film.scene.start == "rest" else 0.0
     scores = {}
     for name in steps:
-        one_object = (case.marker and not film.scene.second_ball) or name != OURS
-        truths = film.truths[: 1 if one_object else None]
+        truths = film.truths if name == OURS else film.truths[:1]
         ms_per_pair = float(np.median(ms[name]))
         scores[name] = {**score_of_either(tracks[name], truths, moves_at_s), "ms_per_pair": ms_per_pair}
     return scores

@@ -109,6 +109,16 @@ def _rng(seed: int) -> np.random.Generator:
     return np.random.default_rng((seed, 2))
 
 
+def _of_fine(change: Callable[[Footage, int, float], Footage]) -> Disturb:
+    """A disturbance of the fine recording by milliseconds."""
+    return lambda source, seed, ms: _sensed(change(fine(source, seed), FINE, ms / 1000), seed)
+
+
+def _of_plain(change: Callable[[Footage, float, np.random.Generator], Footage]) -> Disturb:
+    """A disturbance of the sensed recording by percents."""
+    return lambda source, seed, percent: change(_sensed(plain(source, seed), seed), percent / 100, _rng(seed))
+
+
 def _sensed(recording: Footage, seed: int) -> Footage:
     """The recording with the usual sensor noise."""
     return d.noisy(recording, NOISE_SIGMA, _rng(seed))
@@ -278,25 +288,13 @@ DISTURBANCES: dict[str, tuple[Axis, Disturb]] = {
     "leaves and returns": (Axis("out of view for (s)", (0, 0.1, 0.5, 2)), leave_view),
     "size": (Axis("diameter (px)", (40, 16, 8, 6, 4)), _sized),
     "distance": (Axis("distance (m)", (0.4, 0.8, 1.6)), _far),
-    "missing pairs": (
-        Axis("share (%)", (0, 25, 50, 75)),
-        lambda s, k, v: d.dropped(_sensed(plain(s, k), k), v / 100, _rng(k)),
-    ),
+    "missing pairs": (Axis("share (%)", (0, 25, 50, 75)), _of_plain(d.dropped)),
     "stamp jitter": (
         Axis("σ (ms)", (0, 5, 10, 20)),
         lambda s, k, v: _sensed(d.jittered(fine(s, k), FINE, v / 1000, _rng(k)), k),
     ),
-    "right eye late, not stamped": (
-        Axis("by (ms)", _DELAYS_MS),
-        lambda s, k, v: _sensed(d.right_late(fine(s, k), FINE, v / 1000), k),
-    ),
-    "head pose stale": (
-        Axis("by (ms)", _DELAYS_MS),
-        lambda s, k, v: _sensed(d.stale_joints(fine(s, k), FINE, v / 1000), k),
-    ),
+    "right eye late, not stamped": (Axis("by (ms)", _DELAYS_MS), _of_fine(d.right_late)),
+    "head pose stale": (Axis("by (ms)", _DELAYS_MS), _of_fine(d.stale_joints)),
     "right eye black": (Axis("for (s)", (0, 0.1, 0.25, 0.5, 1)), _eye_fails),
-    "intrinsics off": (
-        Axis("by (%)", (0, 1, 2, 3, 5)),
-        lambda s, k, v: d.miscalibrated(_sensed(plain(s, k), k), v / 100, _rng(k)),
-    ),
+    "intrinsics off": (Axis("by (%)", (0, 1, 2, 3, 5)), _of_plain(d.miscalibrated)),
 }

@@ -54,6 +54,7 @@ class Task:
     point: Array  # (3,) in `frame`, m
     start_rad: Array  # (n_joints,)
     velocity: Array  # (3,) m/s
+    limited: bool = False  # whether the command passes through the last stage
 
 
 Solver = Callable[[Posture, Task], Array]  # returns joint rates (n_joints,)
@@ -103,15 +104,12 @@ def run(study: StageParameters) -> dict[str, Any]:
     robot = load_icub()
     bodies = SelfCollision(robot)
     seeds = range(study.seed, study.seed + study.n_movements)
-    task = partial(_draw, robot, bodies)
-    cells: dict[str, Any] = {}
-    for scenario, limited in SCENARIOS.items():
-        methods = {name: partial(_move, solver, limited) for name, solver in SOLVERS.items()}
-        cells |= compare({scenario: task}, methods, _METRICS, seeds, repeated=TURNS)
-    return {"cells": cells}
+    scenarios = {name: partial(_draw, robot, bodies, limited) for name, limited in SCENARIOS.items()}
+    methods = {name: partial(_move, solver) for name, solver in SOLVERS.items()}
+    return {"cells": compare(scenarios, methods, _METRICS, seeds, repeated=TURNS)}
 
 
-def _draw(robot: Robot, bodies: SelfCollision, seed: int) -> Task:
+def _draw(robot: Robot, bodies: SelfCollision, limited: bool, seed: int) -> Task:
     """A random movement; its start keeps 30 mm of self-distance."""
     rng = np.random.default_rng(seed)
     side = str(rng.choice(("left", "right")))
@@ -125,10 +123,11 @@ def _draw(robot: Robot, bodies: SelfCollision, seed: int) -> Task:
     part = [part for part in icub_skin().parts if part.name.startswith(side)][int(rng.integers(2))]
     direction = rng.standard_normal(3)
     velocity = _SPEED_M_S * direction / np.linalg.norm(direction)
-    return Task(robot, bodies, side, part.frame, part.positions_m[int(rng.integers(len(part.ids)))], q, velocity)
+    point = part.positions_m[int(rng.integers(len(part.ids)))]
+    return Task(robot, bodies, side, part.frame, point, q, velocity, limited)
 
 
-def _move(solver: Solver, limited: bool, task: Task, seed: int) -> Values:
+def _move(solver: Solver, task: Task, seed: int) -> Values:
     """Values of one movement."""
     robot = task.robot
     q = task.start_rad
@@ -140,7 +139,7 @@ def _move(solver: Solver, limited: bool, task: Task, seed: int) -> Values:
         now = task if k < _STEPS else replace(task, velocity=-task.velocity)
         dq, step_ms = timed(partial(solver, posture, now))
         ms.append(step_ms)
-        if limited:
+        if task.limited:
             wanted = JointVelocity(k * _DT_S, dq, _DT_S)
             last = limits.limit(LimitParams(), task.bodies, posture, wanted, last, last_q)
             last_q = q

@@ -36,7 +36,6 @@ _METRICS = {
     "position_mm": Metric("position_mm", rms),
     "velocity_mm_s": Metric("velocity_mm_s", rms),
 }
-Filter = Callable[[float, Array, Array], Array]  # stamp, position (3,) m and covariance (3, 3) to the state (order, 3)
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,7 @@ class Measurements:
             yield float(stamp_s), position, cov
 
 
+Filter = Callable[[Measurements], list[Array]]  # the states (order, 3) after each measurement
 chart = cells_chart("position_mm", "position error (mm RMS)", ("cv2",), DEFAULT, "time (ms per update)")
 
 
@@ -95,10 +95,10 @@ def measurements(recording: Footage, seed: int) -> Measurements:
         InputError: The tracker detected nothing.
     """
     steps, _ = steps_of(recording, seed)
+    observations = [step.observation for step in steps if step.observation is not None]
     known = [k for k, step in enumerate(steps) if step.observation is not None]
     if not known:
         raise InputError("bench stages", f"no object detected with seed {seed}; expected longer recordings")
-    observations = [step.observation for step in steps if step.observation is not None]
     return Measurements(
         np.array([o.stamp_s for o in observations]),
         np.array([o.p_root for o in observations]),
@@ -112,33 +112,38 @@ def measurements(recording: Footage, seed: int) -> Measurements:
 
 def methods() -> dict[str, Method]:
     """Return the filters and smoothers by name."""
-    ours = {f"order {order}": partial(_online, partial(our_filter, order)) for order in (1, 2, 3, 4)}
-    smoothed = {f"order {order}, RTS": partial(_smoothed, order) for order in (2, 3, 4)}
-    filters = {**ours, **smoothed, "cv2": partial(_online, opencv_filter)}
-    return {name: partial(_per_update, run) for name, run in filters.items()}
+    filters: dict[str, Filter] = {
+        **{f"order {order}": partial(_ours, order) for order in (1, 2, 3, 4)},
+        **{f"order {order}, RTS": partial(_smoothed, order) for order in (2, 3, 4)},
+        "cv2": opencv_states,
+    }
+    return {name: partial(_run, states_of) for name, states_of in filters.items()}
 
 
-def _per_update(run: Method, data: Measurements, seed: int) -> Values:
-    """Return a filter's values with its processor time per update."""
-    values, ms = timed(partial(run, data, seed))
-    return {**values, "ms": [ms / len(data.stamps_s)]}
+def _run(states_of: Filter, data: Measurements, seed: int) -> Values:
+    """Errors of a filter with its processor time per update."""
+    states, ms = timed(partial(states_of, data))
+    return {**errors(data, states), "ms": [ms / len(data.stamps_s)]}
 
 
-def our_filter(order: int, data: Measurements) -> Filter:
-    """Return our filter of an order."""
+def _ours(order: int, data: Measurements) -> list[Array]:
     params = data.params(order)
     belief = data.first(params)
-
-    def step(stamp_s: float, position: Array, cov: Array) -> Array:
-        nonlocal belief
+    states = [belief.mean]
+    for stamp_s, position, cov in data.later():
         belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
-        return belief.mean
+        states.append(belief.mean)
+    return states
 
-    return step
+
+def _smoothed(order: int, data: Measurements) -> list[Array]:
+    params = data.params(order)
+    passages = follow(params, data.first(params), [Measurement(*row) for row in data.later()])
+    return [belief.mean for belief in smooth(passages)]
 
 
-def opencv_filter(data: Measurements) -> Filter:
-    """Return OpenCV's filter with our filter's model.
+def opencv_states(data: Measurements) -> list[Array]:
+    """Return the states of OpenCV's filter with our filter's model.
 
     As in an application, its matrices are computed only where the step of time has changed.
     """
@@ -149,11 +154,10 @@ def opencv_filter(data: Measurements) -> Filter:
     kf.measurementMatrix = np.eye(3, n)
     kf.statePost = first.mean.reshape(n, 1).copy()
     kf.errorCovPost = first.cov.copy()  # it writes into them
+    states = [first.mean]
     last_s = first.stamp_s
     dt_s = np.nan
-
-    def step(stamp_s: float, position: Array, cov: Array) -> Array:
-        nonlocal last_s, dt_s
+    for stamp_s, position, cov in data.later():
         if not abs(stamp_s - last_s - dt_s) <= 1e-6:
             dt_s = stamp_s - last_s
             A, Q = discretise(params.order, dt_s, params.decay_s)
@@ -162,33 +166,17 @@ def opencv_filter(data: Measurements) -> Filter:
         last_s = stamp_s
         kf.measurementNoiseCov = params.white_share * cov
         kf.predict()
-        return np.asarray(kf.correct(position.reshape(3, 1)), dtype=float).reshape(-1, 3)
-
-    return step
-
-
-def _online(make: Callable[[Measurements], Filter], data: Measurements, seed: int) -> Values:
-    step = make(data)
-    first = data.first(data.params())
-    states = [first.mean[:1], *(step(*row).copy() for row in data.later())]
-    return errors(data, states)
-
-
-def _smoothed(order: int, data: Measurements, seed: int) -> Values:
-    params = data.params(order)
-    passages = follow(params, data.first(params), [Measurement(*row) for row in data.later()])
-    return errors(data, [belief.mean for belief in smooth(passages)])
+        states.append(np.array(kf.correct(position.reshape(3, 1)), dtype=float).reshape(-1, 3))
+    return states
 
 
 def errors(data: Measurements, states: list[Array]) -> dict[str, Array]:
     """Return the errors where a filter is judged; no velocity of a filter without it."""
-    p = np.array([state[0] for state in states])
-    values = {"position_mm": 1000 * np.linalg.norm(p - data.path, axis=1)[data.counts]}
-    if len(states[-1]) < 2:
-        return values
-    v = np.array([state[1] if len(state) > 1 else np.zeros(3) for state in states])
-    is_known = data.counts & np.isfinite(data.velocity[:, 0])
-    values["velocity_mm_s"] = 1000 * np.linalg.norm(v - data.velocity, axis=1)[is_known]
+    x = np.array(states)
+    values = {"position_mm": 1000 * np.linalg.norm(x[:, 0] - data.path, axis=1)[data.counts]}
+    if x.shape[1] > 1:
+        is_known = data.counts & np.isfinite(data.velocity[:, 0])
+        values["velocity_mm_s"] = 1000 * np.linalg.norm(x[:, 1] - data.velocity, axis=1)[is_known]
     return values
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pps_vision.experiments.baselines.image_trackers import (
     BoxPx,
@@ -99,9 +98,9 @@ REAL: dict[str, Callable[[Path], BoxedFilm]] = {
 """Real films by the name of their folder."""
 
 
-def particle_tracker(count: int, seed: int, image: Image, box: BoxPx) -> ImageTracker:
-    """Return our particle filter with the interface of the baselines."""
-    tracker = ColorTracker(image, box, ImageTrackerParams(particles=count), np.random.default_rng(seed))
+def _particles(count: int, film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
+    """Our particle filter."""
+    tracker = ColorTracker(film.images[0], box, ImageTrackerParams(particles=count), np.random.default_rng(seed))
 
     def step(image: Image) -> BoxPx | None:
         detection = tracker.step(image)
@@ -110,13 +109,13 @@ def particle_tracker(count: int, seed: int, image: Image, box: BoxPx) -> ImageTr
     return step
 
 
-def hue_blob(hue_deg: float, image: Image, box: BoxPx) -> ImageTracker:
-    """Return our marker detector with a given hue.
+def _hue_blob(film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
+    """Our marker detector with the object's hue.
 
     The box is that of the disc with the area of the blob nearest to the last place, or of any blob without one.
     """
     last: BoxPx | None = box
-    optics = assumed_optics(image.shape[1], image.shape[0])
+    optics = assumed_optics(film.images[0].shape[1], film.images[0].shape[0])
 
     def step(image: Image) -> BoxPx | None:
         nonlocal last
@@ -124,7 +123,7 @@ def hue_blob(hue_deg: float, image: Image, box: BoxPx) -> ImageTracker:
         if last is not None:
             x, y = middle(last)
             near = float(x), float(y), max(last[2:]) + 3
-        blobs = find_markers(MarkerParams(hue_deg=hue_deg), image, optics, near)
+        blobs = find_markers(MarkerParams(hue_deg=film.hue_deg), image, optics, near)
         last = None
         if blobs:
             side = 2 * float(np.sqrt(blobs[0].area_px / np.pi))
@@ -135,28 +134,26 @@ def hue_blob(hue_deg: float, image: Image, box: BoxPx) -> ImageTracker:
     return step
 
 
+def _opencv(name: ImageTrackerName, film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
+    return image_tracker(name, film.images[0], box)
+
+
 def methods() -> dict[str, Method]:
     """Return all trackers by name."""
     return {
-        **{f"{n} particles": partial(_run, lambda _, *start, n=n: particle_tracker(n, *start)) for n in COUNTS},
-        "marker blob": partial(_run, lambda hue_deg, _, *start: hue_blob(hue_deg, *start)),
-        **{name: partial(_run, lambda _, __, *start, name=name: image_tracker(name, *start)) for name in BASELINES},
+        **{f"{count} particles": partial(_run, partial(_particles, count)) for count in COUNTS},
+        "marker blob": partial(_run, _hue_blob),
+        **{name: partial(_run, partial(_opencv, name)) for name in BASELINES},
     }
 
 
-def _run(make: Callable[[float, int, Image, BoxPx], ImageTracker], film: BoxedFilm, seed: int) -> Values:
+def _run(make: Callable[[BoxedFilm, BoxPx, int], ImageTracker], film: BoxedFilm, seed: int) -> Values:
     """Return overlap (0 where lost), whether there is any, and the centre error where there is, of every frame."""
     if film.boxes[0] is None:
         raise ValueError("the object is not in view of the first frame; expected a box to start with")
-    tracker = make(film.hue_deg, seed, film.images[0], film.boxes[0])
-    boxes, ms = timed_steps(tracker, film.images[1:])
-    iou: list[float] = []
-    center_px: list[float] = []
-    for box, true in zip(boxes, film.boxes[1:], strict=True):
-        if true is None:
-            continue
-        iou.append(0.0 if box is None else float(intersection_over_union(np.array([box]), np.array([true]))[0]))
-        if box is not None and iou[-1] > 0:
-            center_px.append(float(np.linalg.norm(middle(box) - middle(true))))
-    values: dict[str, ArrayLike] = {"ms": ms, "iou": iou, "held": np.array(iou) > 0, "center_px": center_px}
-    return values
+    boxes, ms = timed_steps(make(film, film.boxes[0], seed), film.images[1:])
+    pairs = [(box or [np.nan] * 4, true) for box, true in zip(boxes, film.boxes[1:], strict=True) if true is not None]
+    tracked, truth = np.array(pairs).swapaxes(0, 1)
+    iou = np.nan_to_num(intersection_over_union(tracked, truth))
+    off_px = np.linalg.norm((tracked - truth) @ [[1, 0], [0, 1], [0.5, 0], [0, 0.5]], axis=1)
+    return {"ms": ms, "iou": iou, "held": iou > 0, "center_px": off_px[iou > 0]}

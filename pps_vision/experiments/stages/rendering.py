@@ -3,7 +3,6 @@
 Balls and markers on paths that the eyes follow, drawn in several ways, beside images cast ray by ray.
 """
 
-from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -60,25 +59,18 @@ chart = cells_chart("object_error", "image error (grey levels)", (), DEFAULT, "t
 
 def run(study: StageParameters) -> dict[str, Any]:
     """Return by object and way to draw: time of a pair, image error (grey levels), tracking error (mm)."""
-    return {"cells": {name: measure(name, WAYS, study.seeds, study.seconds) for name in OBJECTS}}
-
-
-def measure(stimulus: StimulusName, ways: Mapping[str, Fidelity], seeds: Any, seconds: float) -> dict[str, Any]:
-    """Return each way's time, image error and tracking error."""
-    with ExitStack() as stack:
-        eyes = dict(_open_eyes(stack, stimulus, ways))
-        methods = {name: partial(_errors, stimulus, value) for name, value in eyes.items()}
-        return compare({stimulus: partial(_drawing, stimulus, seconds)}, methods, _METRICS, seeds)[stimulus]
-
-
-def _open_eyes(stack: ExitStack, stimulus: StimulusName, ways: Mapping[str, Fidelity]) -> Iterator[tuple[str, Eyes]]:
-    """Yield the robot's eyes for every way to draw, warmed up, open as long as the stack."""
+    cells: dict[str, Any] = {}
     robot = load_icub()
-    for name, way in ways.items():
-        shape = make_stimulus(stimulus, fineness=way.fineness)
-        eyes = stack.enter_context(Eyes(robot, icub_rig(robot), shape, fidelity=way))
-        eyes.render(SceneState(np.zeros(robot.n_joints), np.array([-0.4, 0.0, 0.3])), 0.0)
-        yield name, eyes
+    for stimulus in OBJECTS:
+        methods = {}
+        with ExitStack() as stack:
+            for name, way in WAYS.items():
+                shape = make_stimulus(stimulus, fineness=way.fineness)
+                eyes = stack.enter_context(Eyes(robot, icub_rig(robot), shape, fidelity=way))
+                eyes.render(SceneState(np.zeros(robot.n_joints), np.array([-0.4, 0.0, 0.3])), 0.0)  # warms up
+                methods[name] = partial(_errors, stimulus, eyes)
+            cells |= compare({stimulus: partial(_drawing, stimulus, study.seconds)}, methods, _METRICS, study.seeds)
+    return {"cells": cells}
 
 
 def _drawing(stimulus: StimulusName, seconds: float, seed: int) -> Drawing:

@@ -27,7 +27,6 @@ from pps_vision.types import Image
 from tracking.motion_trigger import MotionTrigger, TriggerParams
 
 DEFAULT = "ours"
-OURS = {DEFAULT: TriggerParams(), "ours, without flow": TriggerParams(flow=False)}
 HEAD_DEG_S = 20.0  # fastest turn of the head
 OBJECTS = {
     "nothing": (0.030, 0.0),
@@ -52,7 +51,6 @@ Watcher = Callable[[Image, View, float], list[BoxPx]]  # an image, its view and 
 
 def run(study: StageParameters) -> dict[str, Any]:
     """Return by object and method: false alarms a minute, share detected within 3 images, delay, time."""
-
     calm_s = min(_CALM_S, 4 * study.seconds)
     if calm_s * FPS <= STARTS:
         raise InputError("bench stages", f"--seconds {study.seconds}; expected more than {STARTS / FPS / 4:g}")
@@ -69,7 +67,7 @@ def run(study: StageParameters) -> dict[str, Any]:
     cells = compare(scenarios, methods(calm), _METRICS, study.seeds, "DIS ultrafast − ego", TURNS)
     further = range(study.seed + 20_000, study.seed + 20_000 + study.n_calm)
     empty = {"nothing": scenarios["nothing"]}
-    for name, cell in compare(empty, ours(), _METRICS, further)["nothing"].items():
+    for name, cell in compare(empty, OURS, _METRICS, further)["nothing"].items():
         cells["nothing"][name]["alarms_per_minute"] = cell["alarms_per_minute"]
     return {"cells": cells}
 
@@ -118,26 +116,6 @@ def film_scene(rng: np.random.Generator, seconds: float, radius_m: float, px_per
     )
 
 
-def ours() -> dict[str, Method]:
-    """Return our trigger with and without flow."""
-    return {name: partial(watch, partial(_ours, params)) for name, params in OURS.items()}
-
-
-def methods(calm: Footage) -> dict[str, Method]:
-    """Return ours, and the baselines at their best levels, which `calm` determines without motion."""
-    return ours() | {name: partial(watch, partial(_baseline, name, best_level(name, calm))) for name in TRIGGERS}
-
-
-def _ours(params: TriggerParams, camera: Camera) -> Watcher:
-    trigger = MotionTrigger(params, camera)
-    return lambda image, view, stamp_s: [region.box_px for region in trigger.step(image, view, stamp_s)]
-
-
-def _baseline(name: str, level: float, camera: Camera) -> Watcher:
-    method = TRIGGERS[name].make(camera, level)
-    return lambda image, view, _: method(image, view)
-
-
 def watch(make: Callable[[Camera], Watcher], recording: Footage, seed: int) -> Values:
     """Return alarms frame by frame where nothing moves, delays where something starts to, and processor times."""
     moves = bool(np.any(np.linalg.norm(np.nan_to_num(recording.velocity), axis=1) > 0))
@@ -155,6 +133,27 @@ def watch(make: Callable[[Camera], Watcher], recording: Footage, seed: int) -> V
         else:
             values["alarm"] += [bool(boxes) for boxes in regions[STARTS:]]
     return values
+
+
+def _ours(params: TriggerParams, camera: Camera) -> Watcher:
+    trigger = MotionTrigger(params, camera)
+    return lambda image, view, stamp_s: [region.box_px for region in trigger.step(image, view, stamp_s)]
+
+
+OURS: dict[str, Method] = {
+    DEFAULT: partial(watch, partial(_ours, TriggerParams())),
+    "ours, without flow": partial(watch, partial(_ours, TriggerParams(flow=False))),
+}
+
+
+def methods(calm: Footage) -> dict[str, Method]:
+    """Return ours, and the baselines at their best levels, which `calm` determines without motion."""
+    return OURS | {name: partial(watch, partial(_baseline, name, best_level(name, calm))) for name in TRIGGERS}
+
+
+def _baseline(name: str, level: float, camera: Camera) -> Watcher:
+    method = TRIGGERS[name].make(camera, level)
+    return lambda image, view, _: method(image, view)
 
 
 def best_level(name: str, calm: Footage) -> float:
