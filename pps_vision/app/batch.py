@@ -109,8 +109,7 @@ class Task:
 def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
     """Jobs from recordings (folders, videos, or patterns) and manifests: CSV files with `name` and some of `columns`.
 
-    Raises:
-        InputError: A pattern matches nothing, a manifest cannot be used, or a name comes twice.
+    InputError if a pattern matches nothing, a manifest cannot be used, or a name comes twice.
     """
     jobs: list[Job] = []
     for source in sources:
@@ -171,17 +170,9 @@ def run_batch(
     A recording that cannot be used does not stop the others. The results do not depend on the machine. Learning also
     writes the sum of all memories, memory.npz.
 
-    Args:
-        jobs: The recordings.
-        task: The command to run.
-        workers: Processes on this machine.
-        scheduler: Address or scheduler file of a Dask cluster that runs the jobs instead.
-        parquet: Also write batch.parquet (extra `parquet`).
-
-    Raises:
-        InputError: Another batch is writing to the folder, or was begun there with other options; a name is that of a
-            file of the batch; the extra `parquet` is missing.
-        OSError: The cluster does not answer.
+    `workers`: processes on this machine; `scheduler`: address or scheduler file of a Dask cluster that runs the jobs
+    instead, OSError if it does not answer; `parquet`: also write batch.parquet (extra `parquet`). InputError if another
+    batch is writing to the folder or was begun there with other options, or a name is that of a file of the batch.
     """
     if workers < 1:
         raise InputError("batch", f"{workers} workers; expected at least 1")

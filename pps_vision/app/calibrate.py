@@ -211,8 +211,7 @@ def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], li
 def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> StereoCalibration:
     """Calibrate each camera by itself (Zhang 2000), then both together with OpenCV's stereoCalibrate.
 
-    Raises:
-        InputError: Fewer than three views, or views that do not determine the cameras: boards that hardly turn.
+    InputError for fewer than three views, or views that do not determine the cameras: boards that hardly turn.
     """
     if len(views) < _FEWEST_VIEWS:
         expected = f"at least {_FEWEST_VIEWS}, better 10 or more"

@@ -45,11 +45,9 @@ def onto(memory: PPSMemory, skin: Skin) -> PPSMemory:
 
 
 def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Path) -> tuple[PartMap, ...]:
-    """The robot's maps of a memory, physical taxels assigned as in `like`; untouched taxels that `like` lacks are left
-    out.
+    """The robot's maps of a memory, physical taxels assigned as in `like`, without untouched taxels that `like` lacks.
 
-    Raises:
-        InputError: The form cannot hold the memory, or a taxel that was learned is not in `like`.
+    InputError if the form cannot hold the memory, or a taxel that was learned is not in `like`.
     """
     if not np.array_equal(memory.counts, np.round(memory.counts)):
         raise InputError(source, "has fractions of samples; expected whole numbers, which the .ini holds")

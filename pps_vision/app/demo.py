@@ -77,8 +77,15 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         numbers = {log.title: _numbers(log) for log in logs}
         settings = {"versions": versions.versions(), "seed": seed, "trials": trials, "noise_grey_levels": noise}
         write_json(folder / SUMMARY, {**settings, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
-        text = _page(scene, trials, noise, seed, folder, memory, logs, numbers, stopwatch)
-        (folder / REPORT).write_text(text, encoding="utf-8")
+        command = f"pps-vision demo --trials {trials} --noise {noise:g} --seed {seed}"
+        page.write_page(
+            folder,
+            "Vision predicts the touch, the arm avoids it",
+            f"A simulated iCub with rendered eye views of 320×240 pixels, pixel noise σ = {noise:g}/255, seed {seed}. "
+            "The skin was trained with a ball and a cube. The octopus is new.",
+            page.video(folder / "demo.mp4"),
+            _sections(scene, command, trials, memory, logs, numbers, stopwatch),
+        )
     for log in logs:
         touched = "touched" if log.was_touched else "not touched"
         print(f"{log.title:42s} {touched:12s} arm {'moved' if log.was_commanded else 'still'}")
@@ -86,12 +93,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
 
 
 def _run_episodes(
-    scene: SimulationScene,
-    memory: PPSMemory,
-    reachable_map: ReachableMap,
-    folder: Path,
-    stopwatch: Stopwatch,
-    seed: int,
+    scene: SimulationScene, memory: PPSMemory, reachable_map: ReachableMap, folder: Path, timer: Stopwatch, seed: int
 ) -> list[EpisodeLog]:
     """Run and film the four episodes; demo.png shows the first touch without avoidance. Returns their logs."""
     logs: list[EpisodeLog] = []
@@ -100,7 +102,7 @@ def _run_episodes(
         # the same seed for both approaches: the same path with and without avoidance
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
         episode = replace(make_episode(kind, scene, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
-        pipeline = new_pipeline(scene, memory, stopwatch, reachable_map)
+        pipeline = new_pipeline(scene, memory, timer, reachable_map)
         steps = list(simulate(scene, episode, pipeline.step, avoid))
         images.append([drawn(scene, step, title) for step in steps])
         logs.append(log_of(scene, episode, steps, avoid))
@@ -167,33 +169,30 @@ def _cell(value: object) -> str:
     return f"{value:.0f}" if isinstance(value, float) and value >= 10 else f"{value:.2f}"
 
 
-def _page(
+def _sections(
     scene: SimulationScene,
+    command: str,
     trials: int,
-    noise: float,
-    seed: int,
-    folder: Path,
     memory: PPSMemory,
     logs: list[EpisodeLog],
     numbers: dict[str, dict[str, object]],
     stopwatch: Stopwatch,
-) -> str:
-    """The report as HTML."""
-    command = f"pps-vision demo --trials {trials} --noise {noise:g} --seed {seed}"
+) -> Sequence[page.Section]:
+    """Sections of the report."""
     rows = [[title, *(_cell(row[key]) for key in _COLUMNS)] for title, row in numbers.items()]
     timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
     is_tracked = np.isfinite(logs[1].track_m).all(axis=1)
     cov = logs[1].track_std_m[is_tracked, None] ** 2 * np.eye(3)
     touched = np.flatnonzero(memory.counts[..., 0].sum(axis=(1, 2)) >= _FEWEST_SAMPLES).tolist()
-    sections = (
-        page.Section(
+    return (
+        (
             "Result",
             "A touch is the object's surface within 20 mm of a taxel's centre. The gap is the true distance from the "
             "surface to the nearest taxel's centre. The object at rest first moves 5 cm away from the skin. Reach is "
             "the learned map's answer for the left hand and the gaze that fixates the object.",
             page.table(["episode", *_COLUMNS.values()], rows),
         ),
-        page.Section(
+        (
             "Distance, activation, response, reach",
             f"One thin line for each taxel of the left forearm and palm. The arm withdraws at 10 cm/s when an "
             f"activation has stayed above {THRESHOLD:g} for 0.15 s and the object's path comes within 5 cm of the "
@@ -202,7 +201,7 @@ def _page(
             "fixates it.",
             page.image(figures.episodes(logs, THRESHOLD)),
         ),
-        page.Section(
+        (
             "What the skin learned",
             f"Probability of touch over distance D and time to contact TTC, after {trials} rendered approaches of a "
             f"ball and a cube: one in {_TOUCH_EVERY} touches, the others stop 4–16 cm before the skin. A touch begins "
@@ -210,31 +209,24 @@ def _page(
             f"{_FEWEST_SAMPLES} samples before touches are left out.",
             page.image(figures.landscapes(memory, touched)),
         ),
-        page.Section(
+        (
             "Robot, skin and path",
             "Turn it with the mouse. Blue: tracked position of the octopus with its own 95 % ellipsoids; black: the "
             "truth. Grey: the robot's bodies, the line between its eyes and its taxels (a short line along each "
             "normal) at the start; orange and red: the same where the arm has moved farthest, avoidance on.",
             path3d(_scene(scene, logs[1]), logs[1].track_m[is_tracked], cov),
         ),
-        page.Section(
+        (
             "Coordinates",
             "Tracked position of the octopus with its own ±2σ, and the truth.",
             page.image(figures.path(logs[1])),
         ),
-        page.Section("Time", f"Median milliseconds for each stage of a stereo pair on this machine: {timing}.", ""),
-        page.Section(
+        ("Time", f"Median milliseconds for each stage of a stereo pair on this machine: {timing}.", ""),
+        (
             "Made with",
             "The same command with the same versions gives the same numbers, but for times.",
             page.table(["", ""], [["command", command], *map(list, versions.machine(versions.commit()).items())]),
         ),
-    )
-    return page.page(
-        "Vision predicts the touch, the arm avoids it",
-        f"A simulated iCub with rendered eye views of 320×240 pixels, pixel noise σ = {noise:g}/255, seed {seed}. The "
-        "skin was trained with a ball and a cube. The octopus is new.",
-        page.video(folder / "demo.mp4"),
-        sections,
     )
 
 

@@ -42,15 +42,8 @@ class DemoEncounter:
 def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1.0) -> None:
     """Meet n objects that stop at the would-be contact, press on or fly through, and write the report.
 
-    Args:
-        out: Folder for report.html and summary.json.
-        n: Number of encounters; they are those of `bench encounters` with the same seed.
-        noise: Pixel noise, grey levels of 255.
-        seed: Seed of encounters and training.
-        share: Share of R's numbers of training approaches, which are not rendered.
-
-    Raises:
-        InputError: Fewer than one encounter.
+    They are those of `bench encounters` with the same seed. `noise`: of the pixels, grey levels of 255; `share`: of R's
+    numbers of training approaches, which are not rendered.
     """
     if n < 1:
         raise InputError("demo", f"--encounters {n}; expected at least 1")
@@ -76,8 +69,16 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
         rows = [{"encounter": e.title, "touched": e.is_touched, "left_mm": 1000 * e.left_m} for e in encounters]
         settings = {"versions": versions(), "seed": seed, "noise_grey_levels": noise}
         write_json(folder / SUMMARY, {**settings, "encounters": rows})
-        (folder / REPORT).write_text(_page(encounters, noise, seed), encoding="utf-8")
-    print(f"{sum(encounter.is_touched for encounter in encounters)} of {n} touched → {out / REPORT}")
+        touched = sum(encounter.is_touched for encounter in encounters)
+        page.write_page(
+            folder,
+            f"{n} encounters, {touched} touched",
+            "Objects that stop at the would-be contact, press on 3 cm or fly through, seen by rendered eyes of 320×240 "
+            f"pixels, pixel noise σ = {noise:g}/255, seed {seed}. The skin has learned from ball and cube.",
+            "",
+            _sections(encounters),
+        )
+    print(f"{touched} of {n} touched → {out / REPORT}")
 
 
 def _title(encounter: Encounter) -> str:
@@ -94,23 +95,11 @@ def chosen(encounters: Sequence[DemoEncounter]) -> list[tuple[str, DemoEncounter
     return [*shown.items(), *failed] if len(encounters) > 1 else [("Only one", encounters[0])]
 
 
-def _page(encounters: Sequence[DemoEncounter], noise: float, seed: int) -> str:
-    touched = sum(encounter.is_touched for encounter in encounters)
+def _sections(encounters: Sequence[DemoEncounter]) -> list[page.Section]:
     rows = [[e.title, "touched" if e.is_touched else "", f"{1000 * e.left_m:.0f}"] for e in encounters]
-    sections = [
-        page.Section(
-            "All encounters",
-            "The distance is the smallest from the object's surface to a taxel's centre, less the 20 mm of a touch.",
-            page.table(["encounter", "with avoidance", "distance left (mm)"], rows),
-        )
-    ]
+    text = "The distance is the smallest from the object's surface to a taxel's centre, less the 20 mm of a touch."
+    sections = [("All encounters", text, page.table(["encounter", "with avoidance", "distance left (mm)"], rows))]
     for rank, encounter in chosen(encounters):
         content = page.video(encounter.video) + page.image(figures.episodes(encounter.logs, THRESHOLD))
-        sections.append(page.Section(f"{rank}: {encounter.title}", "Without avoidance and with it.", content))
-    return page.page(
-        f"{len(encounters)} encounters, {touched} touched",
-        "Objects that stop at the would-be contact, press on 3 cm or fly through, seen by rendered eyes of 320×240 "
-        f"pixels, pixel noise σ = {noise:g}/255, seed {seed}. The skin has learned from ball and cube.",
-        "",
-        sections,
-    )
+        sections.append((f"{rank}: {encounter.title}", "Without avoidance and with it.", content))
+    return sections

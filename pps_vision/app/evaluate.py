@@ -112,7 +112,7 @@ def path_of_truth(name: str, truth: Sequence[Truth]) -> Path3D:
 
 
 def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = False) -> Score:
-    """Score a path.
+    """Score a path; InputError if fewer than three of its positions have a truth.
 
     The truth is interpolated between its rows to the track's stamps, but not across its gaps.
 
@@ -121,9 +121,6 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
         truth: The true path.
         lag: Estimate by how much the track's stamps are late (within 0.5 s), and correct it.
         align: Rotate and shift the track onto the truth (least squares, without scale) first.
-
-    Raises:
-        InputError: Fewer than three positions of the track have a truth.
     """
     lag_s = _lag_s(track, truth, align) if lag else 0.0
     moved = replace(track, stamps_s=track.stamps_s - lag_s)

@@ -119,11 +119,8 @@ def overlaps(boxes: Array, others: Array) -> Array:
 
 
 def per_frame(track: Boxes, truth: Boxes) -> tuple[Array, Array]:
-    """Overlap and distance of the centres (px; 0 and infinite without a box) in every frame with a true box.
-
-    Raises:
-        InputError: Several boxes in a frame.
-    """
+    """Overlap and distance of the centres (px; 0 and infinite without a box) in every frame with a true box;
+    InputError for several boxes in a frame."""
     results: list[tuple[float, float]] = []
     for frame, true in sorted(truth.frames.items()):
         for boxes in (truth, track):

@@ -456,11 +456,7 @@ def check_track(track: Track3D, stamp_s: float) -> None:
 
 
 def joints_of(frame: StereoFrame) -> Array:
-    """(n_joints,) rad at the frame's stamp: the mean of the joints at the two images.
-
-    Raises:
-        InputError: The frame has no joints.
-    """
+    """(n_joints,) rad at the frame's stamp: the mean of the joints at the two images; InputError without joints."""
     if frame.joints_left_rad is None or frame.joints_right_rad is None:
         raise InputError("pipeline", "frame without joints; expected a robot's recording")
     joints: Array = 0.5 * (frame.joints_left_rad + frame.joints_right_rad)

@@ -39,11 +39,7 @@ _LARGEST_M = 0.3  # radius of an object that fits into the view
 
 
 def record(options: RenderParams) -> tuple[int, int]:
-    """Write the recording; returns how many pairs there are, and in how many the skin is touched.
-
-    Raises:
-        InputError: An option is out of its range, nothing can be seen so, or the folder cannot be written.
-    """
+    """Write the recording; return the number of pairs, and of pairs with a touch; errors as `render`."""
     if not (0 < options.seconds < math.inf and 0 < options.fps < math.inf):
         raise InputError("render", f"--seconds {options.seconds}, --fps {options.fps}; expected positive numbers")
     if options.radius is not None and not 0 < options.radius <= _LARGEST_M:

@@ -269,19 +269,11 @@ def make_episode(
 ) -> Episode:
     """A random episode about a taxel's home position, in view of both eyes.
 
-    Args:
-        kind: approach: until the surface is within `reach_m` of a taxel's home position, then back; recede: from just
-            out of touch; static: 5 cm away from the skin, then at rest 12–15 cm from the taxel; own_arm: no object;
-            near_miss: the approach ends `reach_m` before the skin.
-        scene: Robot and skin.
-        taxel: Target "part:id".
-        stimulus: Object.
-        rng: Random numbers of the path.
-        speed_m_s: Speed of the object.
-        reach_m: Default: a touch, or 4–16 cm for a near miss.
+    approach: until the surface is within `reach_m` of a taxel's home position, then back; recede: from just out of
+    touch; static: 5 cm away from the skin, then at rest 12–15 cm from the taxel; own_arm: no object; near_miss: the
+    approach ends `reach_m` before the skin. By default `reach_m` is a touch, or 4–16 cm for a near miss.
 
-    Raises:
-        InputError: The skin has no such taxel, no such episode stays in view, or the object starts within `reach_m`.
+    InputError if the skin has no such taxel, no such episode stays in view, or the object starts within `reach_m`.
     """
     if kind == "own_arm":
         return Episode("own arm moving", stimulus, None, 4.0, "arm")
@@ -315,9 +307,8 @@ def make_episode(
         begins_touching = touched_taxels(taxels, motion(0.0)[0], radius).any()
         if not begins_touching and can_follow(scene.robot, scene.rig, q_home, motion, seconds):
             return Episode(f"{stimulus} {title}", stimulus, motion, seconds)
-    raise InputError(
-        "episode", f"no {kind} about {taxel} stays in view of both eyes; expected a taxel that they see at home"
-    )
+    problem = f"no {kind} about {taxel} stays in view of both eyes"
+    raise InputError("episode", f"{problem}; expected a taxel that they see at home")
 
 
 def watching(robot: Robot, skin: Skin, q: Array) -> Array:

@@ -25,7 +25,7 @@ class TagPath:
 
 
 def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, dictionary: str) -> TagPath:
-    """Triangulate the corners of a tag in every pair that shows it in both images.
+    """Triangulate the corners of a tag in every pair that shows it in both images; InputError if there is none.
 
     Args:
         recording: The recording.
@@ -34,9 +34,6 @@ def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, 
         offset_m: (3,) from the tag's centre to the point that is wanted, in the tag's frame: x to its right, y to its
             top, z out of it.
         dictionary: Name of the tag's dictionary in OpenCV, without DICT_.
-
-    Raises:
-        InputError: There is no calibration or no such dictionary, or no pair shows the tag.
     """
     rig = recording.calibrated()
     if not hasattr(cv2.aruco, f"DICT_{dictionary}"):

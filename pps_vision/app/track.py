@@ -114,8 +114,7 @@ class TrackedRecording:
     def path(self, steps: Iterable[TrackerStep], smooth: bool) -> Iterator[TrackerStep]:
         """Yield `steps`; with `smooth` later, their tracks corrected by later measurements (RTS smoothing).
 
-        Raises:
-            InputError: There is no step: no stereo pair was readable.
+        InputError if there is no step: no stereo pair was readable.
         """
         step = None
         for step in smoothed_steps(self.params.kalman, steps) if smooth else steps:
@@ -137,20 +136,12 @@ class TrackedRecording:
         rows = []
         covs = []
         status = []
-        for step in self.path(self, smooth):
-            track = step.track
+        for track in (step.track for step in self.path(self, smooth)):
             rows.append((track.stamp_s, *track.position, *track.velocity, track.radius_m))
             covs.append(track.cov[:6, :6].copy())
             status.append(track.status.value)
-        numbers = np.array(rows)
-        return TrackArrays(
-            stamps_s=numbers[:, 0],
-            position=numbers[:, 1:4],
-            velocity=numbers[:, 4:7],
-            cov=np.array(covs),
-            radius_m=numbers[:, 7],
-            status=np.array(status),
-        )
+        table = np.array(rows)
+        return TrackArrays(table[:, 0], table[:, 1:4], table[:, 4:7], np.array(covs), table[:, 7], np.array(status))
 
 
 def track(
@@ -189,36 +180,24 @@ def track(
 
 
 def tracker_params(
-    mode: Mode | None = None,
-    order: int | None = None,
-    reduction: int | None = None,
-    params: TrackerParams | None = None,
+    mode: Mode | None, order: int | None = None, reduction: int | None = None, params: TrackerParams | None = None
 ) -> TrackerParams:
-    """Return the tracker's parameters for the options of `track`; None: the option was not given.
-
-    Raises:
-        InputError: An option contradicts `params`, or is out of range.
-    """
+    """Return the tracker's parameters for the options of `track` (None: not given); InputError if one contradicts
+    `params` or is out of range."""
     if params is None:
         kalman = KalmanParams.of_order(DEFAULT_ORDER if order is None else order)
-        return TrackerParams(
-            mode="generic" if mode is None else mode, reduction=1 if reduction is None else reduction, kalman=kalman
-        )
+        return TrackerParams(mode=mode or "generic", reduction=1 if reduction is None else reduction, kalman=kalman)
     for name, value in (("mode", mode), ("order", order), ("reduction", reduction)):
         in_params = params.kalman.order if name == "order" else getattr(params, name)
         if value not in (None, in_params):
-            raise InputError(
-                "track", f"{name} {value} contradicts params with {name} {in_params}; expected one of the two"
-            )
+            problem = f"{name} {value} contradicts params with {name} {in_params}"
+            raise InputError("track", f"{problem}; expected one of the two")
     return params
 
 
 def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: Stages | None = None) -> Tracker:
-    """Return a tracker for the recording's cameras; on a robot, its own body is ignored.
-
-    Raises:
-        InputError: The recording has no calibration.
-    """
+    """Return a tracker for the recording's cameras, InputError without a calibration; on a robot, its own body is
+    ignored."""
     rig = recording.calibrated()
     own_body = None
     if recording.robot:

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
 from pps_vision.app.report.tracking import KEY_FRAMES
@@ -83,12 +82,10 @@ class TrackFiles:
     def __enter__(self) -> "TrackFiles":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         if self._view and kind is None:
             self._view.finish(self._run.recording.truth)
-        self._files.__exit__(kind, value, trace)
+        self._files.__exit__(kind, *error)
         if self._extras.key_frames and kind is None:
             (self._folder / KEY_FRAMES).mkdir()
             for k, picture in enumerate(self._key_frames):

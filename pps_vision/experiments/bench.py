@@ -11,7 +11,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from pps_vision.app import versions
-from pps_vision.app.report.figure_file import save
+from pps_vision.app.report.page import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.claims import claims_table
 from pps_vision.experiments.study import PartsStudy, Study, catalogue

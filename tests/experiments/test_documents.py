@@ -8,8 +8,7 @@ import pytest
 from documents import ROOT
 from matplotlib.figure import Figure
 
-from pps_vision.app.encounters.registry import BASELINES
-from pps_vision.app.encounters.tuned import TUNED
+from pps_vision.app.encounters.registry import BASELINES, TUNED
 from pps_vision.errors import InputError
 from pps_vision.experiments.bench import bench
 from pps_vision.experiments.charts import pareto_front

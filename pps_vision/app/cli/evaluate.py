@@ -52,7 +52,7 @@ class Evaluate:
         if self.figure is None:
             scores, _ = self._score(drawn=False)
         else:
-            from pps_vision.app.report.figure_file import save
+            from pps_vision.app.report.page import save
 
             with whole_file(self.figure, self.files) as partial:
                 scores, figure = self._score(drawn=True)

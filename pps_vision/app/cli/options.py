@@ -168,9 +168,7 @@ class RecordingOptions:
     ) -> "Used":
         """Open and use every recording and print skipped rows and images; a failure does not stop the others.
 
-        Raises:
-            InputError: There is no recording, or none is usable.
-            ExceptionGroup: None is usable, some because of a bug.
+        InputError if no recording is usable, ExceptionGroup if that is because of a bug.
         """
         from pps_vision.app.progress import progress
         from pps_vision.recordings.open import open_recording

@@ -168,7 +168,7 @@ class ShowMap(RobotOptions):
         """Draw the map."""
         from learning.reach.map import ReachableMap
         from pps_vision.app.report import figures
-        from pps_vision.app.report.figure_file import save
+        from pps_vision.app.report.page import save
         from pps_vision.recordings.atomic_write import whole_file
 
         with whole_file(self.out, [self.map, *self.files]) as partial:

@@ -25,7 +25,7 @@ class Show(RobotOptions):
         from learning.pps.memory import load_memory
         from pps_vision.app.pipeline import check_memory
         from pps_vision.app.report import figures
-        from pps_vision.app.report.figure_file import save
+        from pps_vision.app.report.page import save
         from pps_vision.recordings.atomic_write import whole_file
 
         with whole_file(self.out, [self.memory, *self.files]) as partial:

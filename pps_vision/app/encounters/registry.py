@@ -17,7 +17,6 @@ from pps_vision.app.encounters.controllers import (
     paper,
     wrist_at_rest,
 )
-from pps_vision.app.encounters.tuned import TUNED
 from pps_vision.errors import InputError
 
 NewController = Callable[[ArmScene], Controller]
@@ -38,6 +37,14 @@ class Baseline(NamedTuple):
     ranges: Mapping[str, tuple[float, float]]  # uniform, the logarithm of `gain`
 
 
+TUNED: dict[str, dict[str, float]] = {
+    "R eq. 6": {"threshold": 0.4203, "confirmation_s": 0.1306, "persist_s": 0.3889},
+    "distance only": {"threshold": 0.4319, "confirmation_s": 0.1949, "persist_s": 0.5954},
+    "potential field": {"range_m": 0.06314, "gain": 0.009452, "home_per_s": 1.112},
+    "depth space": {"range_m": 0.08746, "aside": 0.2517},
+    "taxel constraints": {"threshold": 0.5284, "gain": 13.8, "home_per_s": 0.6069},
+}
+"""Parameters of the baselines: the best of the part `tuning` of `bench encounters`."""
 _OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirmation_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
 _HOME_PER_S = (0.3, 3.0)
 BASELINES = {
@@ -65,11 +72,8 @@ NAMES = (OURS, *BASELINES, TRUE, NONE)
 
 
 def new_controller(name: str, numbers: ControllerParams | None = None) -> NewController:
-    """Return the maker of a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION".
-
-    Raises:
-        InputError: There is no such controller.
-    """
+    """Return the maker of a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION";
+    InputError if there is none."""
     if name in (OURS, ASKING, TRUE):
         return lambda scene: ours(scene, numbers=numbers)
     if name == WRIST_AT_REST:

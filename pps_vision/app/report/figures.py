@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from learning.pps.memory import PPSMemory, activation
 from learning.reach.map import ReachableMap
-from pps_vision.app.report.shade import shade
+from pps_vision.app.report.page import shade
 from pps_vision.app.simulation import EpisodeLog
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.model import Robot

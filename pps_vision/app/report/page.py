@@ -1,13 +1,21 @@
-"""Reports: self-contained pages, with what matters most on top."""
+"""Reports: self-contained pages, with what matters most on top, and the figures in them."""
 
 import base64
 import html
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+from PIL import Image
+
+from pps_vision.errors import InputError
+from pps_vision.recordings import REPORT
+from pps_vision.recordings.atomic_write import whole_file
+from pps_vision.types import Array
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#222;max-width:70rem;margin:2rem auto;padding:0 1rem}
@@ -20,13 +28,8 @@ ul.warnings{background:#fff3dc;border-left:4px solid #e0a020;padding:.6rem 1rem 
 """
 
 
-@dataclass(frozen=True)
-class Section:
-    """A heading, a text, and an HTML fragment below it."""
-
-    title: str
-    text: str
-    body: str
+Section = tuple[str, str, str]
+"""A heading, a text, and an HTML fragment below it."""
 
 
 def image(figure: Figure) -> str:
@@ -49,11 +52,33 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table><tr>{head}</tr>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
 
 
-def page(title: str, lead: str, opening: str, sections: Sequence[Section]) -> str:
-    """The whole page; nothing in it refers to another file."""
-    parts = "".join(f"<h2>{html.escape(s.title)}</h2><p>{html.escape(s.text)}</p>{s.body}" for s in sections)
-    return (
+def write_page(folder: Path, title: str, lead: str, opening: str, sections: Sequence[Section]) -> None:
+    """Write report.html; nothing in it refers to another file but links of `opening` and `sections`."""
+    parts = "".join(f"<h2>{html.escape(name)}</h2><p>{html.escape(text)}</p>{body}" for name, text, body in sections)
+    page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>"
         f'<p class="lead">{html.escape(lead)}</p>{opening}{parts}</html>'
     )
+    with whole_file(folder / REPORT) as partial:
+        partial.write_text(page, encoding="utf-8", errors="backslashreplace")
+
+
+def save(figure: Figure, file: Path, colors: int | None = None) -> None:
+    """Write a figure in the format of the file's suffix, InputError if it is unknown; with `colors` as a .png with a
+    palette of this size."""
+    formats = figure.canvas.get_supported_filetypes()
+    if file.suffix[1:].lower() not in formats:
+        expected = ", ".join(f".{name}" for name in formats)
+        raise InputError(file.name, f"has the suffix {file.suffix!r}; expected one of {expected}")
+    figure.savefig(file, dpi=130)
+    if colors is not None:
+        with Image.open(file) as image:
+            image.convert("RGB").quantize(colors, dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
+
+
+def shade(axis: Axes, t: Array, where: ArrayLike, color: str, alpha: float = 0.2) -> None:
+    """Colour the times (T,) at which `where` (T,) holds, each half the way to its neighbours."""
+    edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
+    over, holds = axis.get_xaxis_transform(), np.repeat(np.asarray(where, bool), 2)
+    axis.fill_between(np.repeat(edges, 2)[1:-1], 0, 1, where=holds, transform=over, color=color, alpha=alpha, lw=0)

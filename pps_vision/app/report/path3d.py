@@ -1,4 +1,4 @@
-"""A 3D path that turns under the mouse, as an HTML fragment with its own script."""
+"""A 3D path that turns under the mouse, as an HTML fragment with its own script; distance and time to contact of it."""
 
 import json
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # tracking alone needs no robot
 
 _MOST_POINTS = 4000  # of a line; every k-th of a longer one is drawn
 _MOST_ELLIPSOIDS = 40
+_SLOWEST_M_S = 0.01  # slower approaches have no time to contact
 
 _SCRIPT = """
 (function(){
@@ -127,3 +128,12 @@ def _axes(cov: Array) -> list[list[float]]:
     lengths, rotation = ellipsoid_95(cov)
     axes: list[list[float]] = (rotation * lengths).T.tolist()
     return axes
+
+
+def distance_and_ttc_of_origin(position: Array, velocity: Array) -> tuple[Array, Array]:
+    """Distance (…) in m from the root frame's origin, and the time (…) in s until the object at `position` would be
+    there at its present speed of approach, from its `velocity`, both (…, 3); NaN where it does not approach."""
+    distance = np.linalg.norm(position, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        closing = -np.sum(position * velocity, axis=-1) / distance
+        return distance, np.where(closing > _SLOWEST_M_S, distance / closing, np.nan)

@@ -13,21 +13,11 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.report import page
-from pps_vision.app.report.approach import distance_and_ttc_of_origin
-from pps_vision.app.report.path3d import path3d
-from pps_vision.app.report.shade import shade
+from pps_vision.app.report.path3d import distance_and_ttc_of_origin, path3d
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
-from pps_vision.recordings.atomic_write import whole_file
-from pps_vision.recordings.tables import (
-    ACTIVATION,
-    COVARIANCE,
-    column_names,
-    covariances,
-    numbers,
-    read_table,
-)
+from pps_vision.recordings.tables import ACTIVATION, COVARIANCE, column_names, covariances, numbers, read_table
 from pps_vision.types import Array, Status
 
 KEY_FRAMES = "keyframes"
@@ -39,42 +29,29 @@ _LARGEST_VIDEO = 20 * 2**20
 
 @dataclass(frozen=True)
 class Tracked:
-    """Contents of a folder of results."""
+    """Path of a tracked recording, and its skin."""
 
-    folder: Path  # the folder
-    summary: Mapping[str, Any]  # summary.json
     stamps_s: Array  # (n,)
     position: Array  # (n, 3) m; NaN where unknown
     velocity: Array  # (n, 3) m/s
     cov: Array  # (n, 3, 3) m²
-    status: tuple[str, ...]  # (n,)
+    status: Array  # (n,)
     reach: Array | None  # (n,) degree of reachability, NaN where unknown; None without a map
     activation: Mapping[str, Array]  # activation (n,) of every taxel, by its name; empty without a memory
     truth: Array  # (m, 4) stamp and true position; (0, 4) without one
 
 
-def _write_page(folder: Path, text: str) -> None:
-    with whole_file(folder / REPORT) as partial:
-        partial.write_text(text, encoding="utf-8", errors="backslashreplace")
-
-
-def write_report(folder: Path) -> None:
-    """Write report.html into the folder of a tracked recording; InputError if it is none."""
-    _write_page(folder, report(read_tracked(folder)))
-
-
 def report_folder(folder: Path) -> str:
     """Write the report of a tracked recording, or of a batch and all its recordings; return how much was tracked.
 
-    Raises:
-        InputError: The folder is of neither, or one of its files cannot be read.
+    InputError if the folder is of neither, or one of its files cannot be read.
     """
     if not any((folder / name).is_file() for name in (SUMMARY, BATCH)):
         expected = "a folder that track or batch has written"
         raise InputError(folder, f"holds neither summary.json nor batch.csv; expected {expected}")
     if not (folder / BATCH).is_file():
         write_report(folder)
-        return _measured(read_summary(folder))
+        return _measured(_read_summary(folder))
     rows = [row for _, row in read_table(folder / BATCH, ["name", "status"])]
     tracked = [name for name, status in rows if status == "done"]
     for name in tracked:
@@ -83,45 +60,41 @@ def report_folder(folder: Path) -> str:
     return f"{len(tracked)} of {len(rows)} recordings tracked"
 
 
-def write_batch_report(folder: Path) -> None:
-    """Write report.html into the folder of a batch."""
-    _write_page(folder, batch_report(folder))
-
-
-def read_tracked(folder: Path) -> Tracked:
-    """Read what `track` has written."""
-    summary = read_summary(folder)
+def _read_tracked(folder: Path, source: Path) -> Tracked:
+    """Read what `track` has written, and the truth from the recording's folder `source`."""
     file = folder / "trajectory.csv"
     with_map = ["reach_degree"] if "reach_degree" in column_names(file) else []
     columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map]
     rows = read_table(file, [*columns, "status"])
     if not rows:
         raise InputError(file, "has no rows; expected one for each pair of images")
-    values = _numbers(file, [(line, row[:-1]) for line, row in rows], len(columns))
-    cov = covariances(values[:, 7:13])
-    true = Path(str(summary.get("source", ""))) / "truth.csv"
-    truth: Array = np.zeros((0, 4))
-    if true.is_file():
-        names = ["stamp_s", "x_m", "y_m", "z_m"]
-        truth = _numbers(true, read_table(true, names), 4)
-    reach = values[:, 13] if with_map else None
-    status = tuple(row[-1] for _, row in rows)
-    activation = _activation(folder / ACTIVATION, len(rows))
-    return Tracked(folder, summary, values[:, 0], values[:, 1:4], values[:, 4:7], cov, status, reach, activation, truth)
+    values = _numbers(file, rows, len(columns))
+    activation: dict[str, Array] = {}
+    if (skin := folder / ACTIVATION).is_file():
+        taxels = column_names(skin)[1:]
+        activations = _numbers(skin, read_table(skin, taxels), len(taxels))
+        if len(activations) != len(rows):
+            raise InputError(skin, f"{len(activations)} rows; expected the {len(rows)} of trajectory.csv")
+        activation = dict(zip(taxels, activations.T, strict=True))
+    true = source / "truth.csv"
+    return Tracked(
+        stamps_s=values[:, 0],
+        position=values[:, 1:4],
+        velocity=values[:, 4:7],
+        cov=covariances(values[:, 7:13]),
+        status=np.array([row[-1] for _, row in rows]),
+        reach=values[:, 13] if with_map else None,
+        activation=activation,
+        truth=_numbers(true, read_table(true, ["stamp_s", "x_m", "y_m", "z_m"]) if true.is_file() else [], 4),
+    )
 
 
-def _activation(file: Path, n: int) -> dict[str, Array]:
-    """Activation (n,) of every taxel of activation.csv, where there is one."""
-    if not file.is_file():
-        return {}
-    taxels = column_names(file)[1:]
-    rows = read_table(file, taxels)
-    if len(rows) != n:
-        raise InputError(file, f"{len(rows)} rows; expected the {n} of trajectory.csv")
-    return dict(zip(taxels, _numbers(file, rows, len(taxels)).T, strict=True))
+def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array:
+    """(rows, n) the first n numbers of each row, NaN for an empty field."""
+    return np.reshape([numbers(file, line, row[:n]) for line, row in rows], (len(rows), n))
 
 
-def read_summary(folder: Path) -> dict[str, Any]:
+def _read_summary(folder: Path) -> dict[str, Any]:
     """Return what summary.json of a tracked recording holds."""
     file = folder / SUMMARY
     content = read_bytes(file, "the summary of a tracked recording")
@@ -134,7 +107,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
-def warnings_of(summary: Mapping[str, Any]) -> list[str]:
+def _warnings_of(summary: Mapping[str, Any]) -> list[str]:
     """Warnings, few measurements, remedies and skipped data."""
     warnings = list(summary.get("warnings", ()))
     frames = max(1, int(summary["frames"]))
@@ -156,46 +129,44 @@ def _opening(warnings: Sequence[str]) -> str:
     return f'<ul class="warnings">{items}</ul>' if items else "<p>No warnings.</p>"
 
 
-def report(tracked: Tracked) -> str:
-    """The page."""
-    summary = tracked.summary
-    sections = [page.Section("Images", "", images) for images in [_images(tracked.folder)] if images]
-    sections += [
-        page.Section("Tracks in the images", "Centres of the detections, over time.", _image_tracks(tracked.folder)),
-        page.Section(
+def write_report(folder: Path) -> None:
+    """Write report.html into the folder of a tracked recording; InputError if it is none."""
+    summary = _read_summary(folder)
+    tracked = _read_tracked(folder, Path(str(summary.get("source", ""))))
+    is_finite = np.isfinite(tracked.cov).all(axis=(1, 2)) & np.isfinite(tracked.position).all(axis=1)
+    truth = [("#777", tracked.truth[:, 1:])] if len(tracked.truth) else []
+    path = path3d([("#2a9d4a", tracked.position), *truth], tracked.position[is_finite], tracked.cov[is_finite])
+    over_the_body = (
+        "Activation over the body",
+        "For every taxel the probability that what approaches will touch it; above 0.4 the arm moves away.",
+        page.image(_over_the_body(tracked)) if tracked.activation else "",
+    )
+    settings = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "memory") if key in summary}
+    sections = [
+        *(("Images", "", images) for images in [_images(folder)] if images),
+        ("Tracks in the images", "Centres of the detections, over time.", _image_tracks(folder)),
+        (
             "3D path",
             "Green: the track, with 95 % ellipsoids; grey: the truth, where it is known. Drag to turn, wheel to zoom. "
             "Root frame: the robot's, or the left camera's (x right, y down, z ahead).",
-            path3d(
-                [("#2a9d4a", tracked.position), *([("#777", tracked.truth[:, 1:])] if len(tracked.truth) else [])],
-                *_with_covariance(tracked),
-            ),
+            path,
         ),
-        page.Section(
+        (
             "Position, distance and approach",
             "Position with its own ±2σ; distance from the root frame's origin, and the time until the object would be "
             "there at its present speed of approach; with a map, the degree of reachability (reachable from 0.5 on).",
             page.image(_over_time(tracked)),
         ),
-    ]
-    if tracked.activation:
-        sections.append(
-            page.Section(
-                "Activation over the body",
-                "For every taxel the probability that what approaches will touch it; above 0.4 the arm moves away.",
-                page.image(_over_the_body(tracked)),
-            )
-        )
-    sections += [
-        page.Section("Numbers", "", _numbers_table(summary)),
-        page.Section("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
-        page.Section("To repeat it", "", _repeat(summary)),
+        *([over_the_body] if tracked.activation else []),
+        ("Numbers", "", _numbers_table(summary)),
+        ("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
+        ("To repeat it", "", _repeat(str(summary.get("command", "")), settings | summary.get("versions", {}))),
     ]
     lead = f"{_measured(summary)}, {len(tracked.stamps_s)} rows"
     if size := summary.get("object"):
         interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
         lead += f", object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})"
-    return page.page(str(summary.get("source", tracked.folder)), lead, _opening(warnings_of(summary)), sections)
+    page.write_page(folder, str(summary.get("source", folder)), lead, _opening(_warnings_of(summary)), sections)
 
 
 def _measured(summary: Mapping[str, Any]) -> str:
@@ -219,7 +190,7 @@ def _image_tracks(folder: Path) -> str:
     rows = read_table(file, ["stamp_s", "u_px", "v_px", "camera"])
     if not rows:
         return "<p>Nothing was detected.</p>"
-    values = _numbers(file, [(line, row[:3]) for line, row in rows], 3)
+    values = _numbers(file, rows, 3)
     camera = np.array([row[3] for _, row in rows])
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     for axis, side in zip(figure.subplots(1, 2), ("left", "right"), strict=True):
@@ -229,11 +200,6 @@ def _image_tracks(folder: Path) -> str:
         axis.invert_yaxis()
         figure.colorbar(points, ax=axis, label="time (s)")
     return page.image(figure)
-
-
-def _with_covariance(tracked: Tracked) -> tuple[Array, Array]:
-    is_finite = np.isfinite(tracked.cov).all(axis=(1, 2)) & np.isfinite(tracked.position).all(axis=1)
-    return tracked.position[is_finite], tracked.cov[is_finite]
 
 
 def _over_time(tracked: Tracked) -> Figure:
@@ -261,9 +227,9 @@ def _over_time(tracked: Tracked) -> Figure:
     for axis in axes:
         axis.grid(alpha=0.25)
         for status, color in _COLORS.items():
-            has_status = np.array(tracked.status) == status
+            has_status = tracked.status == status
             if status != Status.TRACKING and has_status.any():
-                shade(axis, t, has_status, color, 0.15)
+                page.shade(axis, t, has_status, color, 0.15)
     axes[-1].set_xlabel("time (s); shaded: searching (grey), predicted (yellow), lost (red)")
     return figure
 
@@ -286,33 +252,27 @@ def _over_the_body(tracked: Tracked) -> Figure:
 
 
 def _numbers_table(summary: Mapping[str, Any]) -> str:
-    rows = [[f"pairs {key}", str(n)] for key, n in summary["status"].items()]
-    rows += [[key, _text(value)] for key, value in summary.get("errors", {}).items()]
-    rows += [[f"reach: {key}", _text(value)] for key, value in summary.get("reach", {}).items()]
-    rows += [
-        [f"cameras: {key}", _text(value)] for key, value in summary.get("cameras", {}).items() if value is not None
-    ]
+    rows = []
+    for part, prefix in {"status": "pairs ", "errors": "", "reach": "reach: ", "cameras": "cameras: "}.items():
+        values = summary.get(part, {}).items()
+        rows += [[prefix + key, _text(value)] for key, value in values if value is not None or part != "cameras"]
     return page.table(["", "value"], rows)
 
 
 def _times(summary: Mapping[str, Any]) -> str:
-    header = ("stage", "median_ms", "q25_ms", "q75_ms", "runs")
-    rows = [[stage, *(_text(row.get(key)) for key in header[1:])] for stage, row in summary["ms_per_pair"].items()]
+    keys = ("median_ms", "q25_ms", "q75_ms", "runs")
+    rows = [[stage, *(_text(row.get(key)) for key in keys)] for stage, row in summary["ms_per_pair"].items()]
     return page.table(["stage", "median", "lower quartile", "upper quartile", "runs"], rows)
 
 
-def _repeat(summary: Mapping[str, Any]) -> str:
-    settings = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "memory") if key in summary}
-    return _command_and_settings(str(summary.get("command", "")), settings | summary.get("versions", {}))
-
-
-def _command_and_settings(command: str, settings: Mapping[str, Any]) -> str:
+def _repeat(command: str, settings: Mapping[str, Any]) -> str:
     rows = [[key, _text(value)] for key, value in settings.items()]
     return f"<pre>{html.escape(command)}</pre>" + page.table(["setting or package", "value"], rows)
 
 
-def batch_report(folder: Path) -> str:
-    """The page of a batch: what failed, and a row for every recording; InputError if the folder holds no batch."""
+def write_batch_report(folder: Path) -> None:
+    """Write report.html into the folder of a batch: failures, and a row for each recording; InputError if it is
+    none."""
     file = folder / BATCH
     columns = tuple(TRACK_TABLE)
     rows = []
@@ -323,19 +283,19 @@ def batch_report(folder: Path) -> str:
     warned = [f"{row['name']} failed: {row['reason']}" for row in failed]
     for row in rows:
         if row["status"] != "failed":
-            warned += [f"{row['name']}: {text}" for text in warnings_of(read_summary(folder / row["name"]))]
+            warned += [f"{row['name']}: {text}" for text in _warnings_of(_read_summary(folder / row["name"]))]
     sections = [
-        page.Section("Recordings", "", _batch_table(folder, rows, columns)),
-        page.Section(
+        ("Recordings", "", _batch_table(folder, rows, columns)),
+        (
             "Tracked share and time",
             "One dot for each recording, the first on top; a cross: it failed.",
             page.image(_batch_figure(rows)),
         ),
     ]
     if (folder / SUMMARY).is_file():
-        sections.append(page.Section("To repeat it", "", _repeat_batch(folder / SUMMARY)))
+        sections.append(("To repeat it", "", _repeat_batch(folder / SUMMARY)))
     lead = f"{len(rows) - len(failed)} of {len(rows)} tracked"
-    return page.page(f"Batch {folder.name}", lead, _opening(warned), sections)
+    page.write_page(folder, f"Batch {folder.name}", lead, _opening(warned), sections)
 
 
 def _repeat_batch(file: Path) -> str:
@@ -345,7 +305,7 @@ def _repeat_batch(file: Path) -> str:
         summary = json.loads(read_bytes(file, expected))
         settings = {key: value for key, value in summary["settings"].items() if value not in (None, [])}
         settings |= {key: summary[key] for key in ("started", "seconds")} | summary["versions"]
-        return _command_and_settings(summary["command"], settings)
+        return _repeat(summary["command"], settings)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(file, f"{first_line(error)}; expected {expected}") from error
 
@@ -379,11 +339,6 @@ def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Seque
     head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
     lines = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells(row)) + "</tr>" for row in rows)
     return f"<table><tr>{head}</tr>{lines}</table>"
-
-
-def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array:
-    """(rows, n), NaN for an empty field."""
-    return np.reshape([numbers(file, line, row) for line, row in rows], (len(rows), n))
 
 
 def _text(value: object) -> str:

@@ -11,12 +11,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 
 from scipy.spatial.transform import Rotation
 
-from pps_vision.app.report.approach import distance_and_ttc_of_origin
-from pps_vision.app.report.path3d import ellipsoid_95
+from pps_vision.app.report.path3d import distance_and_ttc_of_origin, ellipsoid_95
 from pps_vision.errors import InputError
 from pps_vision.types import Array, StereoFrame, Truth
 from tracking.tracker import TrackerStep
@@ -71,7 +69,5 @@ class ViewFile:
         for name, (strips, color) in paths.items():
             self._recording.log(name, self._rr.LineStrips3D([s for s in strips if s], colors=color), static=True)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._recording.disconnect()
