@@ -59,13 +59,9 @@ def diagnose(
 ) -> Diagnosis | None:
     """Return the likely causes of failed or inaccurate tracking, None if there are none.
 
-    Args:
-        recording: The recording.
-        mode: The tracker's mode.
-        counts: `tracking.acquisition.SearchCounts`.
-        tracked_share: Share of the pairs with a track.
-        turn_deg: Rotation of cameras that are declared fixed: amplitude (deg) and rate (deg/s).
-        residual_px: Median RMS reprojection error of the track; a wrong calibration or a delay of one camera raises it.
+    `counts`: `tracking.acquisition.SearchCounts`; `turn_deg`: rotation of cameras that are declared fixed, amplitude
+    (deg) and rate (deg/s); `residual_px`: median RMS reprojection error of the track, which a wrong calibration or a
+    delay of one camera raises.
     """
     faults = tuple(faults_of(recording, turn_deg))
     if residual_px > _RESIDUAL_PX:
@@ -156,9 +152,7 @@ def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
 def _one_image(frames: Sequence[StereoFrame]) -> bool:
     """Whether left and right images are the halves of one image rather than two views of a scene."""
     steps = [np.abs(np.diff(np.hstack([f.left, f.right]).astype(float), axis=1)).mean(axis=(0, 2)) for f in frames]
-    seams = [
-        step[frame.left.shape[1] - 1] / max(np.median(step), 1.0) for step, frame in zip(steps, frames, strict=True)
-    ]
+    seams = [step[f.left.shape[1] - 1] / max(np.median(step), 1.0) for step, f in zip(steps, frames, strict=True)]
     matches = [len(_matches(frame.left, frame.right)[0]) for frame in frames]
     return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON * _FEATURES)
 

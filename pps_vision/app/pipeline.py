@@ -183,14 +183,15 @@ class Pipeline:
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
         """Process one frame and the taxels `touched` (n,) that the skin reports with it.
 
-        Raises:
-            InputError: The frame has no joints, or the images or `touched` do not fit this robot; the state is
-                unchanged.
+        InputError if the frame has no joints, or the images or `touched` do not fit this robot; the state is unchanged.
         """
         params = self.params
         state = self._state
         stamp_s = frame.stamp_s
-        touched = self._checked(touched)
+        n = len(self.skin.taxel_ids)
+        touched = np.zeros(n, bool) if touched is None else touched
+        if touched.shape != (n,):
+            raise InputError("pipeline", f"touched {touched.shape}; expected the skin's {n} taxels")
         posture = self.robot.at(joints_of(frame))
         taxels = _taxels_at(self.skin, posture, stamp_s, state.last_taxels)
         tracking = self.tracker.step(frame)
@@ -254,19 +255,10 @@ class Pipeline:
 
     def _posture_at_effect(self, posture: Posture, stamp_s: float) -> Posture:
         """The robot when this frame's command takes effect."""
-        latency_s = self.params.latency_s
-        if latency_s == 0:
+        if (latency_s := self.params.latency_s) == 0:
             return posture
-        until_s = stamp_s + latency_s
-        return self.robot.at(posture_after(posture.q_rad, self._state.commands, stamp_s, until_s, latency_s))
-
-    def _checked(self, touched: Mask | None) -> Mask:
-        n = len(self.skin.taxel_ids)
-        if touched is None:
-            return np.zeros(n, bool)
-        if touched.shape != (n,):
-            raise InputError("pipeline", f"touched {touched.shape}; expected the skin's {n} taxels")
-        return touched
+        commands = self._state.commands
+        return self.robot.at(posture_after(posture.q_rad, commands, stamp_s, stamp_s + latency_s, latency_s))
 
     def _perceive(self, track: Track3D, taxels: Taxels, touched: Mask) -> TaxelEvents:
         """D and TTC (R eqs 1 and 2) of the track for every taxel, NaN without a track.
@@ -319,16 +311,9 @@ class Pipeline:
             return (leaning if np.any(command.dq_rad_s) else None), command
         if inputs.is_reachable:
             return leaning, still
-        status, command = lean.step(
-            params,
-            reachability.gaze_model,
-            reachability.map.limits,
-            reachability.reachable,
-            inputs.posture,
-            track.position,
-            self.params.hold_s,
-            track.stamp_s,
-        )
+        reachable_space = reachability.gaze_model, reachability.map.limits, reachability.reachable
+        target = track.position, self.params.hold_s, track.stamp_s
+        status, command = lean.step(params, *reachable_space, inputs.posture, *target)
         return leaning._replace(is_returning=status == "out of reach"), command
 
     def _move_arms(
@@ -342,14 +327,14 @@ class Pipeline:
             if leaning is not None:
                 params = replace(params, miss_distance_m=np.inf, min_approach_m=0.0)
             arm_input = ArmInput(
-                stamp_s=inputs.track.stamp_s,
-                posture=inputs.posture,
-                skin=arm.skin,
-                activations=self._arm_activations(arm, leaning, inputs),
-                track=inputs.track,
-                hold_s=self.params.hold_s,
-                self_collision=self._self_collision,
-                bare_links=arm.bare_links,
+                inputs.track.stamp_s,
+                inputs.posture,
+                arm.skin,
+                self._arm_activations(arm, leaning, inputs),
+                inputs.track,
+                self.params.hold_s,
+                self._self_collision,
+                arm.bare_links,
             )
             if isinstance(params, ReachingParams):
                 state, response = reaching.step(params, state, arm_input, inputs.is_reachable)

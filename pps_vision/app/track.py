@@ -5,12 +5,11 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.app.device import torch_device
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track_statistics import CameraStatistics
 from pps_vision.errors import InputError
@@ -23,6 +22,9 @@ from tracking.acquisition import SearchCounts, Stages
 from tracking.kalman import KalmanParams
 from tracking.smoother import smoothed_steps
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
+
+if TYPE_CHECKING:
+    import torch
 
 _BATCH_PAIRS = 16  # processed together on a device
 T = TypeVar("T")
@@ -213,3 +215,15 @@ def chunks(items: Iterable[T], size: int) -> Iterator[list[T]]:
     source = iter(items)
     while chunk := list(islice(source, size)):
         yield chunk
+
+
+def torch_device(name: str) -> "torch.device":
+    """The device of that name: cpu, cuda or cuda:INDEX; InputError where this machine does not have it."""
+    import torch  # takes seconds to load, and most commands do without
+
+    n = torch.cuda.device_count()
+    devices = {"cpu", *(["cuda"] if n else []), *(f"cuda:{index}" for index in range(n))}
+    if name not in devices:
+        expected = " or ".join(sorted(devices))
+        raise InputError(f"--device {name}", f"torch finds {n} CUDA devices on this machine; expected {expected}")
+    return torch.device(name)

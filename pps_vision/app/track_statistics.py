@@ -17,29 +17,19 @@ class CameraStatistics:
     """Largest errors of the cameras' nominal poses over a recording."""
 
     def __init__(self, warn: Callable[[str], None] = lambda _: None) -> None:
+        self.rotation_deg = 0.0  # largest rotation of cameras that are declared fixed
+        self.rotation_deg_s = 0.0  # largest rate of this rotation
         self._warn = warn
-        self._rotation_rad = 0.0
-        self._rate_rad_s = 0.0
         self._last: CameraMotion | None = None
-
-    @property
-    def rotation_deg(self) -> float:
-        """Largest rotation of cameras that are declared fixed."""
-        return float(np.rad2deg(self._rotation_rad))
-
-    @property
-    def rotation_deg_s(self) -> float:
-        """Largest rate of this rotation."""
-        return float(np.rad2deg(self._rate_rad_s))
 
     def add(self, motion: CameraMotion, stamp_s: float) -> None:
         """Add a frame; the first rotation of fixed cameras is passed to `warn`."""
-        if motion.rotation_rad.any() and not self._rotation_rad:
+        if motion.rotation_rad.any() and not self.rotation_deg:
             self._warn(
                 f"the cameras move although declared fixed, at {stamp_s:.2f} s; only their rotation is compensated"
             )
-        self._rotation_rad = max(self._rotation_rad, float(np.linalg.norm(motion.rotation_rad)))
-        self._rate_rad_s = max(self._rate_rad_s, motion.rate_rad_s)
+        self.rotation_deg = max(self.rotation_deg, float(np.rad2deg(np.linalg.norm(motion.rotation_rad))))
+        self.rotation_deg_s = max(self.rotation_deg_s, float(np.rad2deg(motion.rate_rad_s)))
         self._last = motion
 
     def summary(self) -> dict[str, float]:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from learning.pps.joint_offsets import TouchTrial
-from pps_vision.app.encounters.postures import TRIALS, SessionName
+from pps_vision.app.encounters.encounter import TRIALS, SessionName
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.predictors import Trials, by_map, outcomes
 from pps_vision.experiments.pps.robot_errors import SOURCES, ErrorSources, MiscalibratedRobot, errors_from

@@ -11,7 +11,7 @@ from scipy.stats import spearmanr
 
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import Counts, MemoryParams, PPSMemory, count_samples
-from pps_vision.app.encounters.postures import TRIALS, SessionName
+from pps_vision.app.encounters.encounter import TRIALS, SessionName
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.charts import bars, panels

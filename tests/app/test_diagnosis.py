@@ -13,8 +13,8 @@ import pytest
 from pps_vision.app.cli import main
 from pps_vision.app.diagnosis import diagnose
 from pps_vision.app.track import track
+from pps_vision.app.track_files import diagnosis_of, summary
 from pps_vision.app.track_statistics import PathStatistics
-from pps_vision.app.track_summary import diagnosis_of, summary
 from pps_vision.experiments.films.scenes import Film, FilmScene
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform

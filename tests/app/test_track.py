@@ -8,8 +8,8 @@ import pytest
 from tracks import track_at
 
 from pps_vision.app.track import TrackedRecording
+from pps_vision.app.track_files import headline
 from pps_vision.app.track_statistics import CameraStatistics, PathStatistics, errors_against
-from pps_vision.app.track_summary import headline
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import Status, Track3D, Truth

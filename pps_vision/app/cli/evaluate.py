@@ -1,6 +1,8 @@
 """`pps-vision evaluate`: the errors of one or several trackers against the truth."""
 
 import sys
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -49,15 +51,12 @@ class Evaluate:
 
         if len(self.files) < 2:
             raise InputError("evaluate", f"{len(self.files)} files; expected TRACK … TRUTH")
-        if self.figure is None:
-            scores, _ = self._score(drawn=False)
-        else:
-            from pps_vision.app.report.page import save
+        with whole_file(self.figure, self.files) if self.figure else nullcontext() as partial:
+            scores, draw = self._score()
+            if partial:
+                from pps_vision.app.report.page import save
 
-            with whole_file(self.figure, self.files) as partial:
-                scores, figure = self._score(drawn=True)
-                if figure:
-                    save(figure, partial)
+                save(draw(), partial)
         if self.json:
             print(
                 json.dumps(plain([score | {"version": __version__} for score in scores]), indent=2, ensure_ascii=False)
@@ -69,18 +68,19 @@ class Evaluate:
         for row in rows:
             print("  ".join([row[0].ljust(widths[0]), *(f.rjust(w) for f, w in zip(row[1:], widths[1:], strict=True))]))
 
-    def _score(self, drawn: bool) -> "tuple[list[dict[str, object]], Figure | None]":
-        """Return the rows of the table, and the figure."""
+    def _score(self) -> "tuple[list[dict[str, object]], Callable[[], Figure]]":
+        """Return the rows of the table, and a function that draws the figure."""
         if self.boxes:
             from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
 
             *tracks, truth = (read_boxes(file, self.first_px) for file in self.files)
-            rows = [asdict(evaluate_boxes(track, truth)) for track in tracks]
-            if not drawn:
-                return rows, None
-            from pps_vision.app.report.errors import box_curves
 
-            return rows, box_curves(tracks, truth)
+            def draw_boxes() -> "Figure":
+                from pps_vision.app.report.errors import box_curves
+
+                return box_curves(tracks, truth)
+
+            return [asdict(evaluate_boxes(track, truth)) for track in tracks], draw_boxes
         from pps_vision.app.evaluate import evaluate, read_path
 
         *paths, true_path = (read_path(file, self.fps) for file in self.files)
@@ -89,12 +89,13 @@ class Evaluate:
                 lines = f"{'from ' * (n > 1)}line {path.missing[0]}"
                 print(f"{n} row{'s' * (n > 1)} of {path.name} without a position ({lines})", file=sys.stderr)
         scores = [evaluate(path, true_path, self.lag, self.align) for path in paths]
-        rows = [asdict(score) for score in scores]
-        if not drawn:
-            return rows, None
-        from pps_vision.app.report.errors import path_errors
 
-        return rows, path_errors(paths, true_path, scores, self.align)
+        def draw_paths() -> "Figure":
+            from pps_vision.app.report.errors import path_errors
+
+            return path_errors(paths, true_path, scores, self.align)
+
+        return [asdict(score) for score in scores], draw_paths
 
 
 def _text(value: object) -> str:

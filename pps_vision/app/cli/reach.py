@@ -139,7 +139,7 @@ class QueryMap:
         import numpy as np
 
         from learning.reach.map import ReachableMap
-        from pps_vision.app.device import torch_device
+        from pps_vision.app.track import torch_device
         from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.tables import read_gaze, write_reachability
 

@@ -35,9 +35,8 @@ class Track(TrackOptions, SourceOptions):
         from pps_vision.app.progress import progress
         from pps_vision.app.report.tracking import write_report
         from pps_vision.app.track import track
-        from pps_vision.app.track_files import Extras, TrackFiles
+        from pps_vision.app.track_files import Extras, TrackFiles, diagnosis_of, headline, summary
         from pps_vision.app.track_statistics import PathStatistics
-        from pps_vision.app.track_summary import diagnosis_of, headline, summary
         from pps_vision.app.versions import versions
         from pps_vision.recordings.atomic_write import whole_folder, write_json
         from pps_vision.types import ReachStatus

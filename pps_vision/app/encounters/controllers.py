@@ -1,4 +1,4 @@
-"""Interface of the controllers, our controller, R's two, and the lower bound.
+"""Interface of the controllers, our controller and R's two.
 
 A controller is one function of (activations (n,) of the arm's taxels, track, posture) that returns joint rates
 (n_joints,) rad/s. `pps-vision bench encounters --controller MODULE:FUNCTION` adds another one: FUNCTION is given an
@@ -103,17 +103,6 @@ def ours(scene: ArmScene, resting: int = 0, numbers: ControllerParams | None = N
         return response.command.dq_rad_s
 
     return act
-
-
-def wrist_at_rest(scene: ArmScene) -> Controller:
-    """Return ours with the three joints of the wrist at rest, as R's robot had them."""
-    return ours(scene, resting=3)
-
-
-def none(scene: ArmScene) -> Controller:
-    """Return a controller that never moves: the lower bound."""
-    zero = np.zeros(scene.robot.n_joints)
-    return lambda activations, track, posture: zero
 
 
 def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:

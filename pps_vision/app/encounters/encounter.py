@@ -5,17 +5,16 @@ Encounter `number` of a seed is always the same, whatever else is drawn.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import coal
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.app.encounters.postures import start_posture
 from pps_vision.app.simulation import PERIOD_S, REACH_M, OwnMotion, Side, at_taxel, can_follow, first_contact, own_rate
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to, transform
-from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
@@ -51,8 +50,18 @@ BEYOND_M = 0.15
 PASS_M = (0.10, 0.20)
 """Smallest distance from a passing object's surface to a taxel's centre."""
 
-_SESSION: dict[Part, Any] = {"inner forearm": "inner", "outer forearm": "outer", "palm": "palm"}
-_CARRIER: dict[Part, Side] = {"inner forearm": "left", "outer forearm": "left", "palm": "right"}
+SessionName = Literal["motor", "visual", "inner", "outer", "palm"]
+"""motor, visual: double touches of the inner left forearm with the right index finger, felt or seen (its marker).
+inner, outer, palm: a ball and a cube in turn approach the inner or outer left forearm or the right palm."""
+TRIALS: dict[SessionName, int] = {"motor": 82, "visual": 45, "inner": 53, "outer": 34, "palm": 77}
+"""Trials of each session (R Table 5)."""
+
+SESSIONS: dict[Part, SessionName] = {"inner forearm": "inner", "outer forearm": "outer", "palm": "palm"}
+"""R's session with approaches to each body part."""
+# Arms in chain order, degrees; both eyes see the taxels aimed at.  The other arm hangs down.
+_OUTER_ARM_DEG = (-29.4, 18.2, 87.2, 37.6, 39.1, -16.3, -12.2)
+_PALM_ARM_DEG = (-25.6, 24.5, -19.6, 24.2, -41.1, 3.0, -16.0)
+_HANGING_ARM_DEG = (0.0, 15.0, 0.0, 20.0, 0.0, 0.0, 0.0)
 _SPREAD_RAD = np.deg2rad(15.0)  # range of each arm joint about the part's posture
 _TURN_RAD = np.deg2rad(10.0)  # range of torso and neck about upright
 _CLEARANCE_M = 0.03  # self-collision distance of a start posture; the controllers keep 25 mm
@@ -243,20 +252,27 @@ def draw_one(
                 )
 
 
+def start_posture(robot: Robot, session: SessionName) -> Array:
+    """Return the joints (k,) rad in which the skin awaits objects: within sight of both eyes."""
+    q = home(robot)
+    arms = {"outer": (_OUTER_ARM_DEG, _HANGING_ARM_DEG), "palm": (_HANGING_ARM_DEG, _PALM_ARM_DEG)}.get(session, ())
+    for side, degrees in zip(("left", "right"), arms, strict=False):
+        q[robot.indices(robot.names.arm(side))] = np.deg2rad(degrees)
+    return q
+
+
 def draw_posture(scene: EncounterScene, side: Side, part: Part, rng: np.random.Generator) -> Array:
     """Return joints (n_joints,) about those in which R's robot awaited touches of the part; torso and neck turned."""
     robot = scene.robot
     arm = scene.arm(side)
-    opposite: Side = "right" if side == "left" else "left"
-    base = start_posture(robot, _SESSION[part])
-    carrier = _CARRIER[part]
-    awaiting, hanging = (start_posture(robot, "palm")[scene.arm(s)] for s in ("right", "left"))
-    if part != "palm":
-        awaiting = base[scene.arm(carrier)]
+    opposite = scene.arm("right" if side == "left" else "left")
+    base = start_posture(robot, SESSIONS[part])
+    awaiting = base[scene.arm("right" if part == "palm" else "left")]
+    hanging = start_posture(robot, "palm")[scene.arm("left")]
     turned = robot.indices(("torso_yaw", "torso_pitch", "torso_roll", "neck_pitch", "neck_roll", "neck_yaw"))
     while True:
         q = base.copy()
-        q[scene.arm(opposite)] = hanging
+        q[opposite] = hanging
         q[arm] = awaiting + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, len(arm))
         q[turned] += rng.uniform(-_TURN_RAD, _TURN_RAD, len(turned))
         q[arm] = np.clip(q[arm], robot.lower_rad[arm] + _MARGIN_RAD, robot.upper_rad[arm] - _MARGIN_RAD)

@@ -6,24 +6,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from pps_vision.app.encounters.baselines import depth_space, potential_field, taxel_constraints
-from pps_vision.app.encounters.controllers import (
-    ArmScene,
-    Controller,
-    ControllerParams,
-    distance_only,
-    none,
-    ours,
-    paper,
-    wrist_at_rest,
-)
+from pps_vision.app.encounters.controllers import ArmScene, Controller, ControllerParams, distance_only, ours, paper
 from pps_vision.errors import InputError
 
 NewController = Callable[[ArmScene], Controller]
 OURS, TRUE, NONE = "ours", "true positions", "no avoidance"
-"""Ours; the upper bound, ours on tracks without error; the lower bound."""
+"""Ours; the upper bound, ours on tracks without error; the lower bound, which never moves."""
 WRIST_AT_REST = "ours, wrist at rest"
-"""As R's robot moved."""
+"""The three joints of the wrist at rest, as R's robot moved."""
 ASKING = "ours, asking the map"
 """As the pipeline reaches: only for what the reachable-space map of the palm calls reachable."""
 REACHING = (OURS, ASKING, "R eq. 6", "distance only", TRUE)
@@ -77,9 +70,9 @@ def new_controller(name: str, numbers: ControllerParams | None = None) -> NewCon
     if name in (OURS, ASKING, TRUE):
         return lambda scene: ours(scene, numbers=numbers)
     if name == WRIST_AT_REST:
-        return wrist_at_rest
+        return lambda scene: ours(scene, resting=3)
     if name == NONE:
-        return none
+        return lambda scene: lambda activations, track, posture: np.zeros(scene.robot.n_joints)
     if name in BASELINES:
         baseline = BASELINES[name]
         params = numbers or TUNED[name]

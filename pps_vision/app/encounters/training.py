@@ -10,8 +10,15 @@ from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.receptive_field import ReceptiveField, perceive
-from pps_vision.app.encounters.encounter import OBJECTS, Encounter, EncounterScene, Part, approach, draw_one
-from pps_vision.app.encounters.postures import TRIALS
+from pps_vision.app.encounters.encounter import (
+    OBJECTS,
+    SESSIONS,
+    TRIALS,
+    Encounter,
+    EncounterScene,
+    approach,
+    draw_one,
+)
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
 from pps_vision.robot.skin import touched_taxels
@@ -20,11 +27,6 @@ from pps_vision.types import TaxelEvents
 FIELD = ReceptiveField(distance_to="surface")
 BY_DISTANCE = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
 """A memory that knows D only: that of R's S2 Fig."""
-_APPROACHES: dict[Part, int] = {
-    "inner forearm": TRIALS["inner"],
-    "outer forearm": TRIALS["outer"],
-    "palm": TRIALS["palm"],
-}
 _LEARNED_OBJECTS = 2  # of `OBJECTS`
 _CONTACT_S = 0.7  # after the contact, the object withdraws later
 _TOUCH = approach(REACH_M["approach"])  # until the surface is at a taxel's centre, as in the closed loop's training
@@ -42,8 +44,8 @@ def learn(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> M
     """Return the memories after a share of R's numbers of approaches (Table 5) by ball and cube at 5–15 cm/s."""
     skin = scene.skins[side]
     states = [LearnerState(PPSMemory.empty(skin, p), EventBuffer()) for p in (MemoryParams(), BY_DISTANCE)]
-    for j, (part, n) in enumerate(_APPROACHES.items()):
-        for k in range(max(round(share * n), 1)):
+    for j, (part, session) in enumerate(SESSIONS.items()):
+        for k in range(max(round(share * TRIALS[session]), 1)):
             rng = np.random.default_rng((seed, _STREAM, side == "right", j, k))
             speed = float(rng.uniform(*SPEED_M_S))
             touching = draw_one(scene, "press", side, part, OBJECTS[k % _LEARNED_OBJECTS], speed, rng, k, _TOUCH)

@@ -68,13 +68,8 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
         "center": ((low + high) / 2).tolist(),
         "size": size,
         "axes": [
-            {
-                "name": f"{axis} +{step:g} m",
-                "color": color,
-                "from": low.tolist(),
-                "to": (low + step * np.eye(3)[k]).tolist(),
-            }
-            for k, (axis, color) in enumerate(zip("xyz", ("#c33", "#393", "#33c"), strict=True))
+            {"name": f"{name} +{step:g} m", "color": color, "from": low.tolist(), "to": (low + step * axis).tolist()}
+            for name, color, axis in zip("xyz", ("#c33", "#393", "#33c"), np.eye(3), strict=True)
         ],
         "lines": [
             {
@@ -84,7 +79,10 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
             }
             for k, (color, points) in enumerate(shown)
         ],
-        "ellipsoids": [{"at": at[k].tolist(), "axes": _axes(cov[k])} for k in chosen],
+        "ellipsoids": [
+            {"at": at[k].tolist(), "axes": (rotation * lengths).T.tolist()}
+            for k, (lengths, rotation) in ((k, ellipsoid_95(cov[k])) for k in chosen)
+        ],
     }
     return (
         f'<canvas id="path" width="900" height="560" style="width:100%;touch-action:none;cursor:grab"></canvas>'
@@ -121,13 +119,6 @@ def ellipsoid_95(cov: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(cov)
     vectors[:, 0] *= np.sign(np.linalg.det(vectors))  # no reflection
     return np.sqrt(CHI2_95 * np.clip(values, 0, None)), vectors
-
-
-def _axes(cov: Array) -> list[list[float]]:
-    """The half axes of the 95 % ellipsoid as vectors, m."""
-    lengths, rotation = ellipsoid_95(cov)
-    axes: list[list[float]] = (rotation * lengths).T.tolist()
-    return axes
 
 
 def distance_and_ttc_of_origin(position: Array, velocity: Array) -> tuple[Array, Array]:

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
 from pps_vision.app.encounters.controllers import RADIUS_M, felt_by_distance
-from pps_vision.app.encounters.encounter import PATHS, Aim, Condition, Encounter, EncounterScene, Part
+from pps_vision.app.encounters.encounter import PATHS, Aim, Condition, Encounter, EncounterScene, Part, start_posture
 from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
-from pps_vision.app.encounters.postures import start_posture
 from pps_vision.app.encounters.registry import WRIST_AT_REST, new_controller
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn

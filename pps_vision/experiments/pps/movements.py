@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from control.fixation import gaze_at
 from learning.pps.joint_offsets import TouchTrial
-from pps_vision.app.encounters.postures import SessionName, start_posture
+from pps_vision.app.encounters.encounter import SessionName, start_posture
 from pps_vision.app.simulation import can_follow
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub

@@ -10,7 +10,7 @@ from tqdm import tqdm
 from learning.archive import read_archive, write_archive
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
-from pps_vision.app.encounters.postures import TRIALS, SessionName
+from pps_vision.app.encounters.encounter import TRIALS, SessionName
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.movements import STEP_S, Movement, gaze_mask, movements
 from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy, SeededStudy, code_digest

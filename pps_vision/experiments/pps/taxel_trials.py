@@ -10,7 +10,7 @@ from learning.archive import read_arrays
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField
-from pps_vision.app.encounters.postures import SessionName
+from pps_vision.app.encounters.encounter import SessionName
 from pps_vision.experiments.baselines.single_taxel import empty_map, from_taxel
 from pps_vision.experiments.pps.movements import AIMED
 from pps_vision.robot.icub import load_icub

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from pps_vision.app.device import torch_device
-from pps_vision.app.track import chunks
+from pps_vision.app.track import chunks, torch_device
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving, tracker_params
 from pps_vision.experiments.stages.parameters import StageParameters
