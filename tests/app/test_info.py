@@ -4,8 +4,6 @@ import importlib.metadata
 import json
 import re
 import shlex
-import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -15,7 +13,6 @@ import pytest
 from videos import write_calibration, write_video
 
 from pps_vision.app.cli import main
-from pps_vision.app.info import info
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.testing import check_error
@@ -54,26 +51,6 @@ def test_videos(videos: list[str], capsys) -> None:
     assert "unit" not in warnings
     command = shlex.split(facts["command"])
     assert command == ["pps-vision", "track", *videos, "--unit-m", "0.01", "--out", "path"]
-
-
-def test_the_words(videos: list[str]) -> None:
-    facts = info(open_recording(left=videos[1:2], right=videos[3:4], calib=videos[5:6], unit_m=0.01))
-    changed = replace(
-        facts, source="here", skipped={"image": 2, "stamp": 0}, warnings=("odd",), touches=3, truth_rows=7
-    )
-    assert str(changed).splitlines() == [
-        "here: 20 pairs of 160×120 pixels, 1.10 s at 20 pairs/s",
-        "intervals: longest 200.0 ms, 1 gaps",
-        "right minus left stamp: median +15.00 ms, largest 15.00 ms (only stamps are compared: whether left and right "
-        "images show the same moment is for you to see)",
-        "cameras: 120 mm apart (measure it: all lengths scale with it), focal length 80.0 px, field of view 90°",
-        "motion of the cameras: declared fixed",
-        "touches: 3; rows of truth: 7",
-        "skipped: 2 image",
-        "warning: odd",
-    ]
-    turning = str(replace(facts, robot=True, cameras_turn_deg=12.345))
-    assert "motion of the cameras: with joints, by which the left camera turns up to 12.35°\n" in turning + "\n"
 
 
 def test_an_implausible_unit_and_a_missing_calibration(videos: list[str], capsys) -> None:
@@ -130,38 +107,6 @@ def test_version_and_versions(approach: Path, tmp_path: Path, capsys) -> None:
     assert (tmp_path / "out" / "trajectory.tum").read_text().startswith(f"# pps-vision {written}: stamp_s ")
     assert json.loads((approach / "summary.json").read_text())["versions"]["pps-vision"] == written
     assert csv["rmse_mm"] == tum["rmse_mm"] == pytest.approx(summary["errors"]["position_rms_all_mm"], rel=0.5)
-
-
-@pytest.mark.parametrize(
-    ("longest_s", "late_s", "warned"),
-    [(0.07, 0.012, None), (0.08, 0.012, "1 intervals are longer than 1.5 times"), (0.07, 0.013, "+13.0 ms from")],
-)
-def test_a_gap_and_a_late_image_are_told_from_what_is_usual(
-    longest_s: float, late_s: float, warned: str | None, tmp_path: Path, capsys
-) -> None:
-    """Of 20 pairs a second, with more than 1.5 intervals between two pairs, or a quarter between two eyes."""
-    stamps = [0.05 * k + (longest_s - 0.05) * (k > 5) for k in range(12)]
-    files = write_video(tmp_path / "l.mp4", stamps), write_video(tmp_path / "r.mp4", [t + late_s for t in stamps])
-    calib = write_calibration(tmp_path / "calib.yml", 80.0, (80.0, 60.0))
-    main(["info", "--left", str(files[0]), "--right", str(files[1]), "--calib", str(calib), "--json"])
-    warnings = [
-        text for text in json.loads(capsys.readouterr().out)["warnings"] if "interval" in text or " ms " in text
-    ]
-    assert len(warnings) == (warned is not None)
-    assert (warned or "") in "".join(warnings)
-
-
-def test_what_a_single_pair_without_a_calibration_lacks(approach: Path, tmp_path: Path) -> None:
-    bare = tmp_path / "bare"
-    shutil.copytree(approach, bare, ignore=shutil.ignore_patterns("icubEyes.ini"))
-    for side in ("left", "right"):
-        log = bare / "cam" / side / "data.log"
-        log.write_text(log.read_text().splitlines()[1] + "\n")
-    facts = info(open_recording(bare))
-    assert (facts.pairs, facts.gaps, facts.cameras_turn_deg) == (1, 0, 0.0)
-    assert np.isnan([facts.pairs_per_s, facts.longest_interval_s, facts.baseline_m, facts.focal_px]).all()
-    assert facts.calibration_at == "icubEyes.ini there or by --calib"
-    assert facts.warnings[0] == "try a longer recording: there is a single pair"
 
 
 def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(refused, tmp_path: Path) -> None:

@@ -10,11 +10,9 @@ import pytest
 
 from learning.pps.memory import load_memory
 from pps_vision.app.cli import main
-from pps_vision.app.learn import touched_at
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.recording import Recording, Touch
+from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.taxels_ini import PartMap, write_taxels
-from pps_vision.robot.skin import icub_skin
 
 
 @pytest.fixture(scope="module")
@@ -104,13 +102,3 @@ def test_show_draws_a_picture(memory_file: Path, tmp_path: Path, capsys) -> None
     picture = matplotlib.image.imread(tmp_path / "landscape.png")
     assert picture.shape[0] > 200
     assert len(np.unique(picture.reshape(-1, picture.shape[-1]), axis=0)) > 100
-
-
-def test_touches_are_the_latest_and_not_stale() -> None:
-    skin = icub_skin()
-    touches = (Touch(1.0, ("left_forearm:3",)), Touch(1.1, ()), Touch(1.2, ("right_palm:101", "elsewhere:1")))
-    names = [np.array(skin.taxel_ids)[touched_at(touches, t, skin)].tolist() for t in (0.9, 1.0, 1.05, 1.1, 1.22, 1.5)]
-    assert names == [[], ["left_forearm:3"], ["left_forearm:3"], [], ["right_palm:101"], []]
-    assert not touched_at((), 1.0, skin).any()
-    for age_s, heard in ((-1e-7, True), (0.059, True), (0.061, False)):  # stamps are written to the microsecond
-        assert touched_at(touches[:1], 1.0 + age_s, skin).any() == heard

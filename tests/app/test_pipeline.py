@@ -7,7 +7,7 @@ import pytest
 from known_track import DT, KnownTrack, Motion, frame_at, run
 
 from control.avoidance import AvoidanceParams
-from control.fixation import FixationParams, fixation_error, gaze_at
+from control.fixation import FixationParams, fixation_error
 from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
@@ -77,22 +77,6 @@ def test_gaze_follows_a_moving_object_without_lag(gaze: object, latency_s: float
     _, joints = run(following(motion, params), 1.0, latency_s)
     errors = [fixation_error(ROBOT.at(q), motion(DT * k)[0]) for k, q in enumerate(joints)]
     assert np.rad2deg(max(errors[-5:])) < 0.2
-
-
-@pytest.mark.parametrize("gaze", [FixationParams(), NeckAndEyesParams()], ids=["J IV.1", "neck and eyes"])
-def test_gaze_compensates_for_a_torso_that_turns_by_itself(gaze: object) -> None:
-    p = np.array([-0.4, 0.0, 0.3])
-    torso = ROBOT.indices(("torso_yaw", "torso_pitch"))
-    pipeline = following(lambda t: (p, np.zeros(3)), PipelineParams(fixation=gaze))  # type: ignore[arg-type]
-    q = gaze_at(ROBOT, home(ROBOT), p)
-    errors = []
-    for k in range(20):
-        command = pipeline.step(frame_at(DT * k, q)).command
-        q = q + DT * command.dq_rad_s
-        q[torso] += DT * np.deg2rad([20.0, 10.0])
-        errors.append(np.rad2deg(fixation_error(ROBOT.at(q), p)))
-    assert max(errors[:2]) > 0.8, "who has not turned yet cannot know"
-    assert max(errors[6:]) < 0.25
 
 
 def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_keeps_still() -> None:

@@ -118,24 +118,3 @@ def test_of_both_arms_one_map_is_learned_and_a_missed_error_bound_is_reported(tm
     )
     assert re.fullmatch(f"{numbers} → {re.escape(str(file))}", summary)
     assert missed == "--max-error 0.02 was not reached within --ik-budget 400"
-
-
-def test_training_goes_on_from_a_map_of_the_same_arm(learned: Path, tmp_path: Path) -> None:
-    out = tmp_path / "map.npz"
-    main(["reach", "train", "--arm", "right", "--into", str(learned), "--ik-budget", "300", "--out", str(out)])
-    first_rad, both_rad = (ReachableMap.load(file).labels.gaze_rad for file in (learned, out))
-    assert len(both_rad) > len(first_rad)
-    assert set(map(tuple, first_rad)) <= set(map(tuple, both_rad))
-
-
-def test_fewer_false_positives_when_asked(learned: Path, tmp_path: Path) -> None:
-    """With a stricter limit fewer points are reachable: those of the highest probability."""
-    gaze = np.random.default_rng(SEED).uniform([-55, -40, 5], [55, 40, 90], (2000, 3))
-    text = GAZE + "".join(f"{y},{p},{v}\n" for y, p, v in gaze)
-    plain = query(learned, tmp_path, text)
-    strict = query(learned, tmp_path, text, "--max-fp", "1e-4")
-    said = [[row["reachable"] == "1" for row in rows] for rows in (plain, strict)]
-    assert 0 < sum(said[1]) < sum(said[0])
-    least = min(float(row["probability"]) for row, yes in zip(strict, said[1], strict=True) if yes)
-    most = max(float(row["probability"]) for row, yes in zip(strict, said[1], strict=True) if not yes)
-    assert 0.5 < most <= least

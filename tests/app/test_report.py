@@ -1,18 +1,12 @@
 """The report of a tracked recording and of a batch: made from files alone, complete, and whole in one page."""
 
-import html
 import json
 import re
-import shlex
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 from results import write_results
-from videos import write_video
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
@@ -118,24 +112,6 @@ def test_the_report_of_a_batch(tmp_path: Path, capsys) -> None:
     assert page.count('src="data:image/png') == 1
 
 
-def test_the_report_of_a_batch_says_how_to_repeat_it(tmp_path: Path, calib: Path, fails_in_part, refused) -> None:
-    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
-    (tmp_path / "b.mp4").write_bytes(b"no video")
-    out = tmp_path / "out"
-    words = (str(tmp_path / "*.mp4"), "--order", "3", "--report", "--out", str(out), "--calib", str(calib))
-    fails_in_part(*words)
-    page = (out / "report.html").read_text()
-    command = re.search("<pre>(.*?)</pre>", page)[1]  # type: ignore[index]
-    assert shlex.split(html.unescape(command)) == ["pps-vision", "batch", *words]
-    rows = dict(re.findall("<tr><td>([^<]*)</td><td>([^<]*)</td></tr>", page))
-    assert (rows["workers"], rows["order"], rows["max_skew_s"]) == ("1", "3", "0.02")
-    assert rows["numpy"] == np.__version__
-    assert datetime.now(UTC) - datetime.fromisoformat(rows["started"]) < timedelta(minutes=10)
-    assert 0 < float(rows["seconds"]) < 600
-    (out / "summary.json").write_text("{}")
-    assert "summary.json: 'settings'; expected the summary of a batch" in refused("report", out)
-
-
 def test_what_holds_no_results(tmp_path: Path, refused) -> None:
     (tmp_path / "file").touch()
     for place in (tmp_path, tmp_path / "gone", tmp_path / "file"):
@@ -144,34 +120,3 @@ def test_what_holds_no_results(tmp_path: Path, refused) -> None:
     for content, message in (("{}", "of another command"), ("{", "expected the summary")):
         (tmp_path / "summary.json").write_text(content)
         assert message in refused("report", tmp_path)
-
-
-def test_a_film_replaces_the_key_frames_and_no_detection_is_said(tmp_path: Path) -> None:
-    folder = write_results(tmp_path / "results")
-    write_video(folder / "overlay.mp4", [0.0, 0.1])
-    header = (folder / "detections.csv").read_text().split("\n")[0]
-    (folder / "detections.csv").write_text(header + "\n")
-    report_folder(folder)
-    text = (folder / "report.html").read_text()
-    assert text.count("<video") == 1
-    assert "image/jpeg" not in text
-    assert "Nothing was detected." in text
-
-
-@pytest.mark.parametrize(("n", "chosen"), [(3, [0, 1, 2]), (20, [1, 4, 7, 10, 13, 16, 19])])
-def test_a_report_has_at_most_eight_pictures_spread_over_the_recording(
-    n: int, chosen: list[int], tmp_path: Path, calib: Path
-) -> None:
-    """Identified by their content: the video's images, enlarged twice, left beside right."""
-    write_video(tmp_path / "a.mp4", [k / 20 for k in range(n)])
-    main(["track", str(tmp_path / "a.mp4"), "--calib", str(calib), "--report", "--out", str(tmp_path / "out")])
-    names = {"detections.csv", "trajectory.csv", "summary.json", "report.html", "keyframes"}
-    assert {file.name for file in (tmp_path / "out").iterdir()} == names
-    numbers = []
-    for k in range(len(list((tmp_path / "out" / "keyframes").iterdir()))):
-        picture = cv2.imread(str(tmp_path / "out" / "keyframes" / f"{k}.jpg"))
-        assert picture is not None
-        assert picture.shape == (240, 320, 3)
-        bands = np.array_split(picture[:, 200:300].mean(axis=(1, 2)), 10)[1:]  # the first is under the words
-        numbers.append(sum((float(np.median(band)) > 155) << bit for bit, band in enumerate(bands, start=1)))
-    assert numbers == [k // 2 * 2 for k in chosen]

@@ -3,7 +3,6 @@
 import importlib
 import json
 import re
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,6 @@ import pytest
 from pps_vision.app import versions
 from pps_vision.errors import InputError
 from pps_vision.experiments import bench
-from pps_vision.experiments.study import PartsStudy, Study, catalogue
-
-KNOWN = catalogue()
 
 FAKE = '''
 """Thirds of a seed.
@@ -193,19 +189,3 @@ def test_unknown_tables_studies_and_options_are_refused(folder: Path, table: str
             bench.bench(names, options)
     with pytest.raises(InputError, match="takes no n"):
         bench.bench(["fake"], {"n": 3})
-
-
-@pytest.mark.parametrize(("name", "cls"), KNOWN.items(), ids=list(KNOWN))
-def test_a_study_is_a_dataclass_that_checks_its_parameters(name: str, cls: type[Study]) -> None:
-    assert is_dataclass(cls)
-    assert cls.summary()
-    defaults = cls.defaults()
-    assert [field.name for field in fields(cls)] == list(defaults)
-    wrong = {field: 0 for field, default in defaults.items() if type(default) is int and field != "seed"}
-    limits = {"seed": -1, "share": 0.0, "seconds": 0.09}
-    wrong |= {field: value for field, value in limits.items() if field in defaults}
-    for field, value in wrong.items():
-        with pytest.raises(InputError, match=f"bench {name}: --{field} {value}; expected at least"):
-            cls(**{field: value})
-    cls(**cls.short())
-    assert isinstance(cls(), PartsStudy) == hasattr(cls, "PARTS")

@@ -29,13 +29,3 @@ def test_late_and_stale_frames_are_of_an_earlier_time(recording: Footage) -> Non
     stale = d.stale_joints(recording, FINE, delay_s).frames[k]
     np.testing.assert_array_equal(stale.joints_left_rad, recording.frames[25].joints_left_rad)
     assert np.all(np.diff(d.jittered(recording, FINE, 0.5, rng()).stamps_s) > 0), "stamps rise with any jitter"
-
-
-def test_noise_blur_and_dropouts_have_the_stated_size(recording: Footage) -> None:
-    plain_left = recording.frames[3 * FINE].left
-    noise = d.noisy(d.at_rate(recording, FINE), 8.0, rng()).frames[3].left.astype(float) - plain_left
-    assert np.std(noise[(plain_left > 40) & (plain_left < 210)]) == pytest.approx(8.0, rel=0.03)
-    mean = np.mean([recording.frames[j].left for j in (9, 10, 11)], axis=0)
-    np.testing.assert_allclose(d.blurred(recording, FINE, 3).frames[1].left, mean, atol=0.51)
-    kept = d.dropped(recording, 0.75, rng())
-    assert len(kept.frames) == len(kept.position) == pytest.approx(0.25 * len(recording.frames), abs=20)

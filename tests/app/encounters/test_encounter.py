@@ -15,7 +15,6 @@ from pps_vision.app.encounters.encounter import (
     draw,
     would_touch,
 )
-from pps_vision.app.simulation import own_rate
 from pps_vision.experiments.films.raycast import ball_row, first_hits
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.skin import TOUCH_RADIUS_M
@@ -103,15 +102,3 @@ def test_what_a_body_hides_is_counted_ray_by_ray(scene: EncounterScene) -> None:
     hits = first_hits(eye, np.array([behind, *rim]) - eye, ball_row(middle, size)[None])[1] >= 0
     assert np.mean(hits) > 0.5
     assert scene.hidden_share(posture, eye, behind, 0.03) >= np.mean(hits)
-
-
-def test_an_arm_that_swings_by_itself_stays_clear_of_the_body(scene: EncounterScene) -> None:
-    for number in range(4):
-        encounter = draw(scene, "harmless_own_arm", number, 3)
-        arm = scene.arm(("left", "right")[number // 3 % 2])
-        q = encounter.q_rad.copy()
-        clearest = np.inf
-        for k in range(round(encounter.seconds / 0.05)):
-            q = scene.robot.clamp(q + 0.05 * own_rate(scene.robot, "arm", arm, 0.05 * k))
-            clearest = min(clearest, scene.self_collision.distance_m(q))
-        assert clearest > 0.02
