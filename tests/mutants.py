@@ -77,11 +77,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="seed of the draw")
     parser.add_argument("--only", nargs="+", default=PACKAGES, metavar="FOLDER", help="mutate only files below these")
     parser.add_argument(
-        "--from",
-        dest="earlier",
-        type=Path,
-        metavar="FILE.json",
-        help="replay a round where its lines still exist",
+        "--from", dest="earlier", type=Path, metavar="FILE.json", help="replay a round where its lines still exist"
     )
     parser.add_argument("--out", type=Path, required=True, help="JSON file for the outcomes")
     parser.add_argument(

@@ -6,10 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
-MUTABLE = {
-    "controllers.py": {"HomeReturn"},
-    "renderer.py": {"Node"},
-}
+MUTABLE = {"controllers.py": {"HomeReturn"}, "renderer.py": {"Node"}}
 """Dataclasses that a reader, a renderer or an encounter works on, and hands to nobody."""
 
 
@@ -25,14 +22,14 @@ def decorated(name: str) -> Iterator[tuple[Path, str, dict[str, object]]]:
                     yield file, node.name, options  # type: ignore[attr-defined]
 
 
-def test_messages_params_and_states_cannot_be_changed() -> None:
+def test_messages_params_and_states_cannot_be_changed():
     dataclasses = list(decorated("dataclass"))
     assert len(dataclasses) > 100
     changeable = {(file.name, name) for file, name, options in dataclasses if not options.get("frozen")}
     assert changeable == {(file, name) for file, names in MUTABLE.items() for name in names}
 
 
-def test_what_is_compiled_is_kept_on_disk() -> None:
+def test_what_is_compiled_is_kept_on_disk():
     """Else every start of a command takes a minute."""
     functions = list(decorated("njit"))
     assert len(functions) > 20

@@ -68,7 +68,7 @@ def errors_mm(file: Path) -> np.ndarray:
     return 1000 * np.linalg.norm(position - PATH, axis=1)[path["status"] == "tracking"]
 
 
-def test_the_quick_start(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_quick_start(workdir, capsys):
     run("docs/quickstart.md")
     assert "pairs, z from 0.6" in capsys.readouterr().out
     errors = errors_mm(workdir / "path" / "trajectory.csv")
@@ -78,13 +78,13 @@ def test_the_quick_start(workdir: Path, capsys: pytest.CaptureFixture[str]) -> N
 
 
 @pytest.mark.long
-def test_own_camera(workdir: Path) -> None:
+def test_own_camera(workdir):
     run("docs/howto/camera.md")
     for name in ("from_images", "from_one_video", "within_10_mm"):
         assert np.median(errors_mm(workdir / name / "trajectory.csv")) < 10
 
 
-def test_own_tracker_and_its_evaluation(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_tracker_and_its_evaluation(workdir, capsys):
     run("docs/howto/tracker.md")
     said = capsys.readouterr().out
     assert re.findall(r"order (\d): (?:0|1)\.\d+ mm", said) == ["2", "3", "4"]
@@ -100,7 +100,7 @@ def test_own_tracker_and_its_evaluation(workdir: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.long
-def test_many_recordings(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_many_recordings(workdir, capsys):
     run("docs/howto/cluster.md")
     said = capsys.readouterr().out
     assert said.count("2 of 2 recordings tracked") == 3  # two batches and a report
@@ -108,25 +108,25 @@ def test_many_recordings(workdir: Path, capsys: pytest.CaptureFixture[str]) -> N
 
 
 @pytest.mark.long
-def test_own_robot(workdir: Path) -> None:
+def test_own_robot(workdir):
     run("docs/robots.md")
     for name in ("landscapes7.png", "map7.png"):
         assert cv2.imread(str(workdir / name)).std() > 5
 
 
 @pytest.mark.long
-def test_own_controller(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_controller(workdir, capsys):
     run("docs/howto/controller.md")
     assert "my_controller:new" in (workdir / "measured" / "results" / "encounters.json").read_text()
 
 
 @pytest.mark.long
-def test_the_readmes_example(workdir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_readmes_example(workdir, capsys):
     run("README.md")
     assert float(re.findall(r"median error (\d+\.\d+) mm", capsys.readouterr().out)[0]) < 2
 
 
-def test_every_page_with_something_to_run_is_run() -> None:
+def test_every_page_with_something_to_run_is_run():
     """Except for scripts of docs/examples and commands of the README, which have their own tests."""
     runs = {str(page.relative_to(ROOT)) for page in PAGES if {b[0] for b in blocks(page)} & {"console", "python"}}
     called = {
@@ -137,7 +137,7 @@ def test_every_page_with_something_to_run_is_run() -> None:
     assert runs == called
 
 
-def test_whatever_is_typed_is_run() -> None:
+def test_whatever_is_typed_is_run():
     """By these tests, unless it installs or is run by another test."""
     for page in PAGES:
         typed_lines = {
@@ -148,7 +148,7 @@ def test_whatever_is_typed_is_run() -> None:
             assert page.name == "README.md" or not line.startswith("pps-vision "), f"{page.name}: {line}"
 
 
-def test_the_site_builds_without_a_broken_link(tmp_path: Path) -> None:
+def test_the_site_builds_without_a_broken_link(tmp_path):
     out = tmp_path / "site"
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

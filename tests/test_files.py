@@ -9,7 +9,7 @@ from pps_vision.errors import InputError, cite
 from pps_vision.files import check_regular, read_bytes
 
 
-def test_only_a_regular_file_is_read(tmp_path: Path) -> None:
+def test_only_a_regular_file_is_read(tmp_path):
     (tmp_path / "file").write_bytes(b"content")
     assert read_bytes(tmp_path / "file", "a table") == b"content"
     os.mkfifo(tmp_path / "pipe")
@@ -25,7 +25,7 @@ def test_only_a_regular_file_is_read(tmp_path: Path) -> None:
             assert str(refused.value) == f"{tmp_path / name}: {problem}; expected a table"
 
 
-def test_a_file_that_fails_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_fails_while_it_is_read_is_refused(tmp_path, monkeypatch):
     def fails(file: Path) -> bytes:
         raise OSError(5, "Input/output error")
 
@@ -35,7 +35,7 @@ def test_a_file_that_fails_while_it_is_read_is_refused(tmp_path: Path, monkeypat
         read_bytes(tmp_path / "file", "a table")
 
 
-def test_a_message_is_one_line_and_a_long_one_has_its_beginning_and_its_end() -> None:
+def test_a_message_is_one_line_and_a_long_one_has_its_beginning_and_its_end():
     assert cite("a.csv", None, "two\nlines") == "a.csv: two lines"
     assert cite(Path("a.csv"), 0, "odd") == "a.csv:0: odd"
     assert str(InputError("a\nb", "odd", 3)) == "a b:3: odd"

@@ -11,7 +11,7 @@ NAMES = sorted(set(re.findall(r"`((?:pps_vision|tracking|learning|control|render
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_name_of_the_glossary_exists(name: str) -> None:
+def test_a_name_of_the_glossary_exists(name):
     module, _, attribute = name.rpartition(".")
     if attribute[0].isupper():
         assert hasattr(import_module(module), attribute)

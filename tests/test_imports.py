@@ -72,7 +72,7 @@ def circles(imports: dict[str, set[str]]) -> set[str]:
     return remaining
 
 
-def test_modules_import_each_other_in_no_circle() -> None:
+def test_modules_import_each_other_in_no_circle():
     """Imports inside functions and for types only count as well."""
     files = {module_name(file): file for file in FILES}
     imports = {}
@@ -84,23 +84,23 @@ def test_modules_import_each_other_in_no_circle() -> None:
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(ROOT)))
-def test_imports_keep_to_the_house(file: Path) -> None:
+def test_imports_keep_to_the_house(file):
     assert forbidden(file) == set()
 
 
-def test_the_core_imports_nothing_else() -> None:
+def test_the_core_imports_nothing_else():
     code = "import sys, pps_vision; print([m for m in sys.modules if m.split('.')[0] in sys.argv[1:]])"
     command = [sys.executable, "-c", code, "pps_vision", *LEAVES, "numpy", "torch"]
     out = subprocess.run(command, capture_output=True, text=True, check=True, cwd="/").stdout
     assert out.strip() == "['pps_vision']"
 
 
-def test_no_other_import_package_at_the_root() -> None:
+def test_no_other_import_package_at_the_root():
     packages = {p.parent.name for p in ROOT.glob("*/__init__.py")}
     assert packages - {"tests"} == {"pps_vision", *LEAVES}
 
 
-def test_rendering_asks_for_no_display() -> None:
+def test_rendering_asks_for_no_display():
     """A bare Debian has no libraries of X, which pyglet loads unless it is told that there is no display."""
     code = "import rendering, pyglet; assert pyglet.options['headless'], pyglet.options"
     environment = {name: value for name, value in os.environ.items() if name != "PYGLET_HEADLESS"}

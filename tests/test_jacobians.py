@@ -62,22 +62,22 @@ def q(request: pytest.FixtureRequest) -> Array:
 
 
 @pytest.mark.parametrize("name", BY_JOINTS)
-def test_derivatives_by_the_joints(name: str, q: Array) -> None:
+def test_derivatives_by_the_joints(name, q):
     f, jacobian = BY_JOINTS[name]
     np.testing.assert_allclose(jacobian(q), central_differences(f, q), atol=1e-6)
 
 
 @pytest.mark.parametrize("frame", ["left_palm", "right_forearm", "right_eye"])
-def test_rotations_by_the_joints(frame: str, q: Array) -> None:
+def test_rotations_by_the_joints(frame, q):
     rotation, jacobian = orientation_of(frame)
     np.testing.assert_allclose(jacobian(q), rotation_rates(rotation, q), atol=1e-6)
 
 
-def test_a_chains_position_by_its_joints(q: Array) -> None:
+def test_a_chains_position_by_its_joints(q):
     expected = central_differences(lambda q: CHAIN.positions(q[None], POINT)[0][0], q[ARM])
     np.testing.assert_allclose(CHAIN.positions(q[None, ARM], POINT)[1][0], expected, atol=1e-6)
 
 
-def test_features_of_fixation_by_the_target(q: Array) -> None:
+def test_features_of_fixation_by_the_target(q):
     expected = central_differences(lambda p: features(ROBOT.at(q), p)[0], TARGET)
     np.testing.assert_allclose(features(ROBOT.at(q), TARGET)[2], expected, atol=1e-6)

@@ -22,7 +22,7 @@ print(pps_vision.__file__, bool(np.allclose(found.p_root, p)))
 """
 
 
-def test_without_a_writable_cache_it_compiles_in_memory_and_says_so_once(tmp_path: Path) -> None:
+def test_without_a_writable_cache_it_compiles_in_memory_and_says_so_once(tmp_path):
     """A file in the place of every folder that numba would write to, since permissions do not bind the superuser."""
     source = Path(pps_vision.__file__).parent
     shutil.copytree(source, tmp_path / "pps_vision", ignore=shutil.ignore_patterns("__pycache__", "experiments"))

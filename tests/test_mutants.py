@@ -10,7 +10,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 
 
-def test_what_no_test_notices_survives(tmp_path: Path) -> None:
+def test_what_no_test_notices_survives(tmp_path):
     """Of all four mutants of a gate at 3, tests far from it notice only the two that do not keep its sense."""
     source = '"""A gate."""\n\n\ndef is_far(x: float = "no") -> bool:\n    """Whether it is."""\n    return x > 3\n'
     files = {"pps_vision/gate.py": source, "tests/test_gate.py": "from pps_vision.gate import is_far\n\n\n"}

@@ -44,7 +44,7 @@ def result(study: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("paper", NUMBERS)
-def test_every_number_of_a_paper_has_a_row_and_a_state(paper: str) -> None:
+def test_every_number_of_a_paper_has_a_row_and_a_state(paper):
     table = rows(paper)
     assert list(table) == NUMBERS[paper]
     for number, (_, state, where, note) in table.items():
@@ -57,7 +57,7 @@ def test_every_number_of_a_paper_has_a_row_and_a_state(paper: str) -> None:
 
 
 @pytest.mark.parametrize("paper", NUMBERS)
-def test_studies_modules_and_figures_exist(paper: str) -> None:
+def test_studies_modules_and_figures_exist(paper):
     for number, cells in rows(paper).items():
         row = " ".join(cells)
         studies = re.findall(r"`bench (\w+)`", row)
@@ -159,7 +159,7 @@ def of_j() -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("paper", "numbers"), [("R", of_r), ("J", of_j)])
-def test_our_numbers_are_those_of_the_results(paper: str, numbers: Any) -> None:
+def test_our_numbers_are_those_of_the_results(paper, numbers):
     notes = {number: row[-1] for number, row in rows(paper).items()}
     wrong = [f"{number}: the results say {text!r}" for number, text in numbers() if text not in notes[number]]
     assert not wrong

@@ -123,7 +123,7 @@ def words_of(command: str) -> list[str]:
         for line in typed(ROOT / "README.md") if line.startswith("pps-vision ")
     ],
 )  # fmt: skip
-def test_a_command_of_the_readme(line: str, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_of_the_readme(line, files, tmp_path, monkeypatch):
     folder = tmp_path / "here"
     shutil.copytree(files, folder, copy_function=os.link)
     monkeypatch.chdir(folder)

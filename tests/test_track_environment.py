@@ -33,7 +33,7 @@ def pins(file: Path) -> dict[str, str]:
     return dict(re.findall(r"^([\w.-]+)==(\S+)$", file.read_text(), re.MULTILINE))
 
 
-def test_pins_are_those_of_the_whole_package() -> None:
+def test_pins_are_those_of_the_whole_package():
     for_tracking = pins(ROOT / "requirements-track.txt")
     assert for_tracking.items() <= pins(ROOT / "constraints.txt").items()
     assert not for_tracking.keys() & {
@@ -47,7 +47,7 @@ def test_pins_are_those_of_the_whole_package() -> None:
     }
 
 
-def test_the_commands_need_nothing_else(tmp_path: Path) -> None:
+def test_the_commands_need_nothing_else(tmp_path):
     wanted = {re.sub(r"[-_.]+", "-", name).lower() for name in (*pins(ROOT / "requirements-track.txt"), "pps-vision")}
     refused = [
         top

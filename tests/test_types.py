@@ -34,7 +34,7 @@ MESSAGES = [
 ]
 
 
-def test_arrays_of_a_message_are_read_only_and_the_senders_stays_writeable() -> None:
+def test_arrays_of_a_message_are_read_only_and_the_senders_stays_writeable():
     sent = np.zeros(3)
     message = JointVelocity(0.0, sent, 0.5)
     with pytest.raises(ValueError, match="read-only"):
@@ -43,7 +43,7 @@ def test_arrays_of_a_message_are_read_only_and_the_senders_stays_writeable() -> 
     assert sent.flags.writeable
 
 
-def test_every_message_stays_as_it_is_and_takes_no_other_names() -> None:
+def test_every_message_stays_as_it_is_and_takes_no_other_names():
     assert {type(message) for message in MESSAGES} == {
         member for member in vars(types).values() if is_dataclass(member)
     }
@@ -56,14 +56,14 @@ def test_every_message_stays_as_it_is_and_takes_no_other_names() -> None:
         assert not any(array.flags.writeable for array in arrays)
 
 
-def test_a_camera_without_joints_has_none() -> None:
+def test_a_camera_without_joints_has_none():
     image = np.zeros((2, 2, 3), np.uint8)
     frame = StereoFrame(image, image, 1.0, 1.5, np.zeros(2))
     assert frame.joints_right_rad is None
     assert frame.stamp_s == 1.25
 
 
-def test_what_is_not_known_is_no_number() -> None:
+def test_what_is_not_known_is_no_number():
     searching = Track3D.unknown(1.0)
     lost = Track3D.unknown(1.0, Status.LOST)
     assert (searching.stamp_s, searching.status, lost.status) == (1.0, Status.SEARCHING, Status.LOST)

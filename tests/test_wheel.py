@@ -32,7 +32,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next(out.glob("*.whl"))
 
 
-def test_holds_exactly_the_five_packages_with_their_data(wheel: Path) -> None:
+def test_holds_exactly_the_five_packages_with_their_data(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
     assert tops == {"pps_vision", "rendering", "tracking", "learning", "control"}
@@ -40,7 +40,7 @@ def test_holds_exactly_the_five_packages_with_their_data(wheel: Path) -> None:
     assert {f"{top}/py.typed" for top in tops} <= set(names)
 
 
-def test_installs_and_runs_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+def test_installs_and_runs_in_a_clean_environment(wheel, tmp_path):
     venv.create(tmp_path / "env")
     python = tmp_path / "env" / "bin" / "python"
     run = {"check": True, "capture_output": True, "text": True, "cwd": tmp_path}
@@ -57,7 +57,7 @@ def test_installs_and_runs_in_a_clean_environment(wheel: Path, tmp_path: Path) -
         assert command in help_text
 
 
-def test_the_declared_pythons_are_the_classified_ones(wheel: Path) -> None:
+def test_the_declared_pythons_are_the_classified_ones(wheel):
     archive = zipfile.ZipFile(wheel)
     (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
     metadata = archive.read(name).decode()

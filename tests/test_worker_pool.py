@@ -18,7 +18,7 @@ if __name__ == "__main__":
 """
 
 
-def test_workers_of_a_killed_process_end(tmp_path: Path) -> None:
+def test_workers_of_a_killed_process_end(tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(PARENT.format(tmp_path))
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}

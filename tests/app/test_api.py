@@ -2,8 +2,6 @@
 
 import dataclasses
 import inspect
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ SOURCE = ("calib", "fps", "unit_m", "max_skew_s")
 NAMES = {"InputError", "Pipeline", "ReachableMap", "Tracker", "__version__", "learn", "open_recording", "render"}
 
 
-def test_the_names_are_there() -> None:
+def test_the_names_are_there():
     assert set(dir(pv)) == NAMES | {"track"}
     assert all(getattr(pv, name) is not None for name in dir(pv))
     assert issubclass(pv.InputError, ValueError)
@@ -28,7 +26,7 @@ def test_the_names_are_there() -> None:
         _ = pv.tracks  # type: ignore[attr-defined]
 
 
-def test_arrays_are_the_path_that_the_command_writes(approach: Path, tmp_path: Path) -> None:
+def test_arrays_are_the_path_that_the_command_writes(approach, tmp_path):
     options = ("--order", "2", "--reduction", "2", "--seed", "3", "--smooth")
     main(["track", str(approach), "--out", str(tmp_path / "out"), *options])
     rows = [line.split(",") for line in (tmp_path / "out" / "trajectory.csv").read_text().splitlines()[1:]]
@@ -41,7 +39,7 @@ def test_arrays_are_the_path_that_the_command_writes(approach: Path, tmp_path: P
     assert path.status.tolist() == [row[14] for row in rows]
 
 
-def test_what_touches_is_learned_as_by_the_command(approach: Path, tmp_path: Path) -> None:
+def test_what_touches_is_learned_as_by_the_command(approach, tmp_path):
     from learning.pps.memory import load_memory
 
     main(["learn", str(approach), "--out", str(tmp_path / "m.npz")])
@@ -53,7 +51,7 @@ def test_what_touches_is_learned_as_by_the_command(approach: Path, tmp_path: Pat
         pv.learn([approach], into=renamed)
 
 
-def test_bad_input_has_one_exception(approach: Path, tmp_path: Path) -> None:
+def test_bad_input_has_one_exception(approach, tmp_path):
     with pytest.raises(pv.InputError, match="nowhere"):
         pv.open_recording(tmp_path / "nowhere")
     with pytest.raises(pv.InputError, match="either REC"):
@@ -71,12 +69,12 @@ def test_bad_input_has_one_exception(approach: Path, tmp_path: Path) -> None:
         ({"reduction": 2}, "reduction 2 contradicts params with reduction 1"),
     ],
 )
-def test_an_option_that_contradicts_params_is_refused(approach: Path, options: dict[str, Any], expected: str) -> None:
+def test_an_option_that_contradicts_params_is_refused(approach, options, expected):
     with pytest.raises(pv.InputError, match=f"track: {expected}; expected one of the two"):
         pv.track(approach, params=TrackerParams(), **options)
 
 
-def test_options_are_the_tracker_s_parameters(approach: Path) -> None:
+def test_options_are_the_tracker_s_parameters(approach):
     params = pv.track(approach, "marker", 2, reduction=2).params
     assert params == TrackerParams(mode="marker", reduction=2, kalman=KalmanParams.of_order(2))
     assert pv.track(approach, "marker", 2, reduction=2, params=params).params is params
@@ -85,7 +83,7 @@ def test_options_are_the_tracker_s_parameters(approach: Path) -> None:
         pv.track(approach, order=0)
 
 
-def test_what_is_left_out_means_the_same_in_functions_and_commands() -> None:
+def test_what_is_left_out_means_the_same_in_functions_and_commands():
     """The same in a batch."""
 
     def of_function(function: object) -> dict[str, object]:

@@ -49,9 +49,7 @@ RENDER = "render --stimulus ball --motion circle --out TMP/rec"
         ("demo --encounters 0 --out TMP/demo", "--encounters 0; expected at least 1"),
     ],
 )
-def test_a_command_line_that_asks_for_the_impossible(
-    refused, approach: Path, tmp_path: Path, words: str, message: str
-) -> None:
+def test_a_command_line_that_asks_for_the_impossible(refused, approach, tmp_path, words, message):
     line = refused(*words.replace("TMP", str(tmp_path)).replace("REC", str(approach)).split())
     assert message in line
     assert not any(file.is_file() for file in tmp_path.rglob("*"))
@@ -67,7 +65,7 @@ def test_a_command_line_that_asks_for_the_impossible(
         ("render --stimulus ball --motion circle --out TMP", "half.ply"),
     ],
 )
-def test_files_of_another_kind(refused, tmp_path: Path, words: str, message: str) -> None:
+def test_files_of_another_kind(refused, tmp_path, words, message):
     """The last would overwrite a folder that is not empty."""
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     save_memory(tmp_path / "m.npz", PPSMemory.empty(icub_skin(("left_palm",))))
@@ -76,7 +74,7 @@ def test_files_of_another_kind(refused, tmp_path: Path, words: str, message: str
     assert {file.name for file in tmp_path.iterdir()} == {"half.ply", "m.npz", "other.npz"}
 
 
-def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Path) -> None:
+def test_a_recording_without_a_calibration(refused, approach, tmp_path):
     bare = tmp_path / "bare"
     shutil.copytree(approach, bare, ignore=shutil.ignore_patterns("icubEyes.ini"))
     assert "icubEyes.ini" in refused("track", bare, "--out", tmp_path / "out")
@@ -84,7 +82,7 @@ def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Pa
     assert not (tmp_path / "out").exists()
 
 
-def test_nothing_is_learned_from_unreadable_recordings(refused_with, tmp_path: Path) -> None:
+def test_nothing_is_learned_from_unreadable_recordings(refused_with, tmp_path):
     lines = refused_with("learn", tmp_path / "gone", tmp_path / "lost", "--out", tmp_path / "m.npz")
     assert "gone" in lines[0]
     assert "lost" in lines[1]
@@ -92,14 +90,14 @@ def test_nothing_is_learned_from_unreadable_recordings(refused_with, tmp_path: P
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unreadable_calibration_is_named_with_its_line(refused, approach: Path, tmp_path: Path) -> None:
+def test_an_unreadable_calibration_is_named_with_its_line(refused, approach, tmp_path):
     bad = tmp_path / "eyes.ini"
     bad.write_text("[CAMERA_CALIBRATION_LEFT]\nw 320\nh 240\nfx many\nfy 1\ncx 1\ncy 1\nk1 0\nk2 0\np1 0\np2 0\n")
     assert "eyes.ini:4" in refused("track", approach, "--calib", bad, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_an_unwritable_output(refused, approach: Path, tmp_path: Path) -> None:
+def test_an_unwritable_output(refused, approach, tmp_path):
     (tmp_path / "file").write_text("mine")
     assert "file" in refused("track", approach, "--out", tmp_path / "file")
     assert "file" in refused("render", "--stimulus", "ball", "--motion", "circle", "--out", tmp_path / "file")
@@ -126,7 +124,7 @@ def test_an_unwritable_output(refused, approach: Path, tmp_path: Path) -> None:
         "demo --out FOLDER",
     ],
 )
-def test_no_command_writes_over_what_it_reads(refused, tmp_path: Path, words: str) -> None:
+def test_no_command_writes_over_what_it_reads(refused, tmp_path, words):
     folder, file, second = tmp_path / "rec", tmp_path / "file.ini", tmp_path / "other.npz"
     (folder / "head").mkdir(parents=True)
     contents = {folder / "a.png": "mine", folder / "head" / "data.log": "mine", file: "mine", second: "mine"}
@@ -141,7 +139,7 @@ def test_no_command_writes_over_what_it_reads(refused, tmp_path: Path, words: st
     assert sorted(p for p in tmp_path.rglob("*") if p.is_file()) == sorted(contents)
 
 
-def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach: Path, tmp_path: Path) -> None:
+def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach, tmp_path):
     shutil.copytree(approach / "cam" / "left", tmp_path / "frames")
     first = min((tmp_path / "frames").glob("*.p*m"))
     first.write_bytes(b"")
@@ -150,13 +148,13 @@ def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach: Path, tm
     assert "--init is the box in that image" in line
 
 
-def test_python_control_beside_us_is_refused(refused, monkeypatch, tmp_path: Path) -> None:
+def test_python_control_beside_us_is_refused(refused, monkeypatch, tmp_path):
     (tmp_path / "control-0.10.2.dist-info").mkdir()
     monkeypatch.syspath_prepend(str(tmp_path))
     assert "python-control" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
 
 
-def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path: Path, calib: Path) -> None:
+def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path, calib):
     """Videos have none; the arm of seven joints is a right one, and its cameras are not the iCub's."""
     write_video(tmp_path / "a.mp4", [0.0, 0.05])
     arm7, out = ("--robot", Path(__file__).parents[1] / "arm7" / "robot.toml"), ("--out", tmp_path / "out")

@@ -42,7 +42,7 @@ def is_there(group: int) -> bool:
     return False
 
 
-def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys) -> None:
+def test_a_batch(tmp_path, calib, fails_in_part, capsys):
     for name, n in (("a.mp4", 6), ("c.mp4", 8)):
         write_video(tmp_path / name, [k / 20 for k in range(n)])
     (tmp_path / "b.mp4").write_bytes(b"no video")
@@ -67,7 +67,7 @@ def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys) -> None:
     assert results(tmp_path / "c") == {name: whole[name] for name in whole if name.startswith("c.mp4/")} != {}
 
 
-def test_a_folder_begun_with_other_options_or_with_settings_that_are_none(tmp_path: Path, refused_with) -> None:
+def test_a_folder_begun_with_other_options_or_with_settings_that_are_none(tmp_path, refused_with):
     (tmp_path / "a.mp4").touch()
     words = ["batch", tmp_path / "a.mp4", "--out", tmp_path / "out"]
     refused_with(*words, "--order=3")
@@ -97,14 +97,14 @@ def test_a_folder_begun_with_other_options_or_with_settings_that_are_none(tmp_pa
         ("name,rec,max_skew_s\na,x,-0.1\n", ":2: max_skew_s '-0.1'; expected a number of at least 0"),
     ],
 )
-def test_a_manifest_is_refused_before_anything_starts(content: str, said: str, tmp_path: Path, refused) -> None:
+def test_a_manifest_is_refused_before_anything_starts(content, said, tmp_path, refused):
     (tmp_path / "list.csv").write_text(content)
     line = refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
     assert re.match(re.escape(f"pps-vision: {tmp_path / 'list.csv'}") + said, line), line
     assert not (tmp_path / "out").exists()
 
 
-def test_where_nothing_is_to_do_or_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> None:
+def test_where_nothing_is_to_do_or_nothing_can_be_written(tmp_path, calib, refused):
     (tmp_path / "list.csv").write_text("name,rec\n")
     assert "no recording given" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
     assert "matches no recording" in refused("batch", tmp_path / "gone*", "--out", tmp_path / "out")
@@ -114,7 +114,7 @@ def test_where_nothing_is_to_do_or_nothing_can_be_written(tmp_path: Path, calib:
         assert "expected a writable place" in line
 
 
-def test_a_row_s_own_options_go_before_those_for_all(tmp_path: Path, calib: Path) -> None:
+def test_a_row_s_own_options_go_before_those_for_all(tmp_path, calib):
     for name in ("a", "r"):
         write_video(tmp_path / f"{name}.mp4", [k / 20 for k in range(4)])
     (tmp_path / "other.yml").write_bytes(calib.read_bytes())
@@ -129,7 +129,7 @@ def test_a_row_s_own_options_go_before_those_for_all(tmp_path: Path, calib: Path
         assert [float(row["stamp_s"]) for row in csv.DictReader(file)] == pytest.approx([0, 0.2, 0.4, 0.6])
 
 
-def test_why_a_row_failed_begins_with_its_place(tmp_path: Path, calib: Path, refused_with) -> None:
+def test_why_a_row_failed_begins_with_its_place(tmp_path, calib, refused_with):
     file = tmp_path / "list.csv"
     file.write_text("name,left,right,calib\na,gone.mp4,r.mp4,calib.yml\n\nb,-l.mp4,r.mp4,calib.yml\n")
     refused_with("batch", file, "--out", tmp_path / "out")
@@ -138,7 +138,7 @@ def test_why_a_row_failed_begins_with_its_place(tmp_path: Path, calib: Path, ref
     assert reasons[1] == f"{file}:4: Unrecognized options: -l.mp4"  # tyro's words without its frame
 
 
-def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
+def test_killed_and_continued(tmp_path, calib):
     """After kill -9 in the middle no half result has a final name and nothing goes on, so that the next batch can begin
     at once; a second batch is refused while work goes on."""
     for k in range(2):
@@ -166,9 +166,7 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     assert {path.name for path in out.iterdir()} == {"0.mp4", "1.mp4", *FILES}
 
 
-def test_learning_from_many_is_learning_from_each(
-    approach: Path, tmp_path: Path, refused, fails_in_part, capsys
-) -> None:
+def test_learning_from_many_is_learning_from_each(approach, tmp_path, refused, fails_in_part, capsys):
     """Bit for bit the memory that one `learn` in the order of the recordings gives, with two workers."""
     for name in ("a", "b"):
         shutil.copytree(approach, tmp_path / name)
@@ -195,7 +193,7 @@ def test_learning_from_many_is_learning_from_each(
     assert "--learn with --smooth" in refused("batch", *words, "--smooth", "--out", tmp_path / "other")
 
 
-def test_parquet_without_the_extra(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
+def test_parquet_without_the_extra(tmp_path, calib, refused, monkeypatch):
     write_video(tmp_path / "a.mp4", [k / 20 for k in range(6)])
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     words = ["batch", tmp_path / "a.mp4", "--calib", calib, "--parquet", "--out", tmp_path / "out"]
@@ -203,7 +201,7 @@ def test_parquet_without_the_extra(tmp_path: Path, calib: Path, refused, monkeyp
 
 
 @pytest.mark.long
-def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib: Path) -> None:
+def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path, calib):
     """A long recording's tables exceed the largest file that may be written; a file stands where a folder should."""
     for name, n in (("a.mp4", 4), ("b.mp4", 200), ("c.mp4", 4)):
         write_video(tmp_path / name, [k / 20 for k in range(n)])
@@ -233,9 +231,7 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib:
         (f"[ $(wc -l < runs) = 2 ] && exit 3; echo 'pps-vision: a: {BUSY}' >&2; exit 2", "ended with exit code 3", 2),
     ],
 )
-def test_why_a_recording_s_process_ended(
-    script: str, reason: str, runs: int, tmp_path: Path, refused_with, monkeypatch
-) -> None:
+def test_why_a_recording_s_process_ended(script, reason, runs, tmp_path, refused_with, monkeypatch):
     """A shell script in Python's place notes each of its runs; one that another run holds is tried again."""
     python = tmp_path / "python"
     python.write_text(f"#!/bin/sh\necho run >> runs\n{script}\n")

@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -36,7 +35,7 @@ def pattern(charuco: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("charuco", [False, True])
-def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys) -> None:
+def test_known_cameras_are_found(tmp_path, charuco, capsys):
     rng = np.random.default_rng(SEED)
     board = pattern(charuco)
     for k in range(7):
@@ -69,7 +68,7 @@ def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys) -> None:
     assert picture.std() > 5
 
 
-def test_corners_of_a_board_tilted_by_76_degrees() -> None:
+def test_corners_of_a_board_tilted_by_76_degrees():
     """Rows lie a quarter as far apart as columns: a window for the columns' distance would hold other corners."""
     turn, at = Rotation.from_rotvec([np.deg2rad(76), 0, 0]).as_matrix(), np.array([0.0, 0.0, 0.4])
     grey = seen(pattern(False), SQUARE_M / SQUARE_PX, turn, at, 0)
@@ -82,7 +81,7 @@ def test_corners_of_a_board_tilted_by_76_degrees() -> None:
     assert error < 0.5
 
 
-def test_what_cannot_be_calibrated(tmp_path: Path, refused, refused_with) -> None:
+def test_what_cannot_be_calibrated(tmp_path, refused, refused_with):
     for k in range(2):
         for name in ("left", "right"):
             cv2.imwrite(str(tmp_path / f"{name}{k}.png"), np.full((60, 80), 90, np.uint8))
@@ -118,7 +117,7 @@ def corners_seen(tilt_deg: float, turned: tuple[float, float, float], rng: np.ra
     return views
 
 
-def test_boards_that_all_face_the_same_way_are_refused() -> None:
+def test_boards_that_all_face_the_same_way_are_refused():
     """Parallel boards leave the focal lengths open (Zhang 2000), however far apart and turned in their plane."""
     rng = np.random.default_rng(SEED)
     turned = (0.5, 0.2, 0.0)
@@ -136,7 +135,7 @@ def test_boards_that_all_face_the_same_way_are_refused() -> None:
     assert (np.abs(calibration.K[:, 0, 0] - [520, 498]) < 3 * calibration.focal_std_px).all()
 
 
-def test_three_views_are_enough_and_each_must_span_a_plane() -> None:
+def test_three_views_are_enough_and_each_must_span_a_plane():
     views = corners_seen(20.0, (0.5, 0.2, 0.0), np.random.default_rng(SEED))
     np.testing.assert_allclose(calibrate(SIZE, views[:3]).K[:, 0, 0], [520, 498], rtol=0.03)
     with pytest.raises(InputError, match="in 2 pairs; expected at least 3"):
@@ -149,7 +148,7 @@ def test_three_views_are_enough_and_each_must_span_a_plane() -> None:
         calibrate(SIZE, nowhere)
 
 
-def test_images_of_a_board_are_paired_by_number(tmp_path: Path) -> None:
+def test_images_of_a_board_are_paired_by_number(tmp_path):
     for name in ("l1", "l2", "l3", "r1", "r3"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros((48, 64, 3), np.uint8))
     problems: list[Problem] = []
@@ -158,7 +157,7 @@ def test_images_of_a_board_are_paired_by_number(tmp_path: Path) -> None:
     assert ["l2.png is unpaired" in str(problem) for problem in problems] == [True]
 
 
-def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> None:
+def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path):
     """60 of 130 pairs, from the first to the last; the right eye is 4 ms late, and lacks one frame."""
     stamps = [0.02 * k for k in range(130)]
     left = write_video(tmp_path / "l.mp4", stamps)
@@ -175,7 +174,7 @@ def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_a_chessboard_upside_down_in_one_image_is_numbered_alike(tmp_path: Path, turned: bool) -> None:
+def test_a_chessboard_upside_down_in_one_image_is_numbered_alike(tmp_path, turned):
     """OpenCV numbers a board of 8×5 inner corners from either end; the same corner has the same number here."""
     corners = np.array([[x, y] for y in range(2, 7) for x in range(3, 11)], np.float32)
     file = tmp_path / "a.png"

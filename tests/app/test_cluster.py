@@ -23,7 +23,7 @@ PROGRAMS = {
 
 
 @pytest.mark.long
-def test_one_of_two_workers_dies(tmp_path: Path, calib: Path) -> None:
+def test_one_of_two_workers_dies(tmp_path, calib):
     for k in range(N):
         write_video(tmp_path / f"{k}.mp4", [i / 20 for i in range(4)])
     (tmp_path / "2.mp4").write_bytes(b"no video")
@@ -64,7 +64,7 @@ def test_one_of_two_workers_dies(tmp_path: Path, calib: Path) -> None:
     assert not list(tmp_path.glob(".dask-*"))
 
 
-def test_a_cluster_that_is_not_there(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
+def test_a_cluster_that_is_not_there(tmp_path, calib, refused, monkeypatch):
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
     write_video(tmp_path / "a.mp4", [0.0, 0.1])
     words = ("batch", tmp_path / "a.mp4", "--calib", calib, "--out", tmp_path / "out")

@@ -53,7 +53,7 @@ def convert(*args: object) -> None:
     [MemoryParams(ttc_range_s=(0.0, 1.2)), MemoryParams((-0.05, 0.45), (-np.inf, np.inf), (20, 1))],
     ids=["2D", "1D"],
 )
-def test_a_memory_goes_to_the_robot_and_back(params: MemoryParams, like: Path, tmp_path: Path, capsys) -> None:
+def test_a_memory_goes_to_the_robot_and_back(params, like, tmp_path, capsys):
     memory = learned(params)
     save_memory(tmp_path / "m.npz", memory)
     convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
@@ -74,7 +74,7 @@ def test_a_memory_goes_to_the_robot_and_back(params: MemoryParams, like: Path, t
     np.testing.assert_array_equal(back.part_index, memory.part_index)
 
 
-def test_a_robots_map_is_put_on_our_skin(like: Path, tmp_path: Path, capsys) -> None:
+def test_a_robots_map_is_put_on_our_skin(like, tmp_path, capsys):
     """It has a taxel that our skin lacks (63), and lacks our taxels that were never touched there."""
     text = like.read_text().replace("nTaxels 0", "nTaxels 2", 1)
     text = text.replace("[r_hand]", "63 (5) (6)\n27 (7) (8)\n[r_hand]")
@@ -89,7 +89,7 @@ def test_a_robots_map_is_put_on_our_skin(like: Path, tmp_path: Path, capsys) -> 
     assert "32 taxels on left_forearm" in said
 
 
-def test_parts_of_different_form_are_converted_one_by_one(refused, like: Path, tmp_path: Path) -> None:
+def test_parts_of_different_form_are_converted_one_by_one(refused, like, tmp_path):
     text = like.read_text()
     like.write_text(text.replace("ext (0.0 1.0)", "ext (0.0 0.5)", 1))
     line = refused("convert-taxels", like, tmp_path / "m.npz")
@@ -115,13 +115,13 @@ def test_parts_of_different_form_are_converted_one_by_one(refused, like: Path, t
         (replace(learned(), taxel_ids=("left_forearm:28", *learned().taxel_ids[1:])), "[l_forearm] knows no taxel 28"),
     ],
 )
-def test_what_cannot_be_said_in_the_robots_form(refused, memory: PPSMemory, says: str, like: Path, tmp_path: Path):
+def test_what_cannot_be_said_in_the_robots_form(refused, memory, says, like, tmp_path):
     save_memory(tmp_path / "m.npz", memory)
     assert says in refused("convert-taxels", tmp_path / "m.npz", tmp_path / "t.ini", "--like", like)
     assert not (tmp_path / "t.ini").exists()
 
 
-def test_untouched_taxels_that_the_robot_lacks_are_left_out(like: Path, tmp_path: Path, capsys) -> None:
+def test_untouched_taxels_that_the_robot_lacks_are_left_out(like, tmp_path, capsys):
     whole = PPSMemory.empty(icub_skin())
     mapped = [name.startswith(("left_forearm", "right_palm")) for name in whole.taxel_ids]
     counts = whole.counts + np.reshape(mapped, (-1, 1, 1, 1))
@@ -133,7 +133,7 @@ def test_untouched_taxels_that_the_robot_lacks_are_left_out(like: Path, tmp_path
     assert "not carried: a window 0.75 bins wide" in said
 
 
-def test_which_way_is_told_by_the_suffixes(refused, like: Path, tmp_path: Path) -> None:
+def test_which_way_is_told_by_the_suffixes(refused, like, tmp_path):
     save_memory(tmp_path / "m.npz", learned())
     for pair in (("m.npz", "n.npz"), ("robot.ini", "t.ini"), ("m.npz", "t.txt")):
         assert "expected a .npz and a .ini" in refused("convert-taxels", *(tmp_path / name for name in pair))
@@ -152,9 +152,7 @@ def test_which_way_is_told_by_the_suffixes(refused, like: Path, tmp_path: Path) 
         ("3 (1) (2)", "left_forearm", "expected each taxel once"),  # l_forearm is our left_forearm
     ],
 )
-def test_counts_beyond_every_robots_and_a_part_twice_are_refused(
-    refused, like: Path, tmp_path: Path, taxel: str, part: str, message: str
-) -> None:
+def test_counts_beyond_every_robots_and_a_part_twice_are_refused(refused, like, tmp_path, taxel, part, message):
     text = like.read_text().replace("nTaxels 0", "nTaxels 1").replace("[r_hand]", f"{taxel}\n[{part}]")
     like.write_text(f"{text}3 (1) (2)\n")
     assert message in refused("convert-taxels", like, tmp_path / "m.npz")

@@ -2,7 +2,6 @@
 
 import json
 from itertools import islice
-from pathlib import Path
 
 import av
 import cv2
@@ -19,7 +18,7 @@ from pps_vision.app.demo_encounters import demo_encounters
 from pps_vision.app.simulation import SimulationScene
 
 
-def test_the_demo_writes_its_report(tmp_path: Path, monkeypatch, capsys) -> None:
+def test_the_demo_writes_its_report(tmp_path, monkeypatch, capsys):
     """Three frames of each episode, a memory of one taxel, and a map where the right of the neck is reachable."""
     seeds = []
 
@@ -70,7 +69,7 @@ def test_the_demo_writes_its_report(tmp_path: Path, monkeypatch, capsys) -> None
 
 
 @pytest.mark.long
-def test_a_report_of_one_encounter(tmp_path: Path) -> None:
+def test_a_report_of_one_encounter(tmp_path):
     demo_encounters(tmp_path / "out", 1, 2.0, 7, share=0.1)
     (row,) = json.loads((tmp_path / "out" / "summary.json").read_text())["encounters"]
     assert not row["touched"]

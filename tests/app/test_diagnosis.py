@@ -93,22 +93,20 @@ def diagnosis(tmp_path: Path, capsys, *words: object) -> dict:
         (lambda rec: every_image(rec, lambda image: np.full_like(image, 90)), "every frame is dark, plain or the same"),
     ],
 )
-def test_a_fault_of_the_recording(
-    rendered: Path, tmp_path: Path, capsys, damage: Callable[[Path], None], advice: str
-) -> None:
+def test_a_fault_of_the_recording(rendered, tmp_path, capsys, damage, advice):
     shutil.copytree(rendered, tmp_path / "rec")
     damage(tmp_path / "rec")
     assert any(advice in line for line in diagnosis(tmp_path, capsys, tmp_path / "rec")["advice"])
 
 
-def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys) -> None:
+def test_a_wrong_mode(rendered, tmp_path, capsys):
     written = diagnosis(tmp_path, capsys, rendered, "--mode", "marker")
     assert written["advice"] == ["--mode generic: no blob of the marker's green is in both images"]
     assert {"candidates_left": 0, "candidates_right": 0}.items() <= written["counts"].items()
     assert written["counts"]["frames"] >= 18  # of 20; where the cameras' poses are in doubt nothing is searched
 
 
-def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(rendered: Path, tmp_path: Path, capsys) -> None:
+def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(rendered, tmp_path, capsys):
     main(["track", str(rendered), "--out", str(tmp_path / "out")])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert "diagnosis" not in summary
@@ -155,13 +153,13 @@ def turning(k: int) -> np.ndarray:
         ((40.0, turning, 1), "the whole image changes from frame to frame"),
     ],
 )
-def test_fixed_cameras(tmp_path: Path, capsys, scene: tuple, advice: str) -> None:
+def test_fixed_cameras(tmp_path, capsys, scene, advice):
     written = diagnosis(tmp_path, capsys, *drawn(tmp_path, *scene))
     assert any(advice in line for line in written["advice"])
 
 
 @pytest.mark.parametrize("baseline_m", [1e300, 0.0])
-def test_cameras_at_an_impossible_distance_are_refused(tmp_path: Path, baseline_m: float, refused) -> None:
+def test_cameras_at_an_impossible_distance_are_refused(tmp_path, baseline_m, refused):
     words = drawn(tmp_path, 40.0, still, baseline_m=-baseline_m)
     line = refused("track", *words, "--out", tmp_path / "out")
     assert "c.yml: the cameras are" in line or "c.yml: T is 0" in line
@@ -184,16 +182,14 @@ BOTH = LEFT | {"motion_right": 4}
         (BOTH | {"rejected by disparity": 2}, "--left and --right exchanged, or another calibration: candidates are "),
     ],
 )
-def test_the_counts_of_the_search_name_one_thing_to_try(counts: dict[str, int], advice: str) -> None:
+def test_the_counts_of_the_search_name_one_thing_to_try(counts, advice):
     diagnosis = diagnose(plain_pairs(), "generic", counts, 0.0, (0.0, 0.0), 0.0)
     assert diagnosis is not None
     assert [line[: len(advice)] for line in diagnosis.advice] == [advice]
 
 
 @pytest.mark.parametrize(("wall", "shift_px"), [(still, None), (turning, 6.0)])
-def test_cameras_that_move_are_seen_in_a_few_images(
-    tmp_path: Path, capsys, wall: Callable[[int], np.ndarray], shift_px: float | None
-) -> None:
+def test_cameras_that_move_are_seen_in_a_few_images(tmp_path, capsys, wall, shift_px):
     words = drawn(tmp_path, 40.0, wall)
     main(["info", *map(str, words), "--json"])
     warnings = [text for text in json.loads(capsys.readouterr().out)["warnings"] if "px a frame" in text]
@@ -202,7 +198,7 @@ def test_cameras_that_move_are_seen_in_a_few_images(
         assert float(warnings[0].split("shift by ")[1].split()[0]) == pytest.approx(shift_px, abs=0.1)
 
 
-def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered: Path, tmp_path: Path, capsys) -> None:
+def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered, tmp_path, capsys):
     """Its calibration (OpenCV's form) does not say how large the images are."""
     (tmp_path / "calib.yml").write_text(CALIBRATION.format(baseline=-0.068))
     left, right = (
@@ -243,9 +239,7 @@ def crossing() -> tuple[StereoRig, list[StereoFrame]]:
 
 
 @pytest.mark.parametrize(("late", "off_px", "warned"), [(0, 0.0, False), (6, 0.0, True), (0, 8.0, True)])
-def test_left_and_right_of_different_moments_or_a_wrong_calibration(
-    crossing: tuple[StereoRig, list[StereoFrame]], late: int, off_px: float, warned: bool
-) -> None:
+def test_left_and_right_of_different_moments_or_a_wrong_calibration(crossing, late, off_px, warned):
     """One eye is 0.2 s late, or the calibration's rows are 8 px off; either is told without saying which it is."""
     rig, frames = crossing
     pairs = tuple(

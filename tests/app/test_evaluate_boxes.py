@@ -1,7 +1,6 @@
 """Boxes against boxes: closed forms, motmetrics, and the files of other tools."""
 
 import json
-from pathlib import Path
 
 import motmetrics
 import numpy as np
@@ -20,7 +19,7 @@ def one(*boxes: tuple[float, float, float, float] | None) -> Boxes:
     return Boxes("one", {k: {} if box is None else {1: np.array(box, dtype=float)} for k, box in frames})
 
 
-def test_success_and_precision_by_hand() -> None:
+def test_success_and_precision_by_hand():
     """Overlaps 1, 1/3, 0 (no box); centres off by 0, 5 and not there; a frame without a true box does not count."""
     truth = one((0, 0, 10, 10), (0, 0, 10, 10), (0, 0, 10, 10), None)
     track = one((0, 0, 10, 10), (5, 0, 10, 10), None, (1, 1, 2, 2))
@@ -58,7 +57,7 @@ def crossing(rng: np.random.Generator) -> tuple[Boxes, Boxes]:
 
 
 @pytest.mark.filterwarnings("ignore")  # motmetrics uses what pandas will remove
-def test_misses_and_switches_are_motmetrics() -> None:
+def test_misses_and_switches_are_motmetrics():
     """With the overlaps of pycocotools."""
     track, truth = crossing(np.random.default_rng(SEED))
     theirs = motmetrics.MOTAccumulator(auto_id=False)
@@ -79,7 +78,7 @@ def test_misses_and_switches_are_motmetrics() -> None:
     assert np.isnan(score.success_auc)
 
 
-def test_files_of_other_tools(tmp_path: Path, capsys) -> None:
+def test_files_of_other_tools(tmp_path, capsys):
     """Rectangles of OTB and MOTChallenge, whose pixels count from 1, polygons of VOT and our table say the same."""
     rows = np.array([[10, 20, 30, 40.0], [12, 21, 30, 40], [14, 22, 30, 41]])
     np.savetxt(tmp_path / "otb.txt", rows + np.array([1, 1, 0, 0]), "%g", delimiter="\t")
@@ -112,13 +111,13 @@ def test_files_of_other_tools(tmp_path: Path, capsys) -> None:
         ("1,2,3,4,5,6,7,x\n", "a:1: "),
     ],
 )
-def test_a_bad_file_is_named(tmp_path: Path, content: str, message: str) -> None:
+def test_a_bad_file_is_named(tmp_path, content, message):
     (tmp_path / "a").write_text(content)
     with pytest.raises(InputError, match=message):
         read_boxes(tmp_path / "a")
 
 
-def test_several_boxes_in_a_frame_have_no_success_curve() -> None:
+def test_several_boxes_in_a_frame_have_no_success_curve():
     single = Boxes("one", {1: {1: (0, 0, 4, 4)}})
     two = Boxes("two", {1: {1: (0, 0, 4, 4), 2: (9, 9, 4, 4)}})
     for pair in ((single, two), (two, single)):

@@ -25,7 +25,7 @@ for line in sys.stdin.read().splitlines():
 """
 
 
-def test_help_loads_no_heavy_package() -> None:
+def test_help_loads_no_heavy_package():
     lines = "\n".join(" ".join(words) for words in HELPS)
     process = subprocess.run([sys.executable, "-c", SCRIPT], input=lines, capture_output=True, text=True, cwd="/")
     assert process.returncode == 0, process.stderr

@@ -33,7 +33,7 @@ def videos(tmp_path: Path) -> list[str]:
     return [word for option, name in files.items() for word in (f"--{option}", str(tmp_path / name))]
 
 
-def test_videos(videos: list[str], capsys) -> None:
+def test_videos(videos, capsys):
     main(["info", *videos, "--unit-m", "0.01", "--json"])
     facts = json.loads(capsys.readouterr().out)
     assert (facts["pairs"], facts["image_size"], facts["robot"], facts["gaps"]) == (20, [160, 120], False, 1)
@@ -53,7 +53,7 @@ def test_videos(videos: list[str], capsys) -> None:
     assert command == ["pps-vision", "track", *videos, "--unit-m", "0.01", "--out", "path"]
 
 
-def test_an_implausible_unit_and_a_missing_calibration(videos: list[str], capsys) -> None:
+def test_an_implausible_unit_and_a_missing_calibration(videos, capsys):
     main(["info", *videos])
     out = capsys.readouterr().out
     proposed = "--unit-m 0.01 makes it 120 mm; --unit-m 0.0254 makes it 304.8 mm"
@@ -65,7 +65,7 @@ def test_an_implausible_unit_and_a_missing_calibration(videos: list[str], capsys
     assert rows[-1].endswith(" --calib FILE --out path")
 
 
-def test_a_laboratorys_own_test(approach: Path, videos: list[str]) -> None:
+def test_a_laboratorys_own_test(approach, videos):
     (score,) = check_error([approach], rmse_mm=20)
     assert 0 < score.rmse_mm < 20
     assert (score.rows, score.rows - score.unknown) == (80, score.compared)
@@ -77,7 +77,7 @@ def test_a_laboratorys_own_test(approach: Path, videos: list[str]) -> None:
         check_error([recording], rmse_mm=1)
 
 
-def test_a_robot_s_recording_has_stamps_of_its_own(approach: Path, tmp_path: Path, capsys) -> None:
+def test_a_robot_s_recording_has_stamps_of_its_own(approach, tmp_path, capsys):
     warning = f"--fps not used: {approach} has stamps of its own"
     main(["info", str(approach), "--fps", "30", "--json"])
     facts = json.loads(capsys.readouterr().out)
@@ -90,7 +90,7 @@ def test_a_robot_s_recording_has_stamps_of_its_own(approach: Path, tmp_path: Pat
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
 
 
-def test_version_and_versions(approach: Path, tmp_path: Path, capsys) -> None:
+def test_version_and_versions(approach, tmp_path, capsys):
     main(["--version"])
     assert capsys.readouterr().out.startswith("pps-vision 0.")
     main(["track", str(approach), "--also", "tum", "--out", str(tmp_path / "out")])
@@ -109,7 +109,7 @@ def test_version_and_versions(approach: Path, tmp_path: Path, capsys) -> None:
     assert csv["rmse_mm"] == tum["rmse_mm"] == pytest.approx(summary["errors"]["position_rms_all_mm"], rel=0.5)
 
 
-def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(refused, tmp_path: Path) -> None:
+def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(refused, tmp_path):
     calib = write_calibration(tmp_path / "calib.yml", 80.0, (79.5, 59.5), (160, 120))
     video = write_video(tmp_path / "mono.mp4", [0.0, 0.05, 0.1])
     line = refused("info", video, "--calib", calib)
@@ -119,7 +119,7 @@ def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(ref
     assert "other.yml: calibrated for 160×160 pixels, images are 80×120; expected the same proportions" in line
 
 
-def test_a_calibration_for_another_size_is_told(tmp_path: Path, capsys) -> None:
+def test_a_calibration_for_another_size_is_told(tmp_path, capsys):
     calib = write_calibration(tmp_path / "calib.yml", 40.0, (40.0, 30.0), (80, 60))
     write_video(tmp_path / "both.mp4", [0.0, 0.05, 0.1], size=(320, 120))
     main(["info", str(tmp_path / "both.mp4"), "--calib", str(calib)])

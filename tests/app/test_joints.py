@@ -33,7 +33,7 @@ def position_rms_mm(rec: Path, out: Path, *more: str) -> float:
     return float(json.loads((out / "summary.json").read_text())["errors"]["position_rms_mm"])
 
 
-def test_a_touch_tells_what_the_eyes_misread(misread: Path, tmp_path: Path, capsys) -> None:
+def test_a_touch_tells_what_the_eyes_misread(misread, tmp_path, capsys):
     table = tmp_path / "joints.csv"
     main(["joints", str(misread), str(tmp_path / "gone"), "--out", str(table)])
     captured = capsys.readouterr()
@@ -48,7 +48,7 @@ def test_a_touch_tells_what_the_eyes_misread(misread: Path, tmp_path: Path, caps
     assert json.loads((tmp_path / "with" / "summary.json").read_text())["joints"] == str(table)
 
 
-def test_learning_takes_offsets_too(misread: Path, approach: Path, tmp_path: Path) -> None:
+def test_learning_takes_offsets_too(misread, approach, tmp_path):
     """With the true offset the misread recording teaches the same as the right one."""
     table = tmp_path / "true.csv"
     table.write_text("joint,offset_deg\nleft_eye_pan,1.5\nright_eye_pan,-1.5\n")
@@ -60,7 +60,7 @@ def test_learning_takes_offsets_too(misread: Path, approach: Path, tmp_path: Pat
     assert np.abs(wrong - right).sum() > 0.2 * right.sum()
 
 
-def test_no_touch_is_refused_and_nothing_is_written(approach: Path, tmp_path: Path, refused) -> None:
+def test_no_touch_is_refused_and_nothing_is_written(approach, tmp_path, refused):
     rec = tmp_path / "untouched"
     shutil.copytree(approach, rec)
     shutil.rmtree(next(rec.rglob("skin")))
@@ -69,7 +69,7 @@ def test_no_touch_is_refused_and_nothing_is_written(approach: Path, tmp_path: Pa
     assert not out.exists()
 
 
-def test_offsets_are_for_recordings_of_a_robot(tmp_path: Path, refused) -> None:
+def test_offsets_are_for_recordings_of_a_robot(tmp_path, refused):
     images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
     line = refused("track", *images, "--joints", "joints.csv", "--out", tmp_path / "out")
     assert "joints.csv without a robot" in line

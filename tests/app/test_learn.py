@@ -22,7 +22,7 @@ def memory_file(approach: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return out
 
 
-def test_the_touched_taxel_learns_positives_and_its_part_negatives(memory_file: Path) -> None:
+def test_the_touched_taxel_learns_positives_and_its_part_negatives(memory_file):
     memory = load_memory(memory_file)
     positive, negative = memory.counts.sum(axis=(1, 2)).T
     touched = memory.taxel_ids.index("left_forearm:3")
@@ -33,12 +33,12 @@ def test_the_touched_taxel_learns_positives_and_its_part_negatives(memory_file: 
     assert (negative > 0).any(), "some inner taxel was near and not touched"
 
 
-def test_learning_goes_on_from_an_earlier_memory(memory_file: Path, approach: Path, tmp_path: Path) -> None:
+def test_learning_goes_on_from_an_earlier_memory(memory_file, approach, tmp_path):
     main(["learn", str(approach), "--into", str(memory_file), "--out", str(tmp_path / "twice.npz")])
     np.testing.assert_array_equal(load_memory(tmp_path / "twice.npz").counts, 2 * load_memory(memory_file).counts)
 
 
-def test_one_bad_recording_does_not_stop_the_others(memory_file: Path, approach: Path, tmp_path: Path, capsys) -> None:
+def test_one_bad_recording_does_not_stop_the_others(memory_file, approach, tmp_path, capsys):
     main(["learn", str(tmp_path / "gone"), str(approach), "--out", str(tmp_path / "m.npz")])
     printed = capsys.readouterr()
     assert "gone" in printed.err
@@ -48,9 +48,7 @@ def test_one_bad_recording_does_not_stop_the_others(memory_file: Path, approach:
 
 
 @pytest.mark.parametrize("command", ["learn", "joints"])
-def test_a_bug_in_one_recording_is_shown_and_the_others_result_is_written(
-    approach: Path, tmp_path: Path, monkeypatch, command: str
-) -> None:
+def test_a_bug_in_one_recording_is_shown_and_the_others_result_is_written(approach, tmp_path, monkeypatch, command):
     shutil.copytree(approach, tmp_path / "defective")
     read = open_recording
 
@@ -72,7 +70,7 @@ def test_a_bug_in_one_recording_is_shown_and_the_others_result_is_written(
     assert not out.exists()
 
 
-def test_the_robots_own_skin_events_teach_the_same(memory_file: Path, approach: Path, tmp_path: Path, capsys) -> None:
+def test_the_robots_own_skin_events_teach_the_same(memory_file, approach, tmp_path, capsys):
     """The same touches as contacts of physical taxels: number 2n and 2n + 1 belong to virtual taxel n."""
     rec = tmp_path / "rec"
     shutil.copytree(approach, rec)
@@ -94,7 +92,7 @@ def test_the_robots_own_skin_events_teach_the_same(memory_file: Path, approach: 
     assert not load_memory(tmp_path / "none.npz").counts.any()
 
 
-def test_show_draws_a_picture(memory_file: Path, tmp_path: Path, capsys) -> None:
+def test_show_draws_a_picture(memory_file, tmp_path, capsys):
     main(["show", str(memory_file), "--out", str(tmp_path / "landscape.png")])
     memory = load_memory(memory_file)
     n = int(memory.counts.any(axis=(1, 2, 3)).sum())

@@ -4,7 +4,6 @@ import gc
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
 from types import FrameType
 
 import numpy as np
@@ -48,7 +47,7 @@ class Looped(Recording):
 
 @pytest.mark.long
 @pytest.mark.parametrize("options", [["--also", "tum", "anipose", "mot", "coco"], ["--smooth"]], ids=" ".join)
-def test_memory_does_not_grow(options: list[str], approach: Path, tmp_path: Path, monkeypatch) -> None:
+def test_memory_does_not_grow(options, approach, tmp_path, monkeypatch):
     recording = Looped.of(pv.open_recording(approach))
     monkeypatch.setattr(SourceOptions, "open", lambda self: recording)
     monkeypatch.setattr(smoother, "LAG", 20)
@@ -59,7 +58,7 @@ def test_memory_does_not_grow(options: list[str], approach: Path, tmp_path: Path
 
 
 @pytest.mark.long
-def test_work_does_not_grow(approach: Path) -> None:
+def test_work_does_not_grow(approach):
     """Number of function calls in each loop but the first; times would depend on the machine."""
     calls = 0
     by_loop = []

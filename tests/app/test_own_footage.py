@@ -1,7 +1,6 @@
 """A laboratory's first recording: a compressed side-by-side video of a ball, a calibration file and the true path."""
 
 from fractions import Fraction
-from pathlib import Path
 
 import av
 import cv2
@@ -17,7 +16,7 @@ RADIUS_M = 0.04
 SHIFT = 4  # OpenCV draws at 1/16 px
 
 
-def test_tracked_within_millimetres(tmp_path: Path) -> None:
+def test_tracked_within_millimetres(tmp_path):
     """The ball is drawn by OpenCV where the camera model projects its centre; frames are not evenly spaced."""
     T_left_right = np.eye(4)
     T_left_right[0, 3] = 0.12

@@ -30,7 +30,7 @@ def pipeline(parts: tuple, params: PipelineParams | None = None) -> Pipeline:
 
 
 @pytest.mark.parametrize("part", ["left_forearm", "right_forearm"])
-def test_touches_without_a_track_are_counted_and_move_nothing(part: str) -> None:
+def test_touches_without_a_track_are_counted_and_move_nothing(part):
     robot_pipeline = pipeline((part,))
     black = np.zeros((240, 320, 3), np.uint8)
     for k, touch in enumerate((None, np.arange(12) == 3, None)):
@@ -67,7 +67,7 @@ def anxious(distance_m: float, speed_m_s: float, cov: Array | None = None) -> Pi
 
 @pytest.mark.parametrize("gaze", [FixationParams(), NeckAndEyesParams()], ids=["J IV.1", "neck and eyes"])
 @pytest.mark.parametrize("latency_s", [0.0, 0.2])
-def test_gaze_follows_a_moving_object_without_lag(gaze: object, latency_s: float) -> None:
+def test_gaze_follows_a_moving_object_without_lag(gaze, latency_s):
     """Posture and target are predicted; 0.3 m/s at 0.3 m would otherwise be 11° away after 0.2 s."""
 
     def motion(t: float) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ def test_gaze_follows_a_moving_object_without_lag(gaze: object, latency_s: float
     assert np.rad2deg(max(errors[-5:])) < 0.2
 
 
-def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_keeps_still() -> None:
+def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_keeps_still():
     target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
     params = PipelineParams(search_for_s=0.6)
     steps, _ = run(following(lambda t: target if t < 0.475 else None, params), 1.5)
@@ -90,7 +90,7 @@ def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_kee
     assert not any(step.command.dq_rad_s.any() for step in never_seen)
 
 
-def test_a_contact_that_goes_on_is_learned_at_the_end() -> None:
+def test_a_contact_that_goes_on_is_learned_at_the_end():
     velocity = before_taxel_3(0.0) - before_taxel_3(0.1)
     pipeline = following(lambda t: (before_taxel_3(0.1) + t * velocity, velocity))
     touched = np.arange(12) == TAXEL_3
@@ -117,16 +117,14 @@ def towards_a_resting_object(speed_m_s: float, object_m_s: float) -> tuple[Pipel
 
 
 @pytest.mark.parametrize(("arm_m_s", "object_m_s"), [(0.08, 0.0), (0.02, -0.1), (-0.12, -0.1)])
-def test_time_to_contact_is_the_sooner_of_that_of_the_resting_and_of_the_moving_taxel(
-    arm_m_s: float, object_m_s: float
-) -> None:
+def test_time_to_contact_is_the_sooner_of_that_of_the_resting_and_of_the_moving_taxel(arm_m_s, object_m_s):
     """A taxel that withdraws faster than the object comes still predicts the contact that it would have at rest."""
     step, closing = towards_a_resting_object(arm_m_s, object_m_s)
     assert step.events.distance_m[TAXEL_3] == pytest.approx(0.08, abs=1e-9)
     assert step.events.ttc_s[TAXEL_3] == pytest.approx(0.08 / max(closing, -object_m_s), rel=0.02)
 
 
-def test_a_frame_that_is_refused_changes_nothing() -> None:
+def test_a_frame_that_is_refused_changes_nothing():
     pipeline = following(lambda t: None)
     pipeline.step(frame_at(0.0, home(ROBOT)))
     state_before = pipeline._state
@@ -143,7 +141,7 @@ def test_a_frame_that_is_refused_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(("uncertain", "expected_s"), [("position", 1.6), ("velocity", np.inf)])
-def test_an_uncertain_velocity_is_not_learned_from(uncertain: str, expected_s: float) -> None:
+def test_an_uncertain_velocity_is_not_learned_from(uncertain, expected_s):
     """5 cm/s, 8 cm between the taxel and the surface."""
     variances = np.full((4, 3), 1e-6)
     variances[("position", "velocity").index(uncertain)] = 0.05**2 * 1.1
@@ -152,7 +150,7 @@ def test_an_uncertain_velocity_is_not_learned_from(uncertain: str, expected_s: f
 
 
 @pytest.mark.parametrize(("sigma_m_s", "expected"), [(0.0, 1.0), (0.0525, 0.625), (10.0, 0.5)])
-def test_an_uncertain_velocity_is_integrated_over(sigma_m_s: float, expected: float) -> None:
+def test_an_uncertain_velocity_is_integrated_over(sigma_m_s, expected):
     """Closing at 5 cm/s, 8 cm from the surface: within the memory's 3 s at 2.7 cm/s or more, Φ(0.44) = 0.67 ≈ 5/8."""
     pipeline = anxious(0.1, 0.05, np.diag(np.repeat([1e-6, sigma_m_s**2, 1e-6, 1e-6], 3)))
     step = pipeline.step(frame_at(0.0, home(ROBOT)))
@@ -165,7 +163,7 @@ def uncertain(*variances: float) -> Array:
 
 
 @pytest.mark.parametrize("cov", [uncertain(0.0, 1e-6, 1e-2), uncertain(-3e-12, 1e-6, 1e-2)], ids=["flat", "rounded"])
-def test_a_velocity_that_is_certain_in_one_direction_can_be_acted_on(cov: Array) -> None:
+def test_a_velocity_that_is_certain_in_one_direction_can_be_acted_on(cov):
     anxious(0.1, 0.05, cov).step(frame_at(0.0, home(ROBOT)))
 
 
@@ -174,20 +172,20 @@ def test_a_velocity_that_is_certain_in_one_direction_can_be_acted_on(cov: Array)
     [np.full((12, 12), np.nan), np.full((12, 12), np.inf), uncertain(1, 1, -1e-3), uncertain(1e-6, 1e-2, -1.2e-11)],
     ids=["NaN", "infinite", "indefinite", "hardly indefinite"],
 )
-def test_a_track_without_a_covariance_is_refused(cov: Array) -> None:
+def test_a_track_without_a_covariance_is_refused(cov):
     with pytest.raises(InputError, match="expected a positive semi-definite one"):
         anxious(0.1, 0.05, cov).step(frame_at(0.0, home(ROBOT)))
 
 
 @pytest.mark.parametrize(("row", "value"), [(0, np.nan), (0, np.inf), (0, 1e300), (1, -1.2e6)])
-def test_a_track_that_is_nowhere_is_refused(row: int, value: float) -> None:
+def test_a_track_that_is_nowhere_is_refused(row, value):
     motion = np.array([[-0.3, 0.0, 0.2], [0.0, 0.0, 0.0]])
     motion[row, 1] = value
     with pytest.raises(InputError, match="expected finite numbers"):
         following(lambda t: (motion[0], motion[1])).step(frame_at(0.0, home(ROBOT)))
 
 
-def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None:
+def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits():
     """Avoidance and fixation at joints near their limits: held to the end, none is passed."""
     for hold_s in (0.05, 0.5):
         pipeline = anxious(0.05, 0.1)
@@ -206,7 +204,7 @@ def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None
 
 
 @pytest.mark.parametrize(("beside_m", "avoided"), [(0.0, True), (0.2, False)])
-def test_an_object_whose_path_passes_by_is_not_avoided(beside_m: float, avoided: bool) -> None:
+def test_an_object_whose_path_passes_by_is_not_avoided(beside_m, avoided):
     """It comes at 10 cm/s from 18 cm before a taxel, towards it or beside it; the skin expects a touch of either."""
     towards = before_taxel_3(0.0) - before_taxel_3(0.1)
     aside = np.cross(towards, [0.0, 0.0, -1.0])
@@ -220,7 +218,7 @@ def test_an_object_whose_path_passes_by_is_not_avoided(beside_m: float, avoided:
 
 
 @pytest.mark.parametrize(("side", "arms"), [("right", "left"), ("left", "both"), ("right", "both")])
-def test_the_arm_that_is_approached_avoids_if_asked_to(side: str, arms: str) -> None:
+def test_the_arm_that_is_approached_avoids_if_asked_to(side, arms):
     """The taxels of two arms, and an object that comes to one: no joint of the other moves."""
     skin = icub_skin(("right_forearm", "left_forearm"))
     memory = PPSMemory.empty(skin)
@@ -237,7 +235,7 @@ def test_the_arm_that_is_approached_avoids_if_asked_to(side: str, arms: str) -> 
         assert moved_rad > 0.01 if is_approached else moved_rad == 0
 
 
-def test_parameters_and_a_memory_that_contradict_the_robot_are_refused() -> None:
+def test_parameters_and_a_memory_that_contradict_the_robot_are_refused():
     skin = icub_skin(("left_forearm",))
     memory = PPSMemory.empty(skin)
     other = PPSMemory.empty(icub_skin(("left_forearm", "left_palm")))

@@ -27,7 +27,7 @@ def start(function: str, **options: Any) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_signal_ends_the_program_even_where_exceptions_are_swallowed(tmp_path: Path, signum: signal.Signals) -> None:
+def test_a_signal_ends_the_program_even_where_exceptions_are_swallowed(tmp_path, signum):
     """As numba swallows them while it loads; a signal that a shell's background job ignores stays ignored."""
     program = f"""
 import signal
@@ -52,7 +52,7 @@ def run():
 @pytest.mark.parametrize(
     ("stream", "where"), [("stdout", "full"), ("stdout", "broken pipe"), ("stdout", "closed"), ("stderr", "closed")]
 )
-def test_a_stream_that_takes_nothing_does_not_stop_the_work(tmp_path: Path, stream: str, where: str) -> None:
+def test_a_stream_that_takes_nothing_does_not_stop_the_work(tmp_path, stream, where):
     out = tmp_path / "out.txt"
     function = f"""
 import sys
@@ -79,7 +79,7 @@ def run():
     assert out.read_text() == "whole"
 
 
-def test_characters_that_a_terminal_lacks_are_escaped() -> None:
+def test_characters_that_a_terminal_lacks_are_escaped():
     function = "def run():\n    print('3 pairs → caf\\udce9')"
     process = start(function, env=os.environ | {"PYTHONIOENCODING": "latin-1"}, encoding="latin-1")
     assert process.communicate() == ("3 pairs \\u2192 caf\\udce9\n", "")
@@ -102,7 +102,7 @@ def test_characters_that_a_terminal_lacks_are_escaped() -> None:
         ),
     ],
 )
-def test_a_warning_or_a_missing_library_is_one_line(body: str, line: str, code: int) -> None:
+def test_a_warning_or_a_missing_library_is_one_line(body, line, code):
     process = start(f"def run():\n    {body}")
     errors = process.communicate()[1]
     assert errors.startswith(f"pps-vision: {line}")
@@ -110,14 +110,14 @@ def test_a_warning_or_a_missing_library_is_one_line(body: str, line: str, code: 
 
 
 @pytest.mark.parametrize("bug", ["from pathlib import nothing", "1 / 0"])
-def test_a_bug_shows_its_traceback_and_has_a_code_of_its_own(bug: str) -> None:
+def test_a_bug_shows_its_traceback_and_has_a_code_of_its_own(bug):
     """1 is that of a batch of which some recordings failed, 2 that of bad input."""
     process = start(f"def run():\n    {bug}")
     assert process.communicate()[1].startswith("Traceback")
     assert process.returncode == 70
 
 
-def test_folders_whose_names_are_not_utf8(approach: Path, tmp_path: Path) -> None:
+def test_folders_whose_names_are_not_utf8(approach, tmp_path):
     name = os.fsdecode(b"caf\xe9")
     (tmp_path / name).symlink_to(approach)
     command = [sys.executable, "-m", "pps_vision", "track", name, "--video", "--out", f"{name}-out"]

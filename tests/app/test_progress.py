@@ -22,7 +22,7 @@ def quick(monkeypatch) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_log_has_whole_lines_now_and_then(capsys) -> None:
+def test_a_log_has_whole_lines_now_and_then(capsys):
     for _ in progress(range(50), "training", "approach", after_s=0.0):
         time.sleep(0.005)  # a quarter of a second or more
     with progress(desc="map", total=1, after_s=0.0) as bar:
@@ -36,7 +36,7 @@ def test_a_log_has_whole_lines_now_and_then(capsys) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_what_fails_says_nothing_after_its_reason(capsys) -> None:
+def test_what_fails_says_nothing_after_its_reason(capsys):
     """A batch takes the last line of a recording's error stream for the reason."""
     bar = progress(range(3), "track", after_s=0.0)
     for _ in bar:
@@ -47,7 +47,7 @@ def test_what_fails_says_nothing_after_its_reason(capsys) -> None:
     assert capsys.readouterr().err.splitlines()[-1] == "reason"
 
 
-def test_a_terminal_has_a_bar(monkeypatch) -> None:
+def test_a_terminal_has_a_bar(monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     assert list(progress(range(3), "track", "pair")) == [0, 1, 2]

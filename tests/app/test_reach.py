@@ -33,7 +33,7 @@ def query(learned: Path, folder: Path, text: str, *options: str) -> list[dict[st
         return list(csv.DictReader(file))
 
 
-def test_the_table_says_what_the_closed_form_says(learned: Path, tmp_path: Path) -> None:
+def test_the_table_says_what_the_closed_form_says(learned, tmp_path):
     gaze = np.random.default_rng(SEED).uniform([-55, -40, 5], [55, 40, 90], (1000, 3))
     rows = query(learned, tmp_path, GAZE + "".join(f"{y},{p},{v}\n" for y, p, v in gaze))
     robot = load_icub()
@@ -51,7 +51,7 @@ def test_the_table_says_what_the_closed_form_says(learned: Path, tmp_path: Path)
     assert (np.array([float(row["probability"]) for row in rows]) > 0.5).tolist() == said.tolist()
 
 
-def test_outside_the_map_and_more_columns(learned: Path, tmp_path: Path, capsys) -> None:
+def test_outside_the_map_and_more_columns(learned, tmp_path, capsys):
     rows = query(
         learned, tmp_path, "what,vergence_deg,yaw_deg,pitch_deg\na,20,0,-20\n\nb,3,0,0\nc,20,60,0\nd,nan,0,0\n"
     )
@@ -61,7 +61,7 @@ def test_outside_the_map_and_more_columns(learned: Path, tmp_path: Path, capsys)
     assert query(learned, tmp_path, GAZE) == []
 
 
-def test_it_is_drawn(learned: Path, tmp_path: Path, capsys) -> None:
+def test_it_is_drawn(learned, tmp_path, capsys):
     main(["reach", "show", str(learned), "--out", str(tmp_path / "map.png")])
     assert capsys.readouterr().out == f"right arm, palm → {tmp_path / 'map.png'}\n"
     image = cv2.imread(str(tmp_path / "map.png"))
@@ -79,14 +79,14 @@ def test_it_is_drawn(learned: Path, tmp_path: Path, capsys) -> None:
         (GAZE + "0,0\n", ("gaze.csv:2", "vergence_deg", "''")),
     ],
 )
-def test_a_bad_table(refused, learned: Path, tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
+def test_a_bad_table(refused, learned, tmp_path, text, words):
     (tmp_path / "gaze.csv").write_text(text)
     line = refused("reach", "query", learned, tmp_path / "gaze.csv", "--out", tmp_path / "out.csv")
     assert all(word in line for word in words), line
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_what_cannot_be_learned(refused, learned: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_learned(refused, learned, tmp_path):
     out = ("--out", tmp_path / "m.npz")
     for options, message in (
         (("--into", learned), "map of right"),
@@ -105,7 +105,7 @@ def test_what_cannot_be_learned(refused, learned: Path, tmp_path: Path) -> None:
     assert "1.5" in refused(*query, "--max-fp", "1.5")
 
 
-def test_of_both_arms_one_map_is_learned_and_a_missed_error_bound_is_reported(tmp_path: Path, capsys) -> None:
+def test_of_both_arms_one_map_is_learned_and_a_missed_error_bound_is_reported(tmp_path, capsys):
     """With another measure."""
     file = tmp_path / "map.npz"
     words = ["reach", "train", "--arm", "both", "--ik-budget", "400", "--max-error", "0.02", "--measure", "isotropy"]

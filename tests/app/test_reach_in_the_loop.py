@@ -79,7 +79,7 @@ def truly(motion, steps: list[PipelineStep]) -> Array:
     return np.isfinite(TRUTH.solve(np.array([motion(DT * k)[0] for k in range(len(steps))]))[:, 0])
 
 
-def test_an_object_in_reach_is_reached_for(left: ReachableMap) -> None:
+def test_an_object_in_reach_is_reached_for(left):
     motion = towards("left_palm:101", 0.17, 0.08)
     steps, joints = run(pipeline(motion, REACH, left))
     assert truly(motion, steps).all()
@@ -91,7 +91,7 @@ def test_an_object_in_reach_is_reached_for(left: ReachableMap) -> None:
     assert moved @ to_object / np.linalg.norm(to_object) > 0.03  # ten frames at 10 cm/s
 
 
-def test_an_object_out_of_reach_is_not(left: ReachableMap) -> None:
+def test_an_object_out_of_reach_is_not(left):
     """Close to the skin near the elbow, where the hand cannot go: the skin feels it coming all the same."""
     motion = towards("left_forearm:27", 0.15, 0.05)
     steps, joints = run(pipeline(motion, REACH, left))
@@ -102,7 +102,7 @@ def test_an_object_out_of_reach_is_not(left: ReachableMap) -> None:
     np.testing.assert_array_equal(joints[:, ARM], np.tile(HOME_ARM_RAD, (len(joints), 1)))
 
 
-def test_the_torso_leans_until_the_hand_can_touch_and_stands_up_again(left: ReachableMap) -> None:
+def test_the_torso_leans_until_the_hand_can_touch_and_stands_up_again(left):
     """The object near the elbow, which goes away after 7 s; the same with the arm that avoids: the torso stays."""
     comes = towards("left_forearm:27", 0.15, 0.05)
     torso = ROBOT.indices(ROBOT.names.torso)
@@ -123,7 +123,7 @@ def test_the_torso_leans_until_the_hand_can_touch_and_stands_up_again(left: Reac
     assert not any(step.command.dq_rad_s[torso].any() for step in avoiding)
 
 
-def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: ReachableMap) -> None:
+def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left):
     leaves = towards("left_forearm:15", 0.19, 0.08, 0.06)
     steps, _ = run(pipeline(leaves, REACH, left), 2.5)
     assert truly(leaves, steps)[0]
@@ -139,7 +139,7 @@ def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: Reach
 
 
 @pytest.mark.parametrize("taxel", ["left_palm:101", "left_forearm:27"])
-def test_avoidance_does_not_ask_the_map(left: ReachableMap, taxel: str) -> None:
+def test_avoidance_does_not_ask_the_map(left, taxel):
     motion = towards(taxel, 0.15, 0.05)
     with_map, without = (run(pipeline(motion, AVOID, reachable_map))[0] for reachable_map in (left, None))
     assert "avoid" in [step.response.mode for step in with_map]
@@ -148,7 +148,7 @@ def test_avoidance_does_not_ask_the_map(left: ReachableMap, taxel: str) -> None:
         assert b.reachability is None
 
 
-def test_an_arm_that_is_to_reach_needs_its_own_map(left: ReachableMap) -> None:
+def test_an_arm_that_is_to_reach_needs_its_own_map(left):
     for reachable_map, arm in ((None, "no arm"), (replace(left, side="right"), "right")):
         with pytest.raises(ValueError, match=f"reachable-space map of {arm}; expected one of the left arm"):
             pipeline(towards("left_palm:101", 0.17, 0.08), REACH, reachable_map)

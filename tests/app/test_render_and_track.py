@@ -50,7 +50,7 @@ def memory_of_12_cm(tmp_path: Path) -> Path:
     return tmp_path / "memory.npz"
 
 
-def test_a_recording_is_in_the_robots_layout(approach: Path) -> None:
+def test_a_recording_is_in_the_robots_layout(approach):
     for port in ("cam/left", "cam/right", "torso", "head", "left_arm", "right_arm", "skin"):
         assert (approach / port / "data.log").is_file()
         assert (approach / port / "info.log").is_file()
@@ -64,7 +64,7 @@ def test_a_recording_is_in_the_robots_layout(approach: Path) -> None:
     )
 
 
-def test_the_same_seed_renders_the_same_recording(tmp_path: Path) -> None:
+def test_the_same_seed_renders_the_same_recording(tmp_path):
     for name in ("a", "b"):
         words = "--stimulus cube --motion figure8 --seconds 0.2 --noise 3 --seed 4"
         main(["render", *words.split(), "--out", str(tmp_path / name)])
@@ -72,7 +72,7 @@ def test_the_same_seed_renders_the_same_recording(tmp_path: Path) -> None:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
 
 
-def test_tracking_writes_what_it_promises(tracked: Path) -> None:
+def test_tracking_writes_what_it_promises(tracked):
     files = {p.name for p in tracked.iterdir()}
     assert files == {"detections.csv", "overlay.mp4", "summary.json", "trajectory.csv"}
     first = {name: (tracked / name).read_text().splitlines()[0] for name in ("detections.csv", "trajectory.csv")}
@@ -88,7 +88,7 @@ def test_tracking_writes_what_it_promises(tracked: Path) -> None:
     assert summary["skipped"] == dict.fromkeys(summary["skipped"], 0)
 
 
-def test_the_path_is_the_true_one(tracked: Path, approach: Path) -> None:
+def test_the_path_is_the_true_one(tracked, approach):
     path = table(tracked / "trajectory.csv")
     truth = table(approach / "truth.csv")
     tracked_rows = path["status"] == "tracking"
@@ -104,7 +104,7 @@ def test_the_path_is_the_true_one(tracked: Path, approach: Path) -> None:
     assert written == pytest.approx(1000 * np.sqrt((error[late[tracked_rows]] ** 2).sum(axis=1).mean()), rel=1e-6)
 
 
-def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach: Path, tmp_path: Path) -> None:
+def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach, tmp_path):
     """The map calls reachable what needs a larger vergence than the ball in frame 25 of 45; the ball comes nearer."""
     shutil.copytree(approach, tmp_path / "rec")
     for side in ("left", "right"):
@@ -141,9 +141,7 @@ def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach: Path,
     assert summary["reach"]["unknown"] == int((~located).sum())
 
 
-def test_with_a_memory_every_frame_says_what_is_about_to_be_touched(
-    approach: Path, tmp_path: Path, memory_of_12_cm: Path
-) -> None:
+def test_with_a_memory_every_frame_says_what_is_about_to_be_touched(approach, tmp_path, memory_of_12_cm):
     main(["track", str(approach), "--memory", str(memory_of_12_cm), "--report", "--out", str(tmp_path / "out")])
     felt = table(tmp_path / "out" / "activation.csv")
     truth = table(approach / "truth.csv")
@@ -165,9 +163,7 @@ def test_with_a_memory_every_frame_says_what_is_about_to_be_touched(
 
 
 @pytest.mark.parametrize("reduction", [1, 2])
-def test_detections_are_where_the_centre_truly_projects(
-    reduction: int, tracked: Path, approach: Path, tmp_path: Path
-) -> None:
+def test_detections_are_where_the_centre_truly_projects(reduction, tracked, approach, tmp_path):
     out = tracked
     if reduction > 1:
         out = tmp_path / "out"
@@ -183,7 +179,7 @@ def test_detections_are_where_the_centre_truly_projects(
         assert np.median(np.hypot(du, dv)) < 0.3 * reduction
 
 
-def test_what_is_bad_in_one_frame_does_not_stop_the_others(approach: Path, tmp_path: Path, capsys) -> None:
+def test_what_is_bad_in_one_frame_does_not_stop_the_others(approach, tmp_path, capsys):
     broken = tmp_path / "broken"
     shutil.copytree(approach, broken)
     (broken / "cam" / "left" / "00000040.ppm").write_bytes(b"P6\n320 240\n255\n")
@@ -211,7 +207,7 @@ SETUP = robot_setup(None)
 
 
 @pytest.mark.parametrize("fps", [5.0, 20.0])
-def test_the_eyes_follow_the_object_while_the_head_sways(fps: float) -> None:
+def test_the_eyes_follow_the_object_while_the_head_sways(fps):
     """They begin on it; joints move on by their rates, and the object by its velocity."""
     params = RenderParams("ball", "circle", Path("never"), seconds=2.0, fps=fps, speed=0.1)
     rendered = list(scene(params, SETUP, np.random.default_rng(1)))

@@ -2,8 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from results import write_results
@@ -20,7 +18,7 @@ def lines_of_path(text: str) -> list[list[object]]:
     return [line["points"] for line in json.loads(data)["lines"]]
 
 
-def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
+def test_a_report_shows_what_the_files_hold(tmp_path):
     folder = write_results(tmp_path / "results")
     assert report_folder(folder) == "37 of 40 stereo pairs measured"
     text = (folder / "report.html").read_text()
@@ -42,7 +40,7 @@ def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     assert len(lines_of_path(text)) == 1
 
 
-def test_the_tables_of_a_report(tmp_path: Path) -> None:
+def test_the_tables_of_a_report(tmp_path):
     """Numbers with four digits; unknown values are a dash or left out."""
     folder = write_results(tmp_path / "results")
     summary = json.loads((folder / "summary.json").read_text())
@@ -87,15 +85,13 @@ def test_the_tables_of_a_report(tmp_path: Path) -> None:
         ("trajectory.csv", lambda text: text.replace("\n", "\nsoon"), "trajectory.csv:2: could not convert string to"),
     ],
 )
-def test_a_table_that_does_not_fit_is_refused(
-    name: str, change: Callable[[str], str], message: str, tmp_path: Path, refused
-) -> None:
+def test_a_table_that_does_not_fit_is_refused(name, change, message, tmp_path, refused):
     file = write_results(tmp_path / "results") / name
     file.write_text(change(file.read_text()))
     assert message in refused("report", file.parent)
 
 
-def test_the_report_of_a_batch(tmp_path: Path, capsys) -> None:
+def test_the_report_of_a_batch(tmp_path, capsys):
     write_results(tmp_path / "a")
     rows = [
         ("a", "done", 40, 40, 0.925, "", 1.5, "0.2.0", ""),
@@ -112,7 +108,7 @@ def test_the_report_of_a_batch(tmp_path: Path, capsys) -> None:
     assert page.count('src="data:image/png') == 1
 
 
-def test_what_holds_no_results(tmp_path: Path, refused) -> None:
+def test_what_holds_no_results(tmp_path, refused):
     (tmp_path / "file").touch()
     for place in (tmp_path, tmp_path / "gone", tmp_path / "file"):
         line = refused("report", place)

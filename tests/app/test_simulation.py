@@ -12,8 +12,6 @@ from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory
 from pps_vision.app.simulation import (
     Episode,
-    Kind,
-    OwnMotion,
     SimulationScene,
     first_contact,
     make_episode,
@@ -23,7 +21,7 @@ from pps_vision.app.simulation import (
     train,
 )
 from pps_vision.errors import InputError
-from pps_vision.experiments.loop import Loop, LoopCase
+from pps_vision.experiments.loop import Loop
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
 from pps_vision.types import StereoFrame
@@ -44,13 +42,13 @@ def memory(scene: SimulationScene) -> PPSMemory:
     return train(scene, trials=3)
 
 
-def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
+def test_every_inner_taxel_has_learned(memory):
     inner = [i for i, name in enumerate(memory.taxel_ids) if name.startswith("left_forearm")][:8]
     assert (memory.counts[inner, ..., 0].sum(axis=(1, 2)) > 0).all()
 
 
 @pytest.mark.parametrize("case", ["avoidance on", "avoidance off", "receding", "static", "own arm"])
-def test_episodes(scene: SimulationScene, memory: PPSMemory, case: LoopCase) -> None:
+def test_episodes(scene, memory, case):
     log = LOOP.episode(scene, memory, case, 0)
     assert log.was_touched == (case == "avoidance off")
     assert log.was_commanded == log.speed_m_s.any() == (case == "avoidance on")
@@ -62,7 +60,7 @@ def test_episodes(scene: SimulationScene, memory: PPSMemory, case: LoopCase) -> 
     np.testing.assert_allclose(log.q_rad, scene.robot.clamp(log.q_rad), atol=1e-9)
 
 
-def test_first_contact_is_where_the_reach_is_met() -> None:
+def test_first_contact_is_where_the_reach_is_met():
     """Which begins beside another taxel, or comes from afar."""
     target, start = np.zeros(3), np.array([0.0, 0.0, 0.26])
     beside = np.stack([target, [0.0, 0.03, 0.25]])
@@ -84,9 +82,7 @@ def test_first_contact_is_where_the_reach_is_met() -> None:
     ("avoid", "own_motion", "arm_obeys"),
     [(True, "", True), (False, "", False), (True, "arm", False), (True, "head", True)],
 )
-def test_the_robot_moves_by_its_commands_and_its_own_motion(
-    scene: SimulationScene, avoid: bool, own_motion: OwnMotion, arm_obeys: bool
-) -> None:
+def test_the_robot_moves_by_its_commands_and_its_own_motion(scene, avoid, own_motion, arm_obeys):
     """All joints are commanded 0.02 rad/s; an arm that does not obey or swings by itself ignores them."""
     command = SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.full(scene.robot.n_joints, 0.02)))
     episode = Episode("", "ball", None, 0.2, own_motion)
@@ -125,7 +121,7 @@ def unseen() -> SimulationScene:
     return SimulationScene(setup, NoEyes(), np.random.default_rng(0), "left")  # type: ignore[arg-type]
 
 
-def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen: SimulationScene) -> None:
+def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen):
     """A cube that comes to the skin in 1 s: it touches the taxels within 20 mm of its surface."""
     index = unseen.skin.index("left_forearm:3")
     way = np.array([0.05, -0.05, -0.1])
@@ -148,7 +144,7 @@ def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(
 
 
 @pytest.mark.parametrize(("kind", "gap_m"), [("approach", 0.017), ("recede", 0.030)])
-def test_an_approach_touches_and_what_recedes_does_not(unseen: SimulationScene, kind: Kind, gap_m: float) -> None:
+def test_an_approach_touches_and_what_recedes_does_not(unseen, kind, gap_m):
     """The surface comes within 17 mm of a taxel, 20 being a touch, or begins 30 mm from one; both rest for the last
     half second where an approach begins."""
     episode = make_episode(kind, unseen, "left_forearm:3", "octopus", np.random.default_rng(1), 0.1)
@@ -170,6 +166,6 @@ def test_an_approach_touches_and_what_recedes_does_not(unseen: SimulationScene, 
         ("recede", 0.01, "no recede about left_forearm:3 stays in view of both eyes; expected a taxel"),
     ],
 )
-def test_episodes_that_cannot_be_are_refused(unseen: SimulationScene, kind: Kind, reach_m: float, message: str) -> None:
+def test_episodes_that_cannot_be_are_refused(unseen, kind, reach_m, message):
     with pytest.raises(InputError, match=message):
         make_episode(kind, unseen, "left_forearm:3", "ball", np.random.default_rng(0), 0.1, reach_m=reach_m)

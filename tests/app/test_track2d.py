@@ -34,7 +34,7 @@ def frames(tmp_path: Path) -> Path:
     return folder
 
 
-def test_every_form_holds_the_boxes(frames: Path, tmp_path: Path, capsys) -> None:
+def test_every_form_holds_the_boxes(frames, tmp_path, capsys):
     (tmp_path / "truth.csv").write_text(
         "frame,x,y,w,h,score\n" + "".join(f"{k + 1},{','.join(map(str, box(k)))},1\n" for k in range(N))
     )
@@ -56,7 +56,7 @@ def test_every_form_holds_the_boxes(frames: Path, tmp_path: Path, capsys) -> Non
     np.testing.assert_allclose(written, rows, atol=1e-4)
 
 
-def test_an_image_that_cannot_be_read_has_no_box(frames: Path, tmp_path: Path, capsys) -> None:
+def test_an_image_that_cannot_be_read_has_no_box(frames, tmp_path, capsys):
     (frames / "3.png").write_bytes(b"")
     for form in ("csv", "coco"):
         main(["track2d", str(frames), *INIT, "--form", form, "--out", str(tmp_path / form)])
@@ -69,7 +69,7 @@ def test_an_image_that_cannot_be_read_has_no_box(frames: Path, tmp_path: Path, c
     assert len(coco["images"]) == N
 
 
-def test_csrt_follows_the_block_too(frames: Path, tmp_path: Path, capsys) -> None:
+def test_csrt_follows_the_block_too(frames, tmp_path, capsys):
     main(["track2d", str(frames), *INIT, "--tracker", "csrt", "--out", str(tmp_path / "boxes.csv")])
     assert "found in 6 of 6 frames" in capsys.readouterr().out
     boxes = read_boxes(tmp_path / "boxes.csv")
@@ -79,7 +79,7 @@ def test_csrt_follows_the_block_too(frames: Path, tmp_path: Path, capsys) -> Non
     assert (rows[:, 5] == 1).all()
 
 
-def test_an_object_like_its_surroundings_is_warned_of_and_not_found(frames: Path, tmp_path: Path, capsys) -> None:
+def test_an_object_like_its_surroundings_is_warned_of_and_not_found(frames, tmp_path, capsys):
     """A piece of the bare wall."""
     folder = tmp_path / "wall"
     folder.mkdir()

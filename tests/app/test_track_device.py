@@ -1,7 +1,6 @@
 """`track --device`: the same path as without; refused options."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ def _path(folder: Path) -> np.ndarray:
     return np.array([[float(cell or "nan") for cell in row.split(",")[1:4]] for row in rows])
 
 
-def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
+def test_in_batches_the_path_is_the_same(tmp_path):
     recording = tmp_path / "recording"
     words = "--stimulus marker --motion circle --seconds 1 --noise 2 --seed 3"
     main(["render", *words.split(), "--out", str(recording)])
@@ -29,7 +28,7 @@ def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
     assert np.allclose(alone, batches, rtol=0, atol=1e-4, equal_nan=True)
 
 
-def test_what_it_cannot_do_is_refused(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_what_it_cannot_do_is_refused(approach, tmp_path, refused):
     out = ("--out", tmp_path / "out")
     images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
     for option in ("--map", "--memory"):

@@ -38,7 +38,7 @@ def tagged(tmp_path: Path) -> tuple[list[str], np.ndarray]:
     return [*images, "--calib", str(tmp_path / "calib.yml")], np.array(truth)
 
 
-def test_the_path_of_a_point_behind_the_tag(tmp_path: Path, tagged, capsys) -> None:
+def test_the_path_of_a_point_behind_the_tag(tmp_path, tagged, capsys):
     options, truth = tagged
     words = ["truth", *options, "--aruco", "7", "--offset-mm", "0", "0", "-30", "--out", str(tmp_path / "truth.tum")]
     main([*words, "--tag-mm", str(TAG_MM)])
@@ -55,7 +55,7 @@ def test_the_path_of_a_point_behind_the_tag(tmp_path: Path, tagged, capsys) -> N
         assert re.fullmatch(warning if doubted else "", said)
 
 
-def test_without_an_offset_it_is_the_tags_centre_where_both_eyes_see_it_once(tmp_path: Path, tagged) -> None:
+def test_without_an_offset_it_is_the_tags_centre_where_both_eyes_see_it_once(tmp_path, tagged):
     options, truth = tagged
     hidden, twice = tmp_path / "right1.png", tmp_path / "left2.png"
     cv2.imwrite(str(hidden), 0 * cv2.imread(str(hidden)))
@@ -68,7 +68,7 @@ def test_without_an_offset_it_is_the_tags_centre_where_both_eyes_see_it_once(tmp
     np.testing.assert_allclose(path.position, centre, atol=6e-4)
 
 
-def test_what_shows_no_tag(tmp_path: Path, tagged, refused) -> None:
+def test_what_shows_no_tag(tmp_path, tagged, refused):
     words = ["truth", *tagged[0], "--out", tmp_path / "a"]
     assert "no pair shows tag 8" in refused(*words, "--aruco", 8, "--tag-mm", 48)
     for length_mm in (0, "inf"):

@@ -9,7 +9,7 @@ import scipy
 from pps_vision.app import versions
 
 
-def test_versions_are_those_of_the_packages_themselves() -> None:
+def test_versions_are_those_of_the_packages_themselves():
     packages = versions.versions()
     expected = {"numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
     assert expected.items() <= packages.items()

@@ -55,7 +55,7 @@ def entities(tmp_path: Path) -> dict[str, list[dict[str, object]]]:
     return {name: sorted(rows, key=lambda row: row.get("stamp", 0)) for name, rows in by_entity.items()}
 
 
-def test_a_view_holds_what_was_tracked(entities) -> None:
+def test_a_view_holds_what_was_tracked(entities):
     for camera, first in (("left", 0), ("right", 100)):
         images = [cv2.imdecode(np.array(row["blob"][0], np.uint8), cv2.IMREAD_COLOR) for row in entities[f"/{camera}"]]
         assert [number_of(image) for image in images] == [first + k for k in range(N)]
@@ -81,7 +81,7 @@ def test_a_view_holds_what_was_tracked(entities) -> None:
     np.testing.assert_allclose(truth["strips"], [[[1, 2, 3], [1, 1, 1]]])
 
 
-def test_track_writes_it(tmp_path: Path, calib: Path) -> None:
+def test_track_writes_it(tmp_path, calib):
     rrd = pytest.importorskip("rerun.chunk", reason="needs the extra viewer; in make test-all")
     write_video(tmp_path / "a.mp4", [k / 20 for k in range(3)])
     out = tmp_path / "out"
@@ -90,7 +90,7 @@ def test_track_writes_it(tmp_path: Path, calib: Path) -> None:
     assert sum(chunk.num_rows for chunk in chunks if chunk.entity_path == "/right") == 3
 
 
-def test_without_the_extra(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
+def test_without_the_extra(tmp_path, calib, refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     write_video(tmp_path / "a.mp4", [0.0, 0.1])
     words = ("track", tmp_path / "a.mp4", "--calib", calib, "--viewer", "--out", tmp_path / "out")

@@ -32,7 +32,7 @@ def browse(page: Path, *words: str, query: str = "") -> subprocess.CompletedProc
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
 
 
-def test_the_page_of_a_recording(tmp_path: Path) -> None:
+def test_the_page_of_a_recording(tmp_path):
     folder = write_results(tmp_path / "results")
     report_folder(folder)
     page = folder / "report.html"
@@ -72,7 +72,7 @@ def keeps_loading() -> Iterator[str]:
         server.shutdown()
 
 
-def test_the_page_of_the_demo(tmp_path: Path, keeps_loading: str) -> None:
+def test_the_page_of_the_demo(tmp_path, keeps_loading):
     main(["demo", "--trials", "3", "--out", str(tmp_path / "demo")])
     page = tmp_path / "demo" / "report.html"
     check = (
@@ -95,7 +95,7 @@ def test_the_page_of_the_demo(tmp_path: Path, keeps_loading: str) -> None:
     assert "CONSOLE" not in page_load.stderr
 
 
-def test_the_page_of_a_batch(tmp_path: Path) -> None:
+def test_the_page_of_a_batch(tmp_path):
     for name in "ab":
         write_results(tmp_path / name)
     rows = [(name, "done", 40, 40, 0.925, "", 1.5, "0.2.0", "") for name in "ab"]
@@ -114,7 +114,7 @@ def test_the_page_of_a_batch(tmp_path: Path) -> None:
     assert "CONSOLE" not in page_load.stderr
 
 
-def test_the_documentation_is_searched_from_a_file(tmp_path: Path) -> None:
+def test_the_documentation_is_searched_from_a_file(tmp_path):
     build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
     subprocess.run(build, cwd=Path(__file__).parents[2], check=True)
     page_load = browse(

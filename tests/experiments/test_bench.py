@@ -94,9 +94,7 @@ def result(folder: Path, name: str) -> dict[str, Any]:
     return numbers
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupted_run_goes_on_where_it_stopped(folder, monkeypatch, capsys):
     bench.bench(["fake"], {"seed": 1})
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["→ docs/figures/fake.png", "→ docs/figures/fake_other.png"]
@@ -117,7 +115,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(
     assert seeds_run(folder) == "1 1 2 2 ", "redrawing measures nothing"
 
 
-def test_parts_are_measured_each_for_itself(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_parts_are_measured_each_for_itself(folder, capsys):
     page = folder / "docs" / "page.md"
     markers = [f"<!-- table: parts_{name} -->\n<!-- end -->\n" for name in ("first", "first_ten_times", "no_data")]
     page.write_text("".join(markers))
@@ -141,7 +139,7 @@ def test_parts_are_measured_each_for_itself(folder: Path, capsys: pytest.Capture
         bench.bench(["parts"], {"parts": ("second",)})
 
 
-def test_uncommitted_code_never_writes_into_the_documents(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_uncommitted_code_never_writes_into_the_documents(folder, monkeypatch):
     set_commit(monkeypatch, "1234567-dirty")
     with pytest.raises(InputError, match="uncommitted"):
         bench.bench(["all"])
@@ -151,7 +149,7 @@ def test_uncommitted_code_never_writes_into_the_documents(folder: Path, monkeypa
     assert seeds_run(folder) == "0 0 ", "uncommitted code is always measured"
 
 
-def test_a_short_run_leaves_the_documents_alone(folder: Path) -> None:
+def test_a_short_run_leaves_the_documents_alone(folder):
     """Documents with their tables go where the results go."""
     page = "<!-- table: fake -->\n<!-- end -->\n"
     (folder / "docs" / "page.md").write_text(page)
@@ -166,9 +164,7 @@ def test_a_short_run_leaves_the_documents_alone(folder: Path) -> None:
     assert not (folder / "elsewhere" / "plain.md").exists()
 
 
-def test_a_study_that_fails_stops_no_other(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_study_that_fails_stops_no_other(folder, monkeypatch, capsys):
     """Several studies run at once; each result says how long it took."""
     module = importlib.import_module("fake_study")
     studies = {"a": module.Fake, "bad": module.Fails, "b": module.Fake, "worse": module.Fails}
@@ -182,7 +178,7 @@ def test_a_study_that_fails_stops_no_other(
 
 
 @pytest.mark.parametrize("table", ["gone", "fake_gone", "parts_first_gone"])
-def test_unknown_tables_studies_and_options_are_refused(folder: Path, table: str) -> None:
+def test_unknown_tables_studies_and_options_are_refused(folder, table):
     (folder / "docs" / "page.md").write_text(f"<!-- table: {table} -->\n<!-- end -->")
     for names, options, message in ((["fake", "parts"], {}, "gone"), (["fame"], {}, "no study fame")):
         with pytest.raises(InputError, match=message):

@@ -40,7 +40,7 @@ def _values(rng: np.random.Generator, factor: float) -> Values:
     return judge_covariances(recording, [step.track for step in steps])
 
 
-def test_what_errs_as_it_states_is_consistent(rng: np.random.Generator) -> None:
+def test_what_errs_as_it_states_is_consistent(rng):
     honest, vain = ([_values(rng, factor) for _ in range(4)] for factor in (1.0, 2.0))
     assert np.mean([one["nees"] for one in honest]) == pytest.approx(6, rel=0.1)
     assert np.mean([one["nees"] for one in vain]) == pytest.approx(24, rel=0.1)

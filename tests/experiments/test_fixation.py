@@ -12,7 +12,7 @@ def head() -> Head:
     return Head()
 
 
-def test_six_joints_settle_and_follow_best_where_they_know_the_motion(head: Head) -> None:
+def test_six_joints_settle_and_follow_best_where_they_know_the_motion(head):
     assert 0 < STUDY.settle(head, "six joints")["eyes_s"][0] <= 0.75
     late = AXES["latency"][1][150]
     names = ("six joints, motion known", "six joints", "six joints, latency ignored")
@@ -21,7 +21,7 @@ def test_six_joints_settle_and_follow_best_where_they_know_the_motion(head: Head
     assert rms[0] < 0.3 < rms[2]
 
 
-def test_the_covering_search_finds_all_points_and_the_random_one_does_not(head: Head) -> None:
+def test_the_covering_search_finds_all_points_and_the_random_one_does_not(head):
     covering = [share[0] for share in STUDY.search(head, "covering").values()]
     random = [share[0] for share in STUDY.search(head, "random").values()]
     assert covering == sorted(covering)

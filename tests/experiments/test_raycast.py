@@ -17,7 +17,7 @@ def turned(rng: np.random.Generator) -> Array:
 
 
 @pytest.mark.parametrize("stretch", [1.0, 3.0])
-def test_a_ray_through_a_point_of_a_cylinders_surface_hits_there_or_before(stretch: float) -> None:
+def test_a_ray_through_a_point_of_a_cylinders_surface_hits_there_or_before(stretch):
     """Points of side and ends, the cylinder in a random pose: what faces the eye is met at the point, with the normal
     that it was made with; what does not is hidden. Distances are in lengths of the ray."""
     rng = np.random.default_rng(3)
@@ -38,7 +38,7 @@ def test_a_ray_through_a_point_of_a_cylinders_surface_hits_there_or_before(stret
     np.testing.assert_allclose(met[faces], normals[faces], atol=1e-9)
 
 
-def test_rays_beside_behind_and_from_within_a_cylinder_miss_it() -> None:
+def test_rays_beside_behind_and_from_within_a_cylinder_miss_it():
     row = cylinder_row([0, 0, 1.0], [0, 0, 1.0], 0.1, 0.4)[None]
     rays = np.array([[0, 0, 1.0], [0, 0, -1], [0.099, 0, 0.8], [0.13, 0, 0.8], [1.0, 0, 0]])
     distance, which, _ = first_hits(np.zeros(3), rays, row)
@@ -47,7 +47,7 @@ def test_rays_beside_behind_and_from_within_a_cylinder_miss_it() -> None:
     assert first_hits(np.array([0.05, 0, 1.0]), rays, row)[1].max() == -1
 
 
-def test_the_nearest_of_all_kinds_is_met_and_counted_in_their_order() -> None:
+def test_the_nearest_of_all_kinds_is_met_and_counted_in_their_order():
     """A ball, a panel and a cylinder on one line, moved so that each is the first in turn; the next kind follows."""
     ahead = np.array([0, 0, 1.0])
     for first in range(3):
@@ -62,7 +62,7 @@ def test_the_nearest_of_all_kinds_is_met_and_counted_in_their_order() -> None:
         assert (which[0], distance[0]) == (first, pytest.approx([0.9, 1.0, 0.9][first]))
 
 
-def test_a_panel_ends_where_its_edges_are() -> None:
+def test_a_panel_ends_where_its_edges_are():
     right, down = np.array([0.2, 0.1, 0.0]), np.array([-0.15, 0.3, 0.0])
     panel = panel_row([0, 0, 1.0], right, down)[None]
     places = np.array([[0, 0], [0.99, 0.99], [-0.99, 0.99], [1.01, 0], [0, -1.01]])

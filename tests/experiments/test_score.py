@@ -34,7 +34,7 @@ def track(recording: Footage, k: int, off_m: float, std_m: float = 0.001) -> Tra
     return track_at(recording.position[k] + [0, off_m, 0], stamp_s=recording.frames[k].stamp_s, cov=cov)
 
 
-def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Footage) -> None:
+def test_frames_count_when_the_object_was_in_sight_long_enough(recording):
     """From 0.5 s on, again after every time out of sight, and only those asked about."""
     assert np.flatnonzero(recording.judged(0.5)).tolist() == list(range(10, N))
     seen = recording.visible.copy()
@@ -44,7 +44,7 @@ def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Footag
     assert np.flatnonzero(replace(recording, in_question=asked).judged(0.5)).tolist() == [10, 11]
 
 
-def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(recording: Footage) -> None:
+def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(recording):
     """0.3 m away: near up to 50 mm. What is farther off is false unless it says so."""
     tracks = [track(recording, k, 0.003) for k in range(N)]
     for k, off_m, std_m in (
@@ -71,14 +71,14 @@ def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(re
     assert METRICS["worst_recording_mm"].summary(np.array([2.0, 5.0, 3.0])) == 5
 
 
-def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: Footage) -> None:
+def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording):
     hidden = replace(recording, visible=np.arange(N) < 20)
     values = judge(hidden, [track(recording, k, 0.2 if k >= 20 else 0.0) for k in range(N)])
     assert values["near"].tolist() == [True] * 10
     assert values["false"].tolist() == [False] * 10 + [True] * 20
 
 
-def test_a_straight_approach_touches_with_its_front_when_it_stops(recording: Footage) -> None:
+def test_a_straight_approach_touches_with_its_front_when_it_stops(recording):
     """10 cm/s along x for 1 s, a radius of 3 cm."""
     stamps = recording.stamps_s
     moving = stamps < 1.0

@@ -19,7 +19,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(SEED)
 
 
-def test_late_and_stale_frames_are_of_an_earlier_time(recording: Footage) -> None:
+def test_late_and_stale_frames_are_of_an_earlier_time(recording):
     delay_s = 0.05
     k = 6  # at 20 frames a second frame 6 is fine frame 30
     late = d.right_late(recording, FINE, delay_s).frames[k]

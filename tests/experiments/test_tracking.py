@@ -5,7 +5,7 @@ from drawn_study import run_and_draw
 from pps_vision.experiments.tracking import Tracking
 
 
-def test_ball_and_marker_are_tracked_to_a_millimetre() -> None:
+def test_ball_and_marker_are_tracked_to_a_millimetre():
     study = Tracking(n=1, seconds=1.2, seed=3, scenes="rendered", parts=("accuracy",))
     numbers, _ = run_and_draw(study)
     for cells in numbers["accuracy"]["cells"].values():

@@ -28,14 +28,14 @@ def points_in_view(camera: Camera, rng: np.random.Generator, n: int = 200) -> Ar
 
 
 @CAMERAS
-def test_project_is_opencvs(camera: Camera, rng: np.random.Generator) -> None:
+def test_project_is_opencvs(camera, rng):
     points = points_in_view(camera, rng)
     theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))
     np.testing.assert_allclose(camera.project(points), theirs[:, 0], atol=1e-9)
 
 
 @CAMERAS
-def test_bearings_undo_the_projection(camera: Camera, rng: np.random.Generator) -> None:
+def test_bearings_undo_the_projection(camera, rng):
     pixels = rng.uniform([0, 0], [camera.width - 1, camera.height - 1], (300, 2))
     rays = camera.bearings(pixels)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-12)
@@ -43,7 +43,7 @@ def test_bearings_undo_the_projection(camera: Camera, rng: np.random.Generator) 
 
 
 @CAMERAS
-def test_pixel_and_slope_at_once_are_those_of_either(camera: Camera, rng: np.random.Generator) -> None:
+def test_pixel_and_slope_at_once_are_those_of_either(camera, rng):
     for point in points_in_view(camera, rng, 20):
         *pixel, of_u, of_v = camera.project_linearised(*point.tolist())
         theirs, jacobian = cv2.projectPoints(point, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))
@@ -53,7 +53,7 @@ def test_pixel_and_slope_at_once_are_those_of_either(camera: Camera, rng: np.ran
         assert all(np.isnan(value).all() for value in camera.project_linearised(*unseen))
 
 
-def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng: np.random.Generator) -> None:
+def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng):
     rotation = Rotation.random(rng=rng)
     view = View(LEFT_EYE, transform(rotation.as_matrix(), (0.1, -0.4, 0.3)))
     p_root = view.T_root_camera[:3, :3] @ [0.05, 0.04, 0.4] + view.center
@@ -73,7 +73,7 @@ def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng: np.r
 
 
 @CAMERAS
-def test_what_cannot_be_seen_projects_to_nan(camera: Camera) -> None:
+def test_what_cannot_be_seen_projects_to_nan(camera):
     assert np.all(np.isnan(camera.project([[0.0, 0.0, -1.0], [0.1, 0.0, 0.0]])))
     assert np.all(np.isfinite(camera.project([0.0, 0.0, 0.5])))
 
@@ -82,9 +82,7 @@ def test_what_cannot_be_seen_projects_to_nan(camera: Camera) -> None:
     ("k1", "k2", "k3", "tan2"),
     [(-0.374, 0.0, 0.0, 1 / (3 * 0.374)), (0.0, -0.2, 0.0, 1.0), (0.0, 0.0, -1 / 7, 1.0), (-0.1, -0.06, -0.4 / 7, 1.0)],
 )
-def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(
-    k1: float, k2: float, k3: float, tan2: float
-) -> None:
+def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(k1, k2, k3, tan2):
     """The image of a ray turns back where 1 + 3 k1 tan² + 5 k2 tan⁴ + 7 k3 tan⁶ is 0."""
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (k1, k2, 0.0, 0.0, k3))
     angles = np.deg2rad(np.linspace(0, 80, 801))
@@ -96,7 +94,7 @@ def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(
     assert np.all(np.diff(u[is_visible]) > 0)
 
 
-def test_solid_angles_add_up_to_the_pyramid_the_image_spans() -> None:
+def test_solid_angles_add_up_to_the_pyramid_the_image_spans():
     """A pinhole's image covers 4·asin(sin α·sin β) sr, the half angles to its edges."""
     camera = Camera(301, 201, 220.0, 220.0, 150.0, 100.0)
     half_width = np.arctan(150.5 / 220)
@@ -106,14 +104,14 @@ def test_solid_angles_add_up_to_the_pyramid_the_image_spans() -> None:
     assert camera.focal_px == pytest.approx(220.0)
 
 
-def test_the_mean_of_a_block_of_pixels_is_where_the_reduced_camera_has_its_pixel(rng: np.random.Generator) -> None:
+def test_the_mean_of_a_block_of_pixels_is_where_the_reduced_camera_has_its_pixel(rng):
     small = WITH_K3.reduced(4)
     assert (small.width, small.height) == (160, 120)
     points = points_in_view(WITH_K3, rng)
     np.testing.assert_allclose(4 * small.project(points) + 1.5, WITH_K3.project(points), atol=1e-9)  # 0, 1, 2, 3: 1.5
 
 
-def test_contains_counts_pixel_areas_and_refuses_nan() -> None:
+def test_contains_counts_pixel_areas_and_refuses_nan():
     assert PINHOLE.contains((-0.5, -0.5))
     assert PINHOLE.contains((319.5, 239.5))
     for outside in ((319.6, 100.0), (-0.6, 100.0), (100.0, 239.6), (100.0, -0.6)):
@@ -123,25 +121,25 @@ def test_contains_counts_pixel_areas_and_refuses_nan() -> None:
 
 
 @pytest.mark.parametrize("change", [{"fx": 0.0}, {"fy": 0.0}, {"fy": np.nan}, {"width": 0}, {"height": 0}])
-def test_a_camera_without_extent_or_focal_length_is_refused(change: dict[str, float]) -> None:
+def test_a_camera_without_extent_or_focal_length_is_refused(change):
     arguments = {"width": 320, "height": 240, "fx": 220.0, "fy": 220.0, "cx": 160.0, "cy": 120.0} | change
     with pytest.raises(ValueError, match="expected positive numbers"):
         Camera(**arguments)  # type: ignore[arg-type]
 
 
-def test_a_reduced_image_is_the_mean_of_whole_blocks() -> None:
+def test_a_reduced_image_is_the_mean_of_whole_blocks():
     image = np.arange(7 * 11 * 3, dtype=np.uint8).reshape(7, 11, 3)
     assert reduced_image(image, 1) is image
     expected = image[:6, :10].astype(float).reshape(3, 2, 5, 2, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(reduced_image(image, 2), expected, atol=0.5)  # rounded to whole values
 
 
-def test_the_middle_of_two_eyes_is_between_them() -> None:
+def test_the_middle_of_two_eyes_is_between_them():
     view = StereoRig.fixed(LEFT_EYE, RIGHT_EYE, transform(translation=(0.068, 0.02, 0.0))).view()
     np.testing.assert_allclose(view.midpoint, [0.034, 0.01, 0.0])
 
 
-def test_a_view_sees_to_the_edge_of_the_image_or_to_a_margin() -> None:
+def test_a_view_sees_to_the_edge_of_the_image_or_to_a_margin():
     """The pixel is 319.25, in the outer half of the last column."""
     view = View(PINHOLE, np.eye(4))
     point = [(319.25 - 159.5) / 220.0, 0.0, 1.0]
@@ -149,14 +147,14 @@ def test_a_view_sees_to_the_edge_of_the_image_or_to_a_margin() -> None:
     assert not view.sees(point, margin_px=0.5)
 
 
-def test_a_fixed_rig_has_the_left_camera_as_root() -> None:
+def test_a_fixed_rig_has_the_left_camera_as_root():
     T_left_right = transform(translation=(0.068, 0.0, 0.0))
     view = StereoRig.fixed(LEFT_EYE, RIGHT_EYE, T_left_right).view()
     np.testing.assert_array_equal(view.left.T_root_camera, np.eye(4))
     np.testing.assert_allclose(view.right.project([0.068, 0.0, 0.5]), RIGHT_EYE.project([0.0, 0.0, 0.5]))
 
 
-def test_each_eye_is_placed_by_the_joints_of_its_own_stamp() -> None:
+def test_each_eye_is_placed_by_the_joints_of_its_own_stamp():
     def eye_poses(joints: Array | None) -> tuple[Array, Array]:
         assert joints is not None
         return transform(translation=(joints[0], 0, 0)), transform(translation=(joints[0], 1, 0))
@@ -170,12 +168,12 @@ def test_each_eye_is_placed_by_the_joints_of_its_own_stamp() -> None:
 
 
 @CAMERAS
-def test_a_real_camera_is_usable(camera: Camera) -> None:
+def test_a_real_camera_is_usable(camera):
     assert camera.is_usable()
     assert replace(PINHOLE, distortion=(-0.5666, 0.1991, -0.028, 0.0076, 0.1772)).is_usable()  # inverted to 0.2 px
 
 
-def test_a_camera_looks_at_more_than_a_hundredth_of_a_radian() -> None:
+def test_a_camera_looks_at_more_than_a_hundredth_of_a_radian():
     across = 319 / 0.0103
     down = 239 / 0.0103
     assert replace(PINHOLE, fx=across, fy=down).is_usable()
@@ -196,5 +194,5 @@ def test_a_camera_looks_at_more_than_a_hundredth_of_a_radian() -> None:
         {"distortion": (-1.0, 0.0, 0.0, 0.0, 0.0)},  # folds back at tan² = 1/3; the corner is at tan² = 0.82
     ],
 )
-def test_a_camera_that_cannot_be_is_not(change: dict) -> None:
+def test_a_camera_that_cannot_be_is_not(change):
     assert not replace(PINHOLE, **change).is_usable()

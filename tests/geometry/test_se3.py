@@ -24,20 +24,20 @@ def as_scipy(T: Array) -> RigidTransform:
 
 
 @given(transforms)
-def test_inverse_is_the_groups_inverse_and_scipys(T_a_b: Array) -> None:
+def test_inverse_is_the_groups_inverse_and_scipys(T_a_b):
     np.testing.assert_allclose(inverse(T_a_b) @ T_a_b, np.eye(4), atol=1e-14)
     np.testing.assert_allclose(T_a_b @ inverse(T_a_b), np.eye(4), atol=1e-14)
     np.testing.assert_allclose(inverse(T_a_b), as_scipy(T_a_b).inv().as_matrix(), atol=1e-14)
 
 
 @given(transforms, transforms, vectors)
-def test_neighbouring_names_cancel(T_a_b: Array, T_b_c: Array, p_c: Array) -> None:
+def test_neighbouring_names_cancel(T_a_b, T_b_c, p_c):
     once = move_points(T_a_b @ T_b_c, p_c)
     np.testing.assert_allclose(once, move_points(T_a_b, move_points(T_b_c, p_c)), atol=1e-13)
     np.testing.assert_allclose(once, (as_scipy(T_a_b) * as_scipy(T_b_c)).apply(p_c), atol=1e-13)
 
 
-def test_stacks_of_transforms_and_points_are_mapped_one_by_one(rng: np.random.Generator) -> None:
+def test_stacks_of_transforms_and_points_are_mapped_one_by_one(rng):
     rotations = Rotation.random(6, rng=rng).as_matrix().reshape(2, 3, 3, 3)
     stack = np.zeros((2, 3, 4, 4))
     stack[..., :3, :3] = rotations
@@ -51,7 +51,7 @@ def test_stacks_of_transforms_and_points_are_mapped_one_by_one(rng: np.random.Ge
 
 
 @given(axes, st.floats(1e-6, 1e6))
-def test_rotation_to_turns_z_onto_the_direction(axis: Array, length: float) -> None:
+def test_rotation_to_turns_z_onto_the_direction(axis, length):
     R = rotation_to(axis * length)
     np.testing.assert_allclose(R @ [0, 0, 1], axis, atol=1e-12)
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
@@ -59,6 +59,6 @@ def test_rotation_to_turns_z_onto_the_direction(axis: Array, length: float) -> N
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0), (np.inf, 0.0, 1.0)])
-def test_rotation_to_refuses_a_direction_without_length(direction: tuple[float, float, float]) -> None:
+def test_rotation_to_refuses_a_direction_without_length(direction):
     with pytest.raises(ValueError, match="non-zero vector"):
         rotation_to(direction)

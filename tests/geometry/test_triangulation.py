@@ -39,7 +39,7 @@ def opencv_linear(view: StereoView, left_px: Array, right_px: Array) -> Array:
     return np.asarray(homogeneous[:3] / homogeneous[3])
 
 
-def test_exact_images_give_back_the_point(view: StereoView, rng: np.random.Generator) -> None:
+def test_exact_images_give_back_the_point(view, rng):
     for _ in range(50):
         p = point_ahead(view, rng)
         result = triangulate(view, view.left.project(p), view.right.project(p), ONE_PX, ONE_PX)
@@ -48,9 +48,7 @@ def test_exact_images_give_back_the_point(view: StereoView, rng: np.random.Gener
         assert result.residual_px < 1e-5
 
 
-def test_noisy_images_agree_with_opencvs_linear_method_within_the_noise(
-    view: StereoView, rng: np.random.Generator
-) -> None:
+def test_noisy_images_agree_with_opencvs_linear_method_within_the_noise(view, rng):
     """The linear method minimises another error, so it differs by much less than one standard deviation."""
     for _ in range(50):
         p = point_ahead(view, rng)
@@ -63,9 +61,7 @@ def test_noisy_images_agree_with_opencvs_linear_method_within_the_noise(
 
 
 @pytest.mark.parametrize("more_px2", [0.0, 0.03])
-def test_covariance_and_residual_are_what_sampling_finds(
-    view: StereoView, rng: np.random.Generator, more_px2: float
-) -> None:
+def test_covariance_and_residual_are_what_sampling_finds(view, rng, more_px2):
     """Pixels drawn from the stated covariances: the points' covariance entry by entry, within five standard errors."""
     p = point_ahead(view, rng)
     n = 1500
@@ -90,7 +86,7 @@ def test_covariance_and_residual_are_what_sampling_finds(
     assert chi2.mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))  # four numbers measured, three estimated
 
 
-def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Generator) -> None:
+def test_it_is_the_least_of_the_weighted_reprojection_errors(rng):
     """SciPy's optimiser, started at the truth, finds no better point: any vergence, lens and unequal noise.
 
     The covariance is the inverse of the information there, (JᵀJ)⁻¹ with J by finite differences (to the residuals)."""
@@ -122,7 +118,7 @@ def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Gene
         assert result.residual_px == pytest.approx(np.sqrt(np.mean(np.square(off_px))), rel=1e-6, abs=1e-9)
 
 
-def test_a_pixel_that_no_ray_reaches_gives_none() -> None:
+def test_a_pixel_that_no_ray_reaches_gives_none():
     """A barrel lens that folds back 133 px from its middle."""
     folds = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (-0.4, 0.0, 0.0, 0.0, 0.0))
     view = StereoRig.fixed(folds, folds, transform(translation=(0.068, 0, 0))).view()
@@ -133,9 +129,7 @@ def test_a_pixel_that_no_ray_reaches_gives_none() -> None:
 @pytest.mark.parametrize(
     "lens", [(-0.4, 0, 0, 0, 0), (-1.0, 0, 0, 0, 0), (0, 0, 0, 0, -0.1)], ids=["k1", "large k1", "k3"]
 )
-def test_what_is_found_through_a_lens_that_folds_back_is_seen_where_it_was_measured(
-    lens: tuple[float, float, float, float, float], rng: np.random.Generator
-) -> None:
+def test_what_is_found_through_a_lens_that_folds_back_is_seen_where_it_was_measured(lens, rng):
     """Any pixels: a point is given only if both eyes see it, as far from the pixels as is said; of points that both
     eyes do see, nearly all are found."""
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, lens)
@@ -163,7 +157,7 @@ def test_what_is_found_through_a_lens_that_folds_back_is_seen_where_it_was_measu
     assert n_found > 0.95 * n_visible
 
 
-def test_depth_noise_of_parallel_eyes_is_the_textbooks() -> None:
+def test_depth_noise_of_parallel_eyes_is_the_textbooks():
     """σ_z = z²·σ_disparity/(f·b)."""
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
     view = StereoRig.fixed(camera, camera, transform(translation=(0.068, 0, 0))).view()
@@ -173,7 +167,7 @@ def test_depth_noise_of_parallel_eyes_is_the_textbooks() -> None:
     assert np.sqrt(result.cov_root[2, 2]) == pytest.approx(0.4**2 * np.sqrt(2) / (220 * 0.068), rel=1e-3)
 
 
-def test_rays_that_cannot_meet_give_none(view: StereoView) -> None:
+def test_rays_that_cannot_meet_give_none(view):
     parallel = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
     ahead = StereoRig.fixed(parallel, parallel, transform(translation=(0.068, 0, 0))).view()
     center = (159.5, 119.5)
@@ -186,7 +180,7 @@ def test_rays_that_cannot_meet_give_none(view: StereoView) -> None:
 
 
 @pytest.mark.parametrize("p", [(0.02, 0.0, -0.02), (0.1, 0.0, 0.05)], ids=["left", "right"])
-def test_rays_that_meet_behind_one_eye_only_give_none(p: tuple[float, float, float]) -> None:
+def test_rays_that_meet_behind_one_eye_only_give_none(p):
     """The right eye looks along the baseline towards the left one; a line through a pixel runs on behind the eye."""
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
     turned = np.column_stack([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
@@ -198,7 +192,7 @@ def test_rays_that_meet_behind_one_eye_only_give_none(p: tuple[float, float, flo
     assert triangulate(view, view.left.project(in_front), view.right.project(in_front), ONE_PX, ONE_PX) is not None
 
 
-def test_midpoint_halves_the_gap_of_skew_rays() -> None:
+def test_midpoint_halves_the_gap_of_skew_rays():
     x, y, z = np.eye(3)
     np.testing.assert_allclose(midpoint(-x, x, 0.2 * z - y, y), [0.0, 0.0, 0.1])
     assert midpoint(-x, -x, 0.2 * z - y, y) is None
@@ -208,7 +202,7 @@ def test_midpoint_halves_the_gap_of_skew_rays() -> None:
     assert midpoint(-x, x, y - x, almost / np.linalg.norm(almost)) is None
 
 
-def test_midpoint_of_oblique_rays_is_the_middle_of_the_closest_points(rng: np.random.Generator) -> None:
+def test_midpoint_of_oblique_rays_is_the_middle_of_the_closest_points(rng):
     """Least squares over both lengths, for rays at any angle that pass each other before both centres."""
     for _ in range(20):
         meeting = rng.normal(size=3)
@@ -235,7 +229,7 @@ def test_midpoint_of_oblique_rays_is_the_middle_of_the_closest_points(rng: np.ra
     ],
     ids=["zero", "rank one", "singular", "indefinite", "negative", "nan", "infinite", "infinite downwards"],
 )
-def test_a_covariance_that_is_none_is_refused(view: StereoView, eye: int, cov: Array) -> None:
+def test_a_covariance_that_is_none_is_refused(view, eye, cov):
     p = (view.left.T_root_camera @ [0.02, 0.01, 0.4, 1])[:3]
     covs = [ONE_PX, ONE_PX]
     covs[eye] = np.asarray(cov)

@@ -16,7 +16,7 @@ def steps(request: pytest.FixtureRequest) -> dict[int, TrackerStep]:
     return {number: tracker.step(frame) for number, frame in enumerate(recording.frames, start=FIRST)}
 
 
-def test_the_ball_is_followed_in_both_views(steps: dict[int, TrackerStep]) -> None:
+def test_the_ball_is_followed_in_both_views(steps):
     hits = 0
     for number in range(8, 40):
         at = {d.camera: d.center_px for d in steps[number].detections}
@@ -29,7 +29,7 @@ def test_the_ball_is_followed_in_both_views(steps: dict[int, TrackerStep]) -> No
     assert hits >= 26
 
 
-def test_the_path_is_smooth(steps: dict[int, TrackerStep]) -> None:
+def test_the_path_is_smooth(steps):
     tracks = [s.track for s in steps.values() if s.track.is_known]
     assert len(tracks) >= 24
     stamps = np.array([t.stamp_s for t in tracks])

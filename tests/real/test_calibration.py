@@ -21,11 +21,11 @@ def baseball(*names: str) -> list:
     return [shared_data("baseball", name) for name in names]
 
 
-def test_the_robots_own_file_holds_the_eyes_we_carry() -> None:
+def test_the_robots_own_file_holds_the_eyes_we_carry():
     assert read_icub_eyes(shared_data("icub_files", "icubEyes.ini")) == (LEFT_EYE, RIGHT_EYE)
 
 
-def test_baseball_agrees_with_its_own_fundamental_matrix() -> None:
+def test_baseball_agrees_with_its_own_fundamental_matrix():
     left, right, T_left_right = read_stereo_calibration(baseball(*BASEBALL), (640, 480), unit_m=0.01)
     storage = cv2.FileStorage(str(shared_data("baseball", BASEBALL[2])), cv2.FILE_STORAGE_READ)
     F = storage.getNode("F").mat()
@@ -40,7 +40,7 @@ def test_baseball_agrees_with_its_own_fundamental_matrix() -> None:
     np.testing.assert_allclose(distance_px, 0, atol=0.01)
 
 
-def test_baseball_images_pair_by_number() -> None:
+def test_baseball_images_pair_by_number():
     folder = shared_data("baseball")
     recording = open_stereo_images([str(folder / "1L*.jpg")], [str(folder / "1R*.jpg")], fps=30)
     frames = list(recording.numbered())
@@ -49,7 +49,7 @@ def test_baseball_images_pair_by_number() -> None:
         assert np.all(frame.left == frame.left[..., :1])
 
 
-def test_a_calibration_made_here_from_chessboards_is_read(tmp_path) -> None:
+def test_a_calibration_made_here_from_chessboards_is_read(tmp_path):
     """OpenCV's own stereoCalibrate and epipolar lines against our cameras, on real corners."""
     folder = shared_data("chessboards")
     board = np.zeros((54, 3), np.float32)
@@ -87,7 +87,7 @@ def test_a_calibration_made_here_from_chessboards_is_read(tmp_path) -> None:
     assert np.sqrt(np.mean(error_px**2)) < 1.0
 
 
-def test_the_command_calibrates_real_chessboards(tmp_path, capsys) -> None:
+def test_the_command_calibrates_real_chessboards(tmp_path, capsys):
     """Squares as the unit of length; others measured a stereo RMS of 0.217 px and a baseline of 3.33 squares."""
     folder = shared_data("chessboards")
     images = ["--left", str(folder / "left*.jpg"), "--right", str(folder / "right*.jpg")]

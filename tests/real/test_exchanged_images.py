@@ -13,7 +13,7 @@ from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.types import StereoFrame
 
 
-def test_a_rectified_pair() -> None:
+def test_a_rectified_pair():
     folder = shared_data("motorcycle")
     left, right = (cv2.imread(str(folder / f"motorcycle_{side}.png")) for side in ("left", "right"))
     height, width = left.shape[:2]
@@ -24,7 +24,7 @@ def test_a_rectified_pair() -> None:
     assert "--left and --right exchanged" in text
 
 
-def test_a_calibration_that_hardly_fits() -> None:
+def test_a_calibration_that_hardly_fits():
     folder = shared_data("baseball")
     files = [folder / f"calibration_{name}_final.xml" for name in ("left", "right", "stereo")]
     rig = StereoRig.fixed(*read_stereo_calibration(files, (640, 480), 0.0254))

@@ -28,26 +28,26 @@ def words(file: Path) -> list[list[str]]:
     return [line.split() for line in lines if line.strip()]
 
 
-def test_the_eyes_are_those_of_the_robot() -> None:
+def test_the_eyes_are_those_of_the_robot():
     assert read_icub_eyes(shared_data("icub_files", "icubEyes.ini")) == (LEFT_EYE, RIGHT_EYE)
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_a_map_read_and_written_carries_all_it_carried(name: str, tmp_path: Path) -> None:
+def test_a_map_read_and_written_carries_all_it_carried(name, tmp_path):
     file = shared_data("icub_files", "taxels", name)
     write_taxels(tmp_path / name, read_taxels(file))
     assert words(tmp_path / name) == words(file)
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_a_map_goes_through_our_memory_and_back(name: str, tmp_path: Path) -> None:
+def test_a_map_goes_through_our_memory_and_back(name, tmp_path):
     file = shared_data("icub_files", "taxels", name)
     main(["convert-taxels", str(file), str(tmp_path / "m.npz")])
     main(["convert-taxels", str(tmp_path / "m.npz"), str(tmp_path / "back.ini"), "--like", str(file)])
     assert words(tmp_path / "back.ini") == words(file)
 
 
-def test_a_map_learned_on_the_robot_expects_here_what_it_expected_there(tmp_path: Path) -> None:
+def test_a_map_learned_on_the_robot_expects_here_what_it_expected_there(tmp_path):
     """The forearm's activation is higher for near, imminent contacts than for distant, late ones."""
     file = shared_data("icub_files", "taxels", MAPS[2])
     main(["convert-taxels", str(file), str(tmp_path / "m.npz")])
@@ -60,7 +60,7 @@ def test_a_map_learned_on_the_robot_expects_here_what_it_expected_there(tmp_path
     assert near.mean() > 1.3 * distant.mean()
 
 
-def test_skin_events_touch_the_virtual_taxels_they_should() -> None:
+def test_skin_events_touch_the_virtual_taxels_they_should():
     """A contact's centre lies within 3 cm of the virtual taxels the skin position file assigns it to."""
     log = shared_data("icub_files", "skin_events.data.log")
     lines = shared_data("icub_files", "skin_positions", "left_forearm_mesh.txt").read_text().splitlines()

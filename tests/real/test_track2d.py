@@ -42,7 +42,7 @@ def _overlaps(tracker: BoxTracker, images: list[Image], truth: Array) -> Array:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_colours_follow_the_ball_over_the_whole_film(seed: int) -> None:
+def test_colours_follow_the_ball_over_the_whole_film(seed):
     images, truth = _ball()
     tracker = ColorTracker(images[0], tuple(truth[0]), ImageTrackerParams(), np.random.default_rng(seed))
     assert tracker.similarity < MAX_SIMILARITY
@@ -53,7 +53,7 @@ def test_colours_follow_the_ball_over_the_whole_film(seed: int) -> None:
 
 
 @pytest.mark.parametrize("film", [_pedestrian, _girl])
-def test_csrt_follows_a_person_whose_colours_are_those_of_the_street(film) -> None:
+def test_csrt_follows_a_person_whose_colours_are_those_of_the_street(film):
     """The particle filter does not, and its similarity says so beforehand."""
     images, truth = film()
     first = tuple(truth[0])

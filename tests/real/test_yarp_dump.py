@@ -12,7 +12,7 @@ from pps_vision.robot.icub import load_icub
 
 
 @pytest.mark.parametrize(("skew_s", "pairs"), [(0.010, 32), (0.020, 37), (0.033, 40)])
-def test_it_is_read_whole_and_paired_by_stamp(skew_s: float, pairs: int) -> None:
+def test_it_is_read_whole_and_paired_by_stamp(skew_s, pairs):
     recording = open_recording(shared_data("yarp_dump"), max_skew_s=skew_s)
     frames = list(recording)
     assert (len(recording), len(frames), recording.image_size) == (pairs, pairs, (320, 240))
@@ -23,7 +23,7 @@ def test_it_is_read_whole_and_paired_by_stamp(skew_s: float, pairs: int) -> None
     assert sum(problem.count for problem in recording.problems if "left" in problem.file.parts) == 40 - pairs
 
 
-def test_joints_lie_between_the_encoder_samples_around_the_image() -> None:
+def test_joints_lie_between_the_encoder_samples_around_the_image():
     folder = shared_data("yarp_dump")
     robot = load_icub()
     pitch, elbow = robot.indices(("neck_pitch", "right_elbow"))
@@ -35,7 +35,7 @@ def test_joints_lie_between_the_encoder_samples_around_the_image() -> None:
             assert low - 1e-9 <= frame.joints_left_rad[index] <= high + 1e-9
 
 
-def test_an_image_is_the_file_of_its_row() -> None:
+def test_an_image_is_the_file_of_its_row():
     folder = shared_data("yarp_dump")
     number, frame = next(open_recording(folder).numbered())
     raw: Path = folder / "cam" / "left" / f"{number:08d}.ppm"

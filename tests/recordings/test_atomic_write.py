@@ -14,7 +14,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.atomic_write import locked_folder, remove_unfinished, whole_file, whole_folder, write_json
 
 
-def test_a_folder_appears_when_the_block_ends(tmp_path: Path) -> None:
+def test_a_folder_appears_when_the_block_ends(tmp_path):
     target = tmp_path / "deep" / "out"
     with whole_folder(target) as folder:
         (folder / "a").write_text("1")
@@ -23,7 +23,7 @@ def test_a_folder_appears_when_the_block_ends(tmp_path: Path) -> None:
     assert [p.name for p in target.parent.iterdir()] == ["out"]
 
 
-def test_a_failed_folder_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failed_folder_leaves_nothing(tmp_path):
     def interrupted() -> None:
         with whole_folder(tmp_path / "out") as folder:
             (folder / "a").write_text("1")
@@ -34,7 +34,7 @@ def test_a_failed_folder_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path: Path) -> None:
+def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path):
     target = tmp_path / "out"
     target.mkdir()
     with whole_folder(target) as folder:
@@ -44,7 +44,7 @@ def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path: Path) -> None
     assert (target / "mine").read_text() == "1"
 
 
-def test_an_existing_folder_stays_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_existing_folder_stays_the_same_folder(tmp_path, monkeypatch):
     target = tmp_path / "out"
     target.mkdir()
     monkeypatch.chdir(target)  # as a shell would
@@ -59,9 +59,7 @@ def test_an_existing_folder_stays_the_same_folder(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("stands_in_it", [False, True])
-def test_an_empty_folder_is_never_filled_in_part_for_good(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands_in_it: bool
-) -> None:
+def test_an_empty_folder_is_never_filled_in_part_for_good(tmp_path, monkeypatch, stands_in_it):
     """Killed at any rename, it is empty or whole, or the next run makes it whole."""
     for last in range(6):
         target = tmp_path / f"out{last}"
@@ -101,13 +99,13 @@ def _dying(rename: Callable[..., None], renames: list[None]) -> Callable[..., No
 
 
 @pytest.mark.parametrize("whole", [whole_folder, whole_file])
-def test_an_unwritable_place_is_refused_on_entering(tmp_path: Path, whole) -> None:
+def test_an_unwritable_place_is_refused_on_entering(tmp_path, whole):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"), whole(tmp_path / "file" / "out"):
         pytest.fail("entered")
 
 
-def test_a_file_where_a_folder_is_asked_for_and_the_reverse(tmp_path: Path) -> None:
+def test_a_file_where_a_folder_is_asked_for_and_the_reverse(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is no folder"), whole_folder(tmp_path / "file"):
         pass
@@ -115,7 +113,7 @@ def test_a_file_where_a_folder_is_asked_for_and_the_reverse(tmp_path: Path) -> N
         pass
 
 
-def test_a_file_appears_when_the_block_ends_and_keeps_its_suffix(tmp_path: Path) -> None:
+def test_a_file_appears_when_the_block_ends_and_keeps_its_suffix(tmp_path):
     target = tmp_path / "boxes.csv"
     target.write_text("old")
     with whole_file(target) as partial:
@@ -130,7 +128,7 @@ def test_a_file_appears_when_the_block_ends_and_keeps_its_suffix(tmp_path: Path)
 
 
 @pytest.mark.parametrize("link", ["same", "symbolic", "hard"])
-def test_what_is_read_is_not_written_over(tmp_path: Path, link: str) -> None:
+def test_what_is_read_is_not_written_over(tmp_path, link):
     source = tmp_path / "source.npz"
     out = tmp_path / "out.npz"
     source.write_text("mine")
@@ -146,13 +144,13 @@ def test_what_is_read_is_not_written_over(tmp_path: Path, link: str) -> None:
     assert source.read_text() == "mine"
 
 
-def test_folders_made_for_an_output_that_failed_are_removed(tmp_path: Path) -> None:
+def test_folders_made_for_an_output_that_failed_are_removed(tmp_path):
     with pytest.raises(ZeroDivisionError), whole_file(tmp_path / "deep" / "er" / "a.csv") as partial:
         partial.write_text(f"broken {1 / 0}")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_locked_folder_is_made_and_held_by_one_until_the_block_ends(tmp_path: Path) -> None:
+def test_a_locked_folder_is_made_and_held_by_one_until_the_block_ends(tmp_path):
     folder = tmp_path / "deep" / "out"
     for _ in range(2):
         with locked_folder(folder):
@@ -166,7 +164,7 @@ def test_a_locked_folder_is_made_and_held_by_one_until_the_block_ends(tmp_path: 
         pytest.fail("entered")
 
 
-def test_a_signal_removes_what_this_process_has_begun_and_nothing_else(tmp_path: Path) -> None:
+def test_a_signal_removes_what_this_process_has_begun_and_nothing_else(tmp_path):
     with whole_file(tmp_path / "done.csv") as partial:
         partial.write_text("1")
     (tmp_path / ".done.csv.lock").write_text("of another process, by now")
@@ -177,7 +175,7 @@ def test_a_signal_removes_what_this_process_has_begun_and_nothing_else(tmp_path:
     assert sorted(os.listdir(tmp_path)) == [".done.csv.lock", "done.csv"]
 
 
-def test_a_file_of_a_folder_that_is_read_is_not_written_over_but_a_new_one_may_lie_there(tmp_path: Path) -> None:
+def test_a_file_of_a_folder_that_is_read_is_not_written_over_but_a_new_one_may_lie_there(tmp_path):
     log = tmp_path / "rec" / "head" / "data.log"
     log.parent.mkdir(parents=True)
     log.write_text("mine")
@@ -188,7 +186,7 @@ def test_a_file_of_a_folder_that_is_read_is_not_written_over_but_a_new_one_may_l
     assert sorted(p.name for p in (tmp_path / "rec").iterdir()) == ["boxes.csv", "head"]
 
 
-def test_a_fifo_and_a_device_are_refused(tmp_path: Path) -> None:
+def test_a_fifo_and_a_device_are_refused(tmp_path):
     os.mkfifo(tmp_path / "fifo")
     for place in (tmp_path / "fifo", Path("/dev/null")):
         with pytest.raises(InputError, match="is no regular file"), whole_file(place):
@@ -199,7 +197,7 @@ def test_a_fifo_and_a_device_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("whole", [whole_folder, whole_file])
-def test_a_second_run_is_refused_before_it_works_and_the_first_finishes(tmp_path: Path, whole) -> None:
+def test_a_second_run_is_refused_before_it_works_and_the_first_finishes(tmp_path, whole):
     target = tmp_path / "out"
     with whole(target) as partial:
         with pytest.raises(InputError, match="another run is writing to it"), whole(target):
@@ -213,7 +211,7 @@ def test_a_second_run_is_refused_before_it_works_and_the_first_finishes(tmp_path
 
 @pytest.mark.parametrize("exists", [False, True])
 @pytest.mark.parametrize("whole", [whole_folder, whole_file])
-def test_what_a_killed_run_has_left_is_removed_and_no_ones_else(tmp_path: Path, whole, exists: bool) -> None:
+def test_what_a_killed_run_has_left_is_removed_and_no_ones_else(tmp_path, whole, exists):
     """Killed runs of this output, of one whose name begins the same, and of an earlier version (with its number)."""
     target = tmp_path / "out"
     place = target if whole is whole_folder and exists else tmp_path
@@ -231,7 +229,7 @@ def test_what_a_killed_run_has_left_is_removed_and_no_ones_else(tmp_path: Path, 
     assert content == (["out"] if place == target else [partial_name, "out"])
 
 
-def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path: Path) -> None:
+def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path):
     def write_while_another_program_does() -> None:
         with whole_folder(tmp_path / "out") as folder:
             (folder / "a").write_text("1")
@@ -245,7 +243,7 @@ def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path: Path) -> No
     assert (tmp_path / "out" / "mine").is_dir()
 
 
-def test_json_holds_the_name_of_a_file_that_is_not_utf8(tmp_path: Path) -> None:
+def test_json_holds_the_name_of_a_file_that_is_not_utf8(tmp_path):
     name = os.fsdecode(b"caf\xe9")
     write_json(tmp_path / "a.json", {"source": name, "map": Path(name)})
     content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))

@@ -1,6 +1,5 @@
 """One stereo camera in the calibration of every tool, written as its documentation says, against its definition."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -85,7 +84,7 @@ def anipose(folder: Path) -> list[Path]:
 
 
 @pytest.mark.parametrize("write", [kalibr, euroc, ros, anipose])
-def test_a_stereo_camera(tmp_path: Path, write: Callable[[Path], list[Path]]) -> None:
+def test_a_stereo_camera(tmp_path, write):
     left, right, T_left_right = read_stereo_calibration(write(tmp_path), SIZE)
     np.testing.assert_allclose([left.K, right.K], [K1, K2])
     np.testing.assert_allclose([left.distortion, right.distortion], [[*D1, 0], [*D2, 0]])
@@ -96,7 +95,7 @@ def test_a_stereo_camera(tmp_path: Path, write: Callable[[Path], list[Path]]) ->
 
 
 @pytest.mark.parametrize("form", ["P{}: {}\n", "P_rect_0{}: {}\n"])
-def test_kitti(tmp_path: Path, form: str) -> None:
+def test_kitti(tmp_path, form):
     """The numbers of KITTI's odometry sequence 00: cameras 0 and 1 are 53.7 cm apart."""
     K = "718.856 0.0 607.1928 {} 0.0 718.856 185.2157 {} 0.0 0.0 1.0 {}"
     others = ("0.0 0.0 0.0", "-386.1448 0.0 0.0", "45.38225 -0.1130887 0.003779761", "-337.2877 2.369057 0.004915215")
@@ -130,9 +129,7 @@ def test_kitti(tmp_path: Path, form: str) -> None:
         (anipose, "rotation", "fisheye = true\nrotation", "fisheye is true"),
     ],
 )
-def test_what_cannot_be_used_is_named(
-    tmp_path: Path, write: Callable[[Path], list[Path]], original: str, instead: str, message: str
-) -> None:
+def test_what_cannot_be_used_is_named(tmp_path, write, original, instead, message):
     files = write(tmp_path)
     files[0].write_text(files[0].read_text().replace(original, instead, 1))
     with pytest.raises(InputError, match=message):
@@ -150,7 +147,7 @@ def test_what_cannot_be_used_is_named(
         ("P0: 718.856 0", "P0: 718.856 x", "P0 is .*; expected 3×4 numbers"),
     ],
 )
-def test_a_projection_that_is_none_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_projection_that_is_none_is_named(tmp_path, old, new, message):
     row = "P{}: 718.856 0 607.1928 {} 0 718.856 185.2157 0 0 0 1 0\n"
     text = row.format(0, 0.0) + row.format(1, -386.1448)
     (tmp_path / "calib.txt").write_text(text)
@@ -174,7 +171,7 @@ long: [1e-05,
 """
 
 
-def test_yaml_scalars_stay_as_they_are_written() -> None:
+def test_yaml_scalars_stay_as_they_are_written():
     assert parse_yaml(Path("f"), YAML) == {
         "a": {"rows": "3", "data": ["1", "2e-3", ["x y", "p, q"]]},
         "list": [["-1", "1:30"], {"b": "c # d: e", "f": ""}],
@@ -194,6 +191,6 @@ def test_yaml_scalars_stay_as_they_are_written() -> None:
         *(("- " * 17 + "1", 1), ("[" * 999, 1), ("a: 1\nb: \0", 2)),
     ],
 )
-def test_what_is_no_such_yaml_is_refused_with_its_line(text: str, line: int) -> None:
+def test_what_is_no_such_yaml_is_refused_with_its_line(text, line):
     with pytest.raises(InputError, match=rf"^f:{line}: cannot be parsed: .*; expected YAML"):
         parse_yaml(Path("f"), text)

@@ -50,7 +50,7 @@ def write(folder: Path, form: Form, pairs: list[TrackedPair]) -> None:
             add(pair)
 
 
-def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+def test_evo_reads_tum(tmp_path, pairs):
     write(tmp_path, "tum", pairs)
     read = read_tum_trajectory_file(str(tmp_path / "trajectory.tum"))
     known_tracks = [pair.track for pair in pairs if pair.track.is_known]
@@ -65,7 +65,7 @@ def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     assert written.startswith(f"# pps-vision {version('pps-vision')}: stamp_s x_m y_m z_m qx qy qz qw\n")
 
 
-def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+def test_pandas_reads_anipose(tmp_path, pairs):
     """The columns that `movement` takes: POINT_x, _y, _z and _score for every row.
 
     movement 0.15 (over 1 GB, so not among the tests' requirements) opened such a file of 200 pairs as
@@ -83,7 +83,7 @@ def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     np.testing.assert_array_equal(table[[f"center_{axis}" for axis in range(3)]], 0)
 
 
-def test_motmetrics_reads_mot(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+def test_motmetrics_reads_mot(tmp_path, pairs):
     write(tmp_path, "mot", pairs)
     for camera, height in (("left", 6.0), ("right", 7.0)):
         read = motmetrics.io.loadtxt(str(tmp_path / f"mot_{camera}.txt"), fmt="mot15-2D")  # counts pixels from 0
@@ -92,7 +92,7 @@ def test_motmetrics_reads_mot(tmp_path: Path, pairs: list[TrackedPair]) -> None:
         np.testing.assert_allclose(read[["X", "Y", "Width", "Height"]], boxes)
 
 
-def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+def test_pycocotools_reads_coco(tmp_path, pairs):
     write(tmp_path, "coco", pairs)
     read = COCO(str(tmp_path / "coco.json"))
     assert read.dataset["info"] == {"description": f"pps-vision {version('pps-vision')}"}
@@ -109,14 +109,14 @@ def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> Non
         assert read.annToMask(annotation | {"segmentation": [[0, 0, 4, 0, 4, 4, 0, 4]]}).shape == (240, 320)
 
 
-def test_boxes_of_one_camera_are_written_as_mot(tmp_path: Path) -> None:
+def test_boxes_of_one_camera_are_written_as_mot(tmp_path):
     write_mot(tmp_path / "a.txt", [SeenBox(2, 1, (1, 2.5, 3, 4), 0.5), SeenBox(3, 1, (2, 2, 3, 4), 1.0)])
     read = motmetrics.io.loadtxt(str(tmp_path / "a.txt"), fmt="mot15-2D")
     assert read.index.tolist() == [(2, 1), (3, 1)]
     np.testing.assert_allclose(read[["X", "Y", "Width", "Height"]], [[1, 2.5, 3, 4], [2, 2, 3, 4]])
 
 
-def test_one_view(tmp_path: Path) -> None:
+def test_one_view(tmp_path):
     with open_coco(tmp_path / "a.json", (9, 9)) as add:
         add("", 1, Path("1.png"), [])
         add("", 2, Path("2.png"), [SeenBox(2, 1, (1, 2, 3, 4), 0.5)])
@@ -126,13 +126,13 @@ def test_one_view(tmp_path: Path) -> None:
     assert (read.loadImgs([annotation["image_id"]])[0]["file_name"], annotation["area"]) == ("2.png", 12)
 
 
-def test_without_rosbags_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_rosbags_its_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     with pytest.raises(InputError, match=r"trajectory_ros2: needs the extra ros: pip install 'pps-vision\[ros\]'"):
         write(tmp_path, "ros2", [])
 
 
-def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+def test_rosbags_reads_ros2(tmp_path, pairs):
     write(tmp_path, "ros2", pairs)
     known_tracks = [pair.track for pair in pairs if pair.track.is_known]
     with AnyReader([tmp_path / "trajectory_ros2"]) as bag:

@@ -61,13 +61,13 @@ def at_most(seconds: float) -> Iterator[None]:
     ],
     ids=["decimal comma", "column twice", "infinite"],
 )
-def test_a_gaze_that_would_be_misread_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_gaze_that_would_be_misread_is_refused(tmp_path, text):
     (tmp_path / "gaze.csv").write_text(text)
     with pytest.raises(InputError, match=r"gaze\.csv:[12]: "):
         read_gaze(tmp_path / "gaze.csv")
 
 
-def test_touches_of_a_log_out_of_order_are_those_of_the_rows_that_rise(rec: Written, tmp_path: Path) -> None:
+def test_touches_of_a_log_out_of_order_are_those_of_the_rows_that_rise(rec, tmp_path):
     """One row whose clock jumped ahead loses itself, not the rows behind it."""
     stamps = [START_S, START_S + 100, START_S + 0.05, START_S + 0.1]
     rows = [f"{i} {stamp!r} {CONTACT}" for i, stamp in enumerate(stamps)]
@@ -80,7 +80,7 @@ def test_touches_of_a_log_out_of_order_are_those_of_the_rows_that_rise(rec: Writ
     assert [(p.kind, p.line) for p in recording.problems] == [(ProblemKind.STAMP, 2)]
 
 
-def test_nested_brackets_in_a_skin_log_are_a_bad_row(rec: Written, tmp_path: Path) -> None:
+def test_nested_brackets_in_a_skin_log_are_a_bad_row(rec, tmp_path):
     deep = f"0 {START_S!r} (({3000 * '('}{3000 * ')'} 1) 1)"
     (rec.folder / "skin/data.log").write_text(f"{deep}\n1 {START_S + 0.05!r} {CONTACT}\n")
     (tmp_path / "taxels.ini").write_text(
@@ -92,7 +92,7 @@ def test_nested_brackets_in_a_skin_log_are_a_bad_row(rec: Written, tmp_path: Pat
 
 
 @pytest.mark.parametrize("change", [("w 8", "w 1e300"), ("fy 1", "fy 1e999"), ("h 6", "h 99999999")])
-def test_an_absurd_size_in_icub_eyes_is_one_line(tmp_path: Path, change: tuple[str, str]) -> None:
+def test_an_absurd_size_in_icub_eyes_is_one_line(tmp_path, change):
     camera = "w 8\nh 6\nfx 10\nfy 10\ncx 4\ncy 3\nk1 0\nk2 0\np1 0\np2 0\n"
     text = f"[CAMERA_CALIBRATION_LEFT]\n{camera}[CAMERA_CALIBRATION_RIGHT]\n{camera}"
     (tmp_path / "eyes.ini").write_text(text.replace(*change, 1))
@@ -100,7 +100,7 @@ def test_an_absurd_size_in_icub_eyes_is_one_line(tmp_path: Path, change: tuple[s
         read_icub_eyes(tmp_path / "eyes.ini", (8, 6))
 
 
-def test_a_section_of_icub_eyes_that_comes_twice_is_refused(rec: Written) -> None:
+def test_a_section_of_icub_eyes_that_comes_twice_is_refused(rec):
     ini = rec.folder / "icubEyes.ini"
     ini.write_text(ini.read_text() + ini.read_text().replace("fx 2", "fx 3"))
     with pytest.raises(InputError, match=r"icubEyes\.ini:\d+: section \[CAMERA_CALIBRATION_LEFT\]; expected each"):
@@ -118,7 +118,7 @@ def test_a_section_of_icub_eyes_that_comes_twice_is_refused(rec: Written) -> Non
         ("f.yml", "%YAML:1.0\n---\nK1: " + 5000 * "[" + 5000 * "]"),
     ],
 )
-def test_a_deeply_nested_calibration_is_refused(tmp_path: Path, name: str, text: str) -> None:
+def test_a_deeply_nested_calibration_is_refused(tmp_path, name, text):
     """In a separate process, since OpenCV's parser ends the one that it runs in."""
     (tmp_path / name).write_text(text)
     code = (
@@ -132,7 +132,7 @@ def test_a_deeply_nested_calibration_is_refused(tmp_path: Path, name: str, text:
     assert f"{name}: has more than" in process.stdout
 
 
-def test_a_byte_order_mark_changes_nothing(rec: Written) -> None:
+def test_a_byte_order_mark_changes_nothing(rec):
     clean = open_recording(rec.folder)
     for file in [*rec.folder.rglob("*.log"), rec.folder / "truth.csv", rec.folder / "icubEyes.ini"]:
         file.write_bytes(BOM + file.read_bytes())
@@ -144,7 +144,7 @@ def test_a_byte_order_mark_changes_nothing(rec: Written) -> None:
     assert [pair[0].stamp_s for pair in marked.pairs] == [pair[0].stamp_s for pair in clean.pairs]
 
 
-def test_linked_folders_are_followed_and_loops_end(rec: Written, tmp_path: Path) -> None:
+def test_linked_folders_are_followed_and_loops_end(rec, tmp_path):
     (rec.folder / "cam").rename(tmp_path / "elsewhere")
     (rec.folder / "cam").symlink_to(tmp_path / "elsewhere")
     (rec.folder / "head" / "up").symlink_to(rec.folder)
@@ -172,7 +172,7 @@ def png(width: int, height: int) -> bytes:
     ],
     ids=["png", "large png", "png just too large", "ppm", "bmp"],
 )
-def test_an_image_that_states_too_many_pixels_is_not_decoded(tmp_path: Path, name: str, content: bytes) -> None:
+def test_an_image_that_states_too_many_pixels_is_not_decoded(tmp_path, name, content):
     if name.endswith("bmp"):
         content = content[:18] + (30_000).to_bytes(4, "little") + (30_000).to_bytes(4, "little") + content[26:]
     (tmp_path / name).write_bytes(content)
@@ -181,7 +181,7 @@ def test_an_image_that_states_too_many_pixels_is_not_decoded(tmp_path: Path, nam
     assert f"{name} states " in problem.message
 
 
-def test_what_is_no_regular_file_is_not_opened(rec: Written, tmp_path: Path) -> None:
+def test_what_is_no_regular_file_is_not_opened(rec, tmp_path):
     """A pipe that nobody writes to would block without end."""
     image = rec.folder / "cam/left/00000001.ppm"
     truth = rec.folder / "truth.csv"
@@ -204,7 +204,7 @@ def test_what_is_no_regular_file_is_not_opened(rec: Written, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("is_memory", [True, False])
-def test_a_small_archive_of_large_arrays_is_refused_unread(tmp_path: Path, is_memory: bool) -> None:
+def test_a_small_archive_of_large_arrays_is_refused_unread(tmp_path, is_memory):
     """300 MB of zeros take 1 MB in an .npz file; its kind is looked at first."""
     save_memory(tmp_path / "small.npz", PPSMemory.empty(icub_skin(("left_palm",))))
     with zipfile.ZipFile(tmp_path / "small.npz") as small, zipfile.ZipFile(tmp_path / "m.npz", "w", 8) as large:

@@ -19,11 +19,11 @@ def ini(tmp_path: Path) -> Path:
     return file
 
 
-def test_what_is_written_is_read(ini: Path) -> None:
+def test_what_is_written_is_read(ini):
     assert read_icub_eyes(ini) == (LEFT_EYE, RIGHT_EYE)
 
 
-def test_tabs_comments_and_foreign_keys_are_taken(ini: Path) -> None:
+def test_tabs_comments_and_foreign_keys_are_taken(ini):
     text = ini.read_text().replace("fx ", "fx\t\t").replace("[CAMERA", "// a remark\ndrawCenterCross\t0\n[CAMERA")
     ini.write_text(text + "\n[STEREO]\nfx wrong\n")
     assert read_icub_eyes(ini) == (LEFT_EYE, RIGHT_EYE)
@@ -49,19 +49,19 @@ def test_tabs_comments_and_foreign_keys_are_taken(ini: Path) -> None:
         ("[CAMERA_CALIBRATION_RIGHT]", "[OTHER]", r"icubEyes\.ini: no section \[CAMERA_CALIBRATION_RIGHT\]"),
     ],
 )
-def test_what_is_missing_is_named(ini: Path, old: str, new: str, message: str) -> None:
+def test_what_is_missing_is_named(ini, old, new, message):
     assert old in ini.read_text()
     ini.write_text(ini.read_text().replace(old, new))
     with pytest.raises(InputError, match=message):
         read_icub_eyes(ini)
 
 
-def test_k3_has_no_place_in_the_form(tmp_path: Path) -> None:
+def test_k3_has_no_place_in_the_form(tmp_path):
     with pytest.raises(ValueError, match=r"right camera has k3 = 0\.5"):
         write_icub_eyes(tmp_path / "a.ini", LEFT_EYE, Camera(4, 3, 1, 1, 0, 0, (0, 0, 0, 0, 0.5)))
 
 
-def test_a_resized_image_shows_the_same_point_at_the_resized_camera(ini: Path) -> None:
+def test_a_resized_image_shows_the_same_point_at_the_resized_camera(ini):
     # the oracle is OpenCV's own resizing: the centroid of a blob seen by either camera
     left, _ = read_icub_eyes(ini, (640, 480))
     point = np.array([0.05, 0.02, 0.4])
@@ -74,7 +74,7 @@ def test_a_resized_image_shows_the_same_point_at_the_resized_camera(ini: Path) -
     np.testing.assert_allclose(left.project(point), centroid, atol=0.01)
 
 
-def test_other_proportions_are_refused() -> None:
+def test_other_proportions_are_refused():
     with pytest.raises(InputError, match=r"a\.ini: calibrated for 320×240 pixels, images are 640×360"):
         fit_to_images(LEFT_EYE, (640, 360), Path("a.ini"))
     assert fit_to_images(LEFT_EYE, (640, 481), Path("a.ini")).height == 481  # a pixel of rounding

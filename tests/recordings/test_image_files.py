@@ -18,7 +18,7 @@ def write(file: Path, pixels: np.ndarray) -> ImageFile:
     return ImageFile(file, 0.0)
 
 
-def test_colours_are_rgb(tmp_path: Path) -> None:
+def test_colours_are_rgb(tmp_path):
     for suffix in ("ppm", "png", "bmp"):
         np.testing.assert_array_equal(decode(write(tmp_path / f"a.{suffix}", COLOR[..., ::-1])), COLOR)
     # by hand, without OpenCV: a PPM's bytes are red, green, blue
@@ -26,7 +26,7 @@ def test_colours_are_rgb(tmp_path: Path) -> None:
     np.testing.assert_array_equal(decode(ImageFile(tmp_path / "b.ppm", 0)), [[[1, 2, 3]]])
 
 
-def test_grey_is_replicated_alpha_dropped_and_16_bits_cut(tmp_path: Path) -> None:
+def test_grey_is_replicated_alpha_dropped_and_16_bits_cut(tmp_path):
     grey = COLOR[..., 0]
     as_rgb = np.repeat(grey[..., None], 3, axis=2)
     np.testing.assert_array_equal(decode(write(tmp_path / "grey.png", grey)), as_rgb)
@@ -35,12 +35,8 @@ def test_grey_is_replicated_alpha_dropped_and_16_bits_cut(tmp_path: Path) -> Non
     np.testing.assert_array_equal(decode(write(tmp_path / "alpha.png", alpha)), COLOR)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"no picture", b"P6 8 6 255\n\x00\x01"],
-    ids=["empty", "text", "cut"],
-)
-def test_what_is_no_picture_is_named(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"", b"no picture", b"P6 8 6 255\n\x00\x01"], ids=["empty", "text", "cut"])
+def test_what_is_no_picture_is_named(tmp_path, content):
     file = tmp_path / "a.ppm"
     file.write_bytes(content)
     problem = decode(ImageFile(file, 0.0, log=tmp_path / "data.log", line=7))
@@ -50,13 +46,13 @@ def test_what_is_no_picture_is_named(tmp_path: Path, content: bytes) -> None:
 
 
 @pytest.mark.parametrize("name", ["none.ppm", "zero\x00byte.ppm", "x" * 400])
-def test_what_cannot_be_opened_is_named(tmp_path: Path, name: str) -> None:
+def test_what_cannot_be_opened_is_named(tmp_path, name):
     problem = decode(ImageFile(tmp_path / name, 0.0))
     assert isinstance(problem, Problem)
     assert "cannot be opened" in problem.message
 
 
-def test_the_last_number_of_a_name() -> None:
+def test_the_last_number_of_a_name():
     names = {"1L05.jpg": 5, "cam0_frame0012.png": 12, "00000796.ppm": 796, "left.png": None, "a7.mp4": 7}
     assert {name: number_in(Path(name)) for name in names} == names
     assert number_in(Path(f"{'9' * 40}.png")) < 2**63, "tables hold it as 64 bits"

@@ -25,7 +25,7 @@ def stereo(folder: Path, left: list[int], right: list[int]) -> tuple[list[str], 
     return [str(folder / "1L*.png")], [str(folder / "1R*.png")]
 
 
-def test_pairs_go_by_number_in_natural_order(tmp_path: Path) -> None:
+def test_pairs_go_by_number_in_natural_order(tmp_path):
     recording = open_stereo_images(*stereo(tmp_path, [9, 10, 11], [9, 10, 11]), fps=20)
     frames = list(recording.numbered())
     assert [number for number, _ in frames] == [9, 10, 11]
@@ -35,14 +35,14 @@ def test_pairs_go_by_number_in_natural_order(tmp_path: Path) -> None:
     assert frames[0][1].joints_left_rad is None
 
 
-def test_an_unpaired_image_is_named_and_leaves_a_gap_in_time(tmp_path: Path) -> None:
+def test_an_unpaired_image_is_named_and_leaves_a_gap_in_time(tmp_path):
     recording = open_stereo_images(*stereo(tmp_path, [10, 20, 40, 50], [10, 30, 40, 50]), fps=10)
     np.testing.assert_allclose([frame.stamp_s for frame in recording], [0, 0.3, 0.4])
     assert [problem.kind for problem in recording.problems] == [ProblemKind.UNPAIRED] * 2
     assert [problem.file.name for problem in recording.problems] == ["1L20.png", "1R30.png"]
 
 
-def test_a_bad_image_is_named_once_and_its_pair_skipped(tmp_path: Path) -> None:
+def test_a_bad_image_is_named_once_and_its_pair_skipped(tmp_path):
     patterns = stereo(tmp_path, [1, 2, 3], [1, 2, 3])
     (tmp_path / "1R1.png").write_bytes(b"")
     (tmp_path / "1L3.png").write_bytes(b"no picture")
@@ -55,7 +55,7 @@ def test_a_bad_image_is_named_once_and_its_pair_skipped(tmp_path: Path) -> None:
     ]
 
 
-def test_a_name_without_a_number_is_named(tmp_path: Path) -> None:
+def test_a_name_without_a_number_is_named(tmp_path):
     patterns = stereo(tmp_path, [1], [1])
     write(tmp_path / "L.png", 0)
     recording = open_stereo_images([str(tmp_path / "*L*.png")], patterns[1], fps=10)
@@ -64,7 +64,7 @@ def test_a_name_without_a_number_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("odd", ["1L1.png", "1R2.png"])
-def test_an_image_of_another_size_is_left_out(tmp_path: Path, odd: str) -> None:
+def test_an_image_of_another_size_is_left_out(tmp_path, odd):
     recording = open_stereo_images(*stereo(tmp_path, [1, 2, 3], [1, 2, 3]), fps=10)
     write(tmp_path / odd, 0, size=(4, 3))
     for _ in range(2):
@@ -73,7 +73,7 @@ def test_an_image_of_another_size_is_left_out(tmp_path: Path, odd: str) -> None:
     assert str(problem).endswith(f"{odd} is 4×3 pixels; expected 8×6 like the others")
 
 
-def test_no_usable_pair_is_refused(tmp_path: Path) -> None:
+def test_no_usable_pair_is_refused(tmp_path):
     with pytest.raises(InputError, match="no usable frame"):
         open_stereo_images(*stereo(tmp_path, [1, 2], [3, 4]), fps=10)
     with pytest.raises(InputError, match=r"x\*\.png: matches no file"):
@@ -83,7 +83,7 @@ def test_no_usable_pair_is_refused(tmp_path: Path) -> None:
         open_stereo_images(gone, [str(tmp_path / "1R*.png")], fps=10)
 
 
-def test_files_that_are_given_twice_count_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_are_given_twice_count_once(tmp_path, monkeypatch):
     left, right = stereo(tmp_path, [1, 2], [1, 2])
     monkeypatch.chdir(tmp_path)
     recording = open_stereo_images([*left, "1L1.png", *left], right * 2, fps=10)
@@ -91,7 +91,7 @@ def test_files_that_are_given_twice_count_once(tmp_path: Path, monkeypatch: pyte
     assert recording.name == f"{left[0]} (and 2 more)"
 
 
-def test_a_number_that_comes_twice_is_refused(tmp_path: Path) -> None:
+def test_a_number_that_comes_twice_is_refused(tmp_path):
     _, right = stereo(tmp_path, [1], [1])
     write(tmp_path / "2L1.png", 0)
     with pytest.raises(InputError, match=r"2L1\.png: number 1 again"):
@@ -99,12 +99,12 @@ def test_a_number_that_comes_twice_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fps", [0, -1, float("nan"), float("inf")])
-def test_a_frame_rate_must_be_one(tmp_path: Path, fps: float) -> None:
+def test_a_frame_rate_must_be_one(tmp_path, fps):
     with pytest.raises(ValueError, match="fps"):
         open_stereo_images(*stereo(tmp_path, [1], [1]), fps=fps)
 
 
-def test_a_folder_of_frames_in_natural_order(tmp_path: Path) -> None:
+def test_a_folder_of_frames_in_natural_order(tmp_path):
     for number in (1, 2, 10):
         write(tmp_path / f"f{number}.PNG", number)
     (tmp_path / "notes.txt").write_text("no frame")
@@ -113,7 +113,7 @@ def test_a_folder_of_frames_in_natural_order(tmp_path: Path) -> None:
     assert (len(frames), frames.image_size, frames.problems) == (3, (8, 6), [])
 
 
-def test_a_bad_frame_keeps_the_numbers_of_the_others(tmp_path: Path) -> None:
+def test_a_bad_frame_keeps_the_numbers_of_the_others(tmp_path):
     for number in (1, 2, 3):
         write(tmp_path / f"{number}.png", number)
     (tmp_path / "1.png").write_bytes(b"x")
@@ -123,7 +123,7 @@ def test_a_bad_frame_keeps_the_numbers_of_the_others(tmp_path: Path) -> None:
     assert [problem.file.name for problem in frames.problems] == ["1.png"]
 
 
-def test_a_folder_without_frames_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_frames_is_refused(tmp_path):
     with pytest.raises(InputError, match="no usable frame among 0 images"):
         open_frames(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
@@ -133,6 +133,6 @@ def test_a_folder_without_frames_is_refused(tmp_path: Path) -> None:
         open_frames(tmp_path / "notes.txt")
 
 
-def test_stamps_of_nineteen_digits_are_compared_whole() -> None:
+def test_stamps_of_nineteen_digits_are_compared_whole():
     names = ["1999999999999999999.png", "2000000000000000001.png", "0999999999999999999.png"]
     assert [path.stem[0] for path in sorted(map(Path, names), key=natural_order)] == ["0", "1", "2"]

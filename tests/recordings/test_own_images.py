@@ -46,11 +46,11 @@ def own(folder: Path, left: list[str], right: list[str], times: str | None = Non
         ("14036365797635.png", None),
     ],
 )
-def test_a_name_is_a_stamp_or_none(name: str, stamp_s: float | None) -> None:
+def test_a_name_is_a_stamp_or_none(name, stamp_s):
     assert stamp_in(Path(name)) == stamp_s
 
 
-def test_folders_of_stamps_pair_by_them(tmp_path: Path) -> None:
+def test_folders_of_stamps_pair_by_them(tmp_path):
     left, right = ([f"{t + shift}.png" for t in NS] for shift in (0, 3_000_000))
     recording = own(tmp_path, left, [right[0], *right[2:]])
     np.testing.assert_allclose([f.stamp_left_s for f in recording], [NS[k] / 10**9 for k in (0, 2, 3)], atol=1e-6)
@@ -59,7 +59,7 @@ def test_folders_of_stamps_pair_by_them(tmp_path: Path) -> None:
     assert [(p.kind, p.file.name) for p in recording.problems] == [(ProblemKind.UNPAIRED, left[1])]
 
 
-def test_a_rate_that_replaces_stamps_in_names_is_told(tmp_path: Path) -> None:
+def test_a_rate_that_replaces_stamps_in_names_is_told(tmp_path):
     sides = [[str(tmp_path / side)] for side in ("left", "right")]
     for (folder,) in sides:
         write(Path(folder), [f"{t}.png" for t in NS])
@@ -67,7 +67,7 @@ def test_a_rate_that_replaces_stamps_in_names_is_told(tmp_path: Path) -> None:
     assert open_stereo_images(*sides, fps=30).warnings == ("--fps 30 replaces the files' own 20.00",)
 
 
-def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path: Path) -> None:
+def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path):
     with pytest.raises(InputError, match=r"0001\.png: its name is no stamp; expected --fps, --times, or"):
         own(tmp_path, ["0001.png"], ["0001.png"])
 
@@ -76,13 +76,13 @@ def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path: Path) -> None:
     "times",
     ["0.5\n0.75\n# note\n\n2\n", "0.5 left/b2.png\n0.75 b10.png\n2 b11.png\n", "0.5,b2.png\n0.75,b10.png\n2,b11.png\n"],
 )
-def test_a_file_of_stamps(tmp_path: Path, times: str) -> None:
+def test_a_file_of_stamps(tmp_path, times):
     names = ["b2.png", "b10.png", "b11.png"]
     assert [f.stamp_left_s for f in own(tmp_path, names, names, times)] == [0.5, 0.75, 2]
 
 
 @pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
-def test_stamps_in_digits_are_ns_us_or_ms_and_a_third_word_is_none(tmp_path: Path, unit: int) -> None:
+def test_stamps_in_digits_are_ns_us_or_ms_and_a_third_word_is_none(tmp_path, unit):
     names = ["1.png", "2.png"]
     rows = "".join(f"{t // 10**6 * 10**6 // unit} {name} rgb\n" for t, name in zip(NS, names, strict=False))
     stamps = [f.stamp_left_s for f in own(tmp_path, names, names, rows)]
@@ -100,13 +100,13 @@ def test_stamps_in_digits_are_ns_us_or_ms_and_a_third_word_is_none(tmp_path: Pat
         ("# none\n", "0 stamps"),
     ],
 )
-def test_a_bad_file_of_stamps_is_named(tmp_path: Path, times: str, message: str) -> None:
+def test_a_bad_file_of_stamps_is_named(tmp_path, times, message):
     names = ["1.png", "2.png", "3.png"]
     with pytest.raises(InputError, match=message):
         own(tmp_path, names, names, times)
 
 
-def test_an_image_without_a_row_is_noted(tmp_path: Path) -> None:
+def test_an_image_without_a_row_is_noted(tmp_path):
     recording = own(tmp_path, ["1.png", "2.png"], ["1.png", "2.png"], "7 1.png\n")
     assert [f.stamp_left_s for f in recording] == [7]
     assert [p.kind for p in recording.problems] == [ProblemKind.STAMP] * 2
@@ -120,7 +120,7 @@ SENSOR = (
 
 
 @pytest.mark.parametrize("place", ["mav0", "."])
-def test_euroc(tmp_path: Path, place: str) -> None:
+def test_euroc(tmp_path, place):
     for k in range(2):
         camera = tmp_path / place / f"cam{k}"
         write(camera / "data", [f"{t}.png" for t in NS], 100 * k)
@@ -151,7 +151,7 @@ def test_euroc(tmp_path: Path, place: str) -> None:
 
 
 @pytest.mark.parametrize("colour", [False, True])
-def test_kitti(tmp_path: Path, colour: bool) -> None:
+def test_kitti(tmp_path, colour):
     for k in range(4 if colour else 2):
         write(tmp_path / f"image_{k}", ["000000.png", "000001.png"], 50 * k)
     rows = [f"P{k}: 10 0 4 {-10 * baseline} 0 10 3 0 0 0 1 0\n" for k, baseline in enumerate((0, 0.5, 0.06, 0.66))]
@@ -181,7 +181,7 @@ def test_kitti(tmp_path: Path, colour: bool) -> None:
         open_recording(tmp_path)
 
 
-def test_a_rate_and_stamps_exclude_each_other_and_a_rate_is_positive(tmp_path: Path) -> None:
+def test_a_rate_and_stamps_exclude_each_other_and_a_rate_is_positive(tmp_path):
     write(tmp_path / "left", ["1.png"])
     write(tmp_path / "right", ["1.png"])
     (tmp_path / "times.txt").write_text("1\n")

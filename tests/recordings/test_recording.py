@@ -26,7 +26,7 @@ def pair(left: list[float], right: list[float], skew: float = 0.02) -> tuple[lis
     return [(a.stamp_s, b.stamp_s) for a, b in pairs], problems
 
 
-def test_the_unpaired_are_named_by_file_and_line() -> None:
+def test_the_unpaired_are_named_by_file_and_line():
     pairs, problems = pair([0.0, 0.1, 0.2], [0.005, 0.23])
     assert pairs == [(0.0, 0.005)]
     assert {problem.kind for problem in problems} == {ProblemKind.UNPAIRED}
@@ -39,7 +39,7 @@ def test_the_unpaired_are_named_by_file_and_line() -> None:
 
 
 @pytest.mark.parametrize("skew", [-0.1, float("nan"), float("inf")])
-def test_a_tolerance_must_be_a_time(skew: float) -> None:
+def test_a_tolerance_must_be_a_time(skew):
     with pytest.raises(ValueError, match=r"max_skew_s .* expected a finite time"):
         pair([0.0], [0.0], skew)
 
@@ -48,7 +48,7 @@ stamps = st.lists(st.integers(0, 400).map(lambda n: n / 1000), max_size=12)
 
 
 @given(left=stamps, right=stamps)
-def test_pairs_are_one_to_one_close_and_in_order(left: list[float], right: list[float]) -> None:
+def test_pairs_are_one_to_one_close_and_in_order(left, right):
     pairs, problems = pair(left, right)
     assert len(left) + len(right) == 2 * len(pairs) + sum(problem.count for problem in problems)
     assert all(abs(a - b) <= 0.02 + 1e-12 for a, b in pairs)
@@ -57,7 +57,7 @@ def test_pairs_are_one_to_one_close_and_in_order(left: list[float], right: list[
         assert chosen == sorted(chosen)
 
 
-def test_eyes_half_a_frame_apart_lose_no_pair() -> None:
+def test_eyes_half_a_frame_apart_lose_no_pair():
     rng = np.random.default_rng(3)
     left = np.arange(50) / 30 + rng.uniform(-0.001, 0.001, 50)
     right = np.arange(50) / 30 + 1 / 60 + rng.uniform(-0.001, 0.001, 50)
@@ -67,7 +67,7 @@ def test_eyes_half_a_frame_apart_lose_no_pair() -> None:
 
 @pytest.mark.parametrize("apart_s", [(0.05, 0.08), (0.004, 0.02)], ids=["far apart", "several within the tolerance"])
 @pytest.mark.parametrize("seed", range(3))
-def test_jittered_eyes_pair_as_the_optimal_assignment(seed: int, apart_s: tuple[float, float]) -> None:
+def test_jittered_eyes_pair_as_the_optimal_assignment(seed, apart_s):
     rng = np.random.default_rng(seed)
     true = np.cumsum(rng.uniform(*apart_s, 40))
     keep = rng.random((2, 40)) > 0.2
@@ -78,7 +78,7 @@ def test_jittered_eyes_pair_as_the_optimal_assignment(seed: int, apart_s: tuple[
     assert set(pair(left, right)[0]) == best
 
 
-def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_named() -> None:
+def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_named():
     files = [ImageFile(Path(name), stamp_s) for name, stamp_s in (("c", 2.0), ("a", 1.0), ("b", 1.0), ("d", 2.0))]
     problems: list[Problem] = []
     assert [file.path.name for file in distinct_stamps(files, problems)] == ["a", "c"]
@@ -87,7 +87,7 @@ def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_na
     ] * 2
 
 
-def test_left_images_of_another_size_than_all_right_ones_are_refused(tmp_path: Path) -> None:
+def test_left_images_of_another_size_than_all_right_ones_are_refused(tmp_path):
     pairs = []
     for k, left in enumerate([(4, 3), (5, 3), (6, 3)]):
         for side, (width, height) in (("L", left), ("R", (8, 6))):
@@ -100,12 +100,12 @@ def test_left_images_of_another_size_than_all_right_ones_are_refused(tmp_path: P
 @pytest.mark.parametrize(
     ("stamps", "fps"), [([0.0, 0.1, 0.2, 0.9], 10.0), ([0.0, 0.25], 4.0), ([0.0], 20.0), ([], 20.0), ([1.0, 1.0], 20.0)]
 )
-def test_the_rate_is_that_of_the_median_interval(stamps: list[float], fps: float) -> None:
+def test_the_rate_is_that_of_the_median_interval(stamps, fps):
     pairs = tuple((ImageFile(Path("l"), t), ImageFile(Path("r"), t)) for t in stamps)
     assert Recording("made up", pairs, (8, 6), []).fps == pytest.approx(fps)
 
 
-def test_the_usual_size_is_that_of_the_first_images(tmp_path: Path) -> None:
+def test_the_usual_size_is_that_of_the_first_images(tmp_path):
     """Five pairs, ten images, are compared; later ones are not read, and do not count."""
     pairs = []
     for k in range(12):

@@ -21,7 +21,7 @@ def written(folder: Path, more: str, ports: str = "") -> Path:
     return folder / "robot.toml"
 
 
-def test_eyes_that_turn_have_five_joints_and_may_be_read_as_version_and_vergence(tmp_path: Path) -> None:
+def test_eyes_that_turn_have_five_joints_and_may_be_read_as_version_and_vergence(tmp_path):
     setup = read_robot(written(tmp_path, GAZE, PORTS))
     assert setup.robot.names.gaze_joints == ("a1", "a2", "a3", "a4", "a5")
     assert setup.ports == {"head": ("a1", "-", "version", "vergence")}
@@ -31,12 +31,12 @@ def test_eyes_that_turn_have_five_joints_and_may_be_read_as_version_and_vergence
         read_robot(written(tmp_path, GAZE.replace('["a1", ', "[")))
 
 
-def test_a_palm_without_an_arm_is_refused(tmp_path: Path) -> None:
+def test_a_palm_without_an_arm_is_refused(tmp_path):
     with pytest.raises(InputError, match="left_palm 'palm'; expected both left_arm and left_palm, or neither"):
         read_robot(written(tmp_path, 'left_palm = "palm"'))
 
 
-def test_without_skin_there_is_no_robot(tmp_path: Path) -> None:
+def test_without_skin_there_is_no_robot(tmp_path):
     file = written(tmp_path, "")
     file.write_text(file.read_text().replace(f'skin = "{ARM7.with_name("skin.csv")}"', "skin = []"))
     with pytest.raises(InputError, match="skin: no taxel; expected taxels, those of a part in one frame"):

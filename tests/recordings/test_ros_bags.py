@@ -66,7 +66,7 @@ def write(folder: Path, kind: str, with_joints: bool = False, calibrated: bool =
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_bag_is_read(tmp_path: Path, kind: str) -> None:
+def test_a_bag_is_read(tmp_path, kind):
     recording = open_recording(write(tmp_path, kind))
     shown = images()
     for _ in range(2):  # again from the beginning
@@ -84,7 +84,7 @@ def test_a_bag_is_read(tmp_path: Path, kind: str) -> None:
     assert (recording.rig.left.fx, recording.rig.left.cx) == (30, 11.5)
 
 
-def test_rectified_topics_have_the_rectified_cameras(tmp_path: Path) -> None:
+def test_rectified_topics_have_the_rectified_cameras(tmp_path):
     """Their K is the projection's and they have no lens, unlike the raw camera's."""
     raw = np.array([[33.0, 0, 10.0], [0, 34, 8.0], [0, 0, 1]])
     P = [projection(0.0), projection(0.12)]
@@ -105,7 +105,7 @@ def test_rectified_topics_have_the_rectified_cameras(tmp_path: Path) -> None:
         assert rig.view().right.center == pytest.approx([0.12, 0, 0])
 
 
-def test_joints_of_a_robot_are_interpolated(tmp_path: Path) -> None:
+def test_joints_of_a_robot_are_interpolated(tmp_path):
     setup = icub_setup()
     recording: Recording = open_recording(write(tmp_path, "ros2_mcap", with_joints=True), robot=setup)
     assert recording.robot is setup.robot
@@ -116,7 +116,7 @@ def test_joints_of_a_robot_are_interpolated(tmp_path: Path) -> None:
             np.testing.assert_allclose(q, expected, atol=1e-5)
 
 
-def test_encodings(tmp_path: Path) -> None:
+def test_encodings(tmp_path):
     """Grey, alpha, and Bayer patterns of red alone, whose inside is red; a pattern is called by its first four pixels,
     row by row."""
     rgb = images()[0, 0]
@@ -158,7 +158,7 @@ def test_encodings(tmp_path: Path) -> None:
         ("rect/camera/image_raw", False),
     ],
 )
-def test_only_rectified_topics_are_taken_as_rectified(tmp_path: Path, name: str, rectified: bool) -> None:
+def test_only_rectified_topics_are_taken_as_rectified(tmp_path, name, rectified):
     with writing(tmp_path, "ros2") as bag:
         for side, baseline_m in (("left", 0.0), ("right", 0.12)):
             at = f"/{side}/{name}".removesuffix("/compressed").rsplit("/", 1)[0]
@@ -170,7 +170,7 @@ def test_only_rectified_topics_are_taken_as_rectified(tmp_path: Path, name: str,
     assert any(rig.left.distortion) != rectified
 
 
-def test_what_a_bag_lacks(tmp_path: Path) -> None:
+def test_what_a_bag_lacks(tmp_path):
     bag = write(tmp_path, "ros2", calibrated=False)
     bare = open_recording(bag)
     assert (bare.rig, bare.calibration_at) == (None, "/stereo/left/camera_info, or one by --calib")
@@ -190,7 +190,7 @@ def test_what_a_bag_lacks(tmp_path: Path) -> None:
         open_recording(tmp_path, left=["a"], right=["b"], calib=["c"])
 
 
-def test_a_camera_info_names_a_lens_that_is_known_or_none(tmp_path: Path) -> None:
+def test_a_camera_info_names_a_lens_that_is_known_or_none(tmp_path):
     for lens in ("", "fisheye of my own"):
         with writing(tmp_path / (lens or "none"), "ros2") as bag:
             for side in (0, 1):
@@ -205,7 +205,7 @@ def test_a_camera_info_names_a_lens_that_is_known_or_none(tmp_path: Path) -> Non
             assert open_recording(bag.path, left="/l/image", right="/r/image").rig is not None
 
 
-def test_of_two_topics_of_one_side_one_is_to_be_named(tmp_path: Path) -> None:
+def test_of_two_topics_of_one_side_one_is_to_be_named(tmp_path):
     topics = ("/a/left", "/b/left", "/right")
     with writing(tmp_path, "ros2") as bag:
         for topic in topics:
@@ -221,7 +221,7 @@ def test_of_two_topics_of_one_side_one_is_to_be_named(tmp_path: Path) -> None:
         open_recording(bag.path, left="/b/left", right="/right", robot=icub_setup())
 
 
-def test_taxels_do_not_go_with_a_bag_and_a_bag_needs_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_taxels_do_not_go_with_a_bag_and_a_bag_needs_rosbags(tmp_path, monkeypatch):
     bag = write(tmp_path, "ros2")
     with pytest.raises(InputError, match=r"taxels t\.ini with a ROS bag; expected it with an iCub's folder REC"):
         open_recording(bag, robot=icub_setup(), taxels="t.ini")
@@ -233,7 +233,7 @@ def test_taxels_do_not_go_with_a_bag_and_a_bag_needs_rosbags(tmp_path: Path, mon
 
 
 @pytest.mark.parametrize("kind", ["ros1.bag", "one.mcap"])
-def test_damaged_bags_are_read_or_refused(tmp_path: Path, kind: str) -> None:
+def test_damaged_bags_are_read_or_refused(tmp_path, kind):
     sound = write(tmp_path, kind).read_bytes()
     rng = np.random.default_rng(3)
     ends = set()

@@ -30,9 +30,7 @@ def log_of(tmp_path: Path, rows: list[str]) -> Path:
         ({"left_palm": (3,)}, ()),
     ],
 )
-def test_contacts_become_touches_of_virtual_taxels(
-    tmp_path: Path, mapping: dict[str, tuple[int, ...]], touched: tuple[str, ...]
-) -> None:
+def test_contacts_become_touches_of_virtual_taxels(tmp_path, mapping, touched):
     """A row without a contact touches nothing; the torso (skin part 7) has no taxels here."""
     problems: list[Problem] = []
     touches = read_touches(log_of(tmp_path, ROWS), mapping, problems)
@@ -44,9 +42,7 @@ def test_contacts_become_touches_of_virtual_taxels(
 @pytest.mark.parametrize(
     ("mapping", "touched"), [((3, 3, 3, 3, 15), ("left_forearm:15",)), ((3, 3, 3, 15), ())], ids=["last", "past"]
 )
-def test_a_physical_taxel_outside_the_mapping_is_left_out(
-    tmp_path: Path, mapping: tuple[int, ...], touched: tuple[str, ...]
-) -> None:
+def test_a_physical_taxel_outside_the_mapping_is_left_out(tmp_path, mapping, touched):
     log = log_of(tmp_path, [ROWS[1].replace("(4 0 9)", "(-1 4)")])
     assert read_touches(log, {"left_forearm": mapping}, [])[0].taxel_ids == touched
 
@@ -55,20 +51,20 @@ def test_a_physical_taxel_outside_the_mapping_is_left_out(
     ("number", "part"),
     [(1, "left_palm"), (2, "left_forearm"), (4, "right_palm"), (5, "right_forearm"), (3, ""), (6, "")],
 )
-def test_skin_parts_have_the_numbers_of_the_robots_skin_library(tmp_path: Path, number: int, part: str) -> None:
+def test_skin_parts_have_the_numbers_of_the_robots_skin_library(tmp_path, number, part):
     """iCub's skinDynLib: hand, forearm and upper arm on the left are 1, 2 and 3, on the right 4, 5 and 6."""
     log = log_of(tmp_path, [ROWS[1].replace("12 3 4 2", f"12 3 4 {number}")])
     every = {f"{side}_{name}": (7,) for side in ("left", "right") for name in ("palm", "forearm", "upper_arm")}
     assert read_touches(log, every, [])[0].taxel_ids == ((f"{part}:7",) if part else ())
 
 
-def test_names_of_virtual_taxels_need_no_mapping(tmp_path: Path) -> None:
+def test_names_of_virtual_taxels_need_no_mapping(tmp_path):
     log = log_of(tmp_path, ["0 1.0 left_forearm:3 left_palm:101", "1 2.0"])
     expected = (Touch(1.0, ("left_forearm:3", "left_palm:101")), Touch(2.0, ()))
     assert read_touches(log, None, []) == read_touches(log, FOREARM, []) == expected
 
 
-def test_contacts_without_a_mapping_are_noted_and_none_is_read(tmp_path: Path) -> None:
+def test_contacts_without_a_mapping_are_noted_and_none_is_read(tmp_path):
     problems: list[Problem] = []
     assert read_touches(log_of(tmp_path, ROWS), None, problems) == ()
     assert [(problem.kind, problem.line) for problem in problems] == [(ProblemKind.TOUCHES, None)]
@@ -95,7 +91,7 @@ def test_contacts_without_a_mapping_are_noted_and_none_is_read(tmp_path: Path) -
         "8 1412842922.51 word",
     ],
 )
-def test_a_row_that_cannot_be_read_is_skipped_and_named(tmp_path: Path, bad: str) -> None:
+def test_a_row_that_cannot_be_read_is_skipped_and_named(tmp_path, bad):
     problems: list[Problem] = []
     log = log_of(tmp_path, [ROWS[0], bad, ROWS[2]])
     assert [touch.stamp_s for touch in read_touches(log, FOREARM, problems)] == [1412842922.48219, 1412842922.52219]
@@ -104,6 +100,6 @@ def test_a_row_that_cannot_be_read_is_skipped_and_named(tmp_path: Path, bad: str
         read_touches(log_of(tmp_path, [bad, bad]), FOREARM, [])
 
 
-def test_no_log(tmp_path: Path) -> None:
+def test_no_log(tmp_path):
     with pytest.raises(InputError, match=r"gone\.log: cannot be read"):
         read_touches(tmp_path / "gone.log", FOREARM, [])

@@ -46,21 +46,21 @@ def check(paths: list[Path], unit_m: float = CENTIMETRE) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["xml", "yml", "yaml", "json"])
-def test_one_file_with_everything(tmp_path: Path, suffix: str) -> None:
+def test_one_file_with_everything(tmp_path, suffix):
     check([stereo(tmp_path / f"a.{suffix}")])
 
 
 @pytest.mark.parametrize(
     ("matrix", "distortion"), [("camera_matrix", "distortion_coefficients"), ("intrinsic", "distortion")]
 )
-def test_of_files_of_one_camera_the_first_is_the_left_one(tmp_path: Path, matrix: str, distortion: str) -> None:
+def test_of_files_of_one_camera_the_first_is_the_left_one(tmp_path, matrix, distortion):
     first = store(tmp_path / "b.xml", **{matrix: K1, distortion: D1})
     second = store(tmp_path / "a.xml", **{matrix: K2, distortion: D2})
     check([first, second, store(tmp_path / "c.xml", R=R, T=T, F=np.eye(3))])
     check([store(tmp_path / "c.xml", R=R, T=T), first, second])
 
 
-def test_images_of_another_resolution_scale_the_camera(tmp_path: Path) -> None:
+def test_images_of_another_resolution_scale_the_camera(tmp_path):
     sized = stereo(tmp_path / "a.yml", image_width=1280, image_height=960)
     left, _, _ = read_stereo_calibration([sized], SIZE)
     assert (left.width, left.height, left.fx, left.cx) == (640, 480, 250.0, (320 + 0.5) / 2 - 0.5)
@@ -77,7 +77,7 @@ FISHY = np.array([[0.1, 0.1, 0, 0, 0.1, 0.7, 0, 0]])
 TRAILING_ZEROS = np.array([[*D1[0], 0, 0, 0]])
 
 
-def test_trailing_zero_coefficients_are_none(tmp_path: Path) -> None:
+def test_trailing_zero_coefficients_are_none(tmp_path):
     check([stereo(tmp_path / "a.xml", D1=TRAILING_ZEROS)])
 
 
@@ -105,7 +105,7 @@ def test_trailing_zero_coefficients_are_none(tmp_path: Path) -> None:
         ({"D1": np.array([[-5.0, 0, 0, 0]])}, r".*\(-5\.0.*; expected a camera whose pixels"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, np.ndarray | None], message: str) -> None:
+def test_what_is_wrong_is_named(tmp_path, changes, message):
     file = stereo(tmp_path / "stereo.xml", **changes)
     with pytest.raises(InputError, match=f"stereo.xml: {message}"):
         read_stereo_calibration([file], SIZE)
@@ -130,14 +130,14 @@ def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, np.ndarray | 
         ("g.xml", "\x00\x01 not a calibration", r"g\.xml"),
     ],
 )
-def test_a_file_that_is_no_calibration_is_named(tmp_path: Path, name: str, text: str, message: str) -> None:
+def test_a_file_that_is_no_calibration_is_named(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message) as caught:
         read_stereo_calibration([tmp_path / name], SIZE)
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_a_missing_file_and_too_many_cameras_are_named(tmp_path: Path) -> None:
+def test_a_missing_file_and_too_many_cameras_are_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.xml: cannot be read: No such file"):
         read_stereo_calibration([tmp_path / "none.xml"], SIZE)
     files = [store(tmp_path / f"{name}.xml", camera_matrix=K1) for name in "abc"]
@@ -145,7 +145,7 @@ def test_a_missing_file_and_too_many_cameras_are_named(tmp_path: Path) -> None:
         read_stereo_calibration(files, SIZE)
 
 
-def test_images_with_a_calibration_are_opened_in_metres(tmp_path: Path) -> None:
+def test_images_with_a_calibration_are_opened_in_metres(tmp_path):
     for name in ("L1.png", "R1.png", "L2.png", "R2.png"):
         cv2.imwrite(str(tmp_path / name), np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
     file = stereo(tmp_path / "stereo.xml")
@@ -156,7 +156,7 @@ def test_images_with_a_calibration_are_opened_in_metres(tmp_path: Path) -> None:
     assert [frame.stamp_s for frame in recording] == [0.0, pytest.approx(1 / 30)]
 
 
-def test_no_file_or_no_unit_is_refused(tmp_path: Path) -> None:
+def test_no_file_or_no_unit_is_refused(tmp_path):
     with pytest.raises(InputError, match="no K1"):
         read_stereo_calibration([], SIZE)
     for unit_m in (0, -1.0, float("nan"), float("inf")):
@@ -164,7 +164,7 @@ def test_no_file_or_no_unit_is_refused(tmp_path: Path) -> None:
             read_stereo_calibration([stereo(tmp_path / "a.xml")], SIZE, unit_m=unit_m)
 
 
-def test_a_long_file_is_read_up_to_a_limit(tmp_path: Path) -> None:
+def test_a_long_file_is_read_up_to_a_limit(tmp_path):
     file = stereo(tmp_path / "a.yml")
     text = file.read_text()
     file.write_text(text + "more:\n" + "   - 1\n" * 1500)
@@ -174,7 +174,7 @@ def test_a_long_file_is_read_up_to_a_limit(tmp_path: Path) -> None:
         read_stereo_calibration([file], SIZE)
 
 
-def test_a_scaled_calibration_is_noted_once(tmp_path: Path) -> None:
+def test_a_scaled_calibration_is_noted_once(tmp_path):
     file = stereo(tmp_path / "a.yml", image_width=1280, image_height=960)
     warnings = list[str]()
     read_stereo_calibration([file], SIZE, warnings=warnings)

@@ -44,7 +44,7 @@ def rows_of(file: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_detections(tmp_path: Path) -> None:
+def test_detections(tmp_path):
     file = tmp_path / "detections.csv"
     detection = Detection2D(
         1512784563.547172, "right", np.array([1 / 3, 2.0]), np.array([[4.0, 5], [5, 6]]), 0.5, 0.1, (0, 0, 1, 1)
@@ -59,7 +59,7 @@ def test_detections(tmp_path: Path) -> None:
     assert (float(row["cov_uu_px2"]), float(row["cov_uv_px2"]), float(row["cov_vv_px2"])) == (4, 5, 6)
 
 
-def test_trajectory(tmp_path: Path) -> None:
+def test_trajectory(tmp_path):
     file = tmp_path / "trajectory.csv"
     cov = np.zeros((12, 12))
     cov[:3, :3] = [[1, 2, 3], [2, 4, 5], [3, 5, 6]]
@@ -79,12 +79,12 @@ def test_trajectory(tmp_path: Path) -> None:
     assert float(row["radius_95_m"]) == pytest.approx(np.sqrt(chi2.ppf(0.95, 3) * np.linalg.eigvalsh(cov[:3, :3])[-1]))
 
 
-def test_boxes(tmp_path: Path) -> None:
+def test_boxes(tmp_path):
     write_boxes(tmp_path / "boxes.csv", [(1, (10.5, 20.0, 3.0, 4.0), 1.0)])
     assert (tmp_path / "boxes.csv").read_text() == "frame,x,y,w,h,score\n1,10.5,20.0,3.0,4.0,1.0\n"
 
 
-def test_a_summary_is_json_that_any_reader_takes(tmp_path: Path) -> None:
+def test_a_summary_is_json_that_any_reader_takes(tmp_path):
     file = tmp_path / "summary.json"
     summary = {"n": np.int64(3), "ms": np.array([1.0, np.nan]), "error": float("inf"), "on": np.True_, "kind": (1, "σ")}
     write_json(file, summary)
@@ -92,7 +92,7 @@ def test_a_summary_is_json_that_any_reader_takes(tmp_path: Path) -> None:
     assert json.loads(file.read_text()) == {"n": 3, "ms": [1.0, None], "error": None, "on": True, "kind": [1, "σ"]}
 
 
-def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
+def test_rows_come_back_as_they_were(tmp_path):
     rng = np.random.default_rng(1)
     row = Truth(
         *(1512784563.547172, rng.normal(size=3), rng.normal(size=3), np.float64(0.03)),
@@ -119,7 +119,7 @@ def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
         (GOOD.replace(",1,0", ",x,0"), "visible x,0"),
     ],
 )
-def test_a_bad_row_is_named_and_skipped(tmp_path: Path, row: str, message: str) -> None:
+def test_a_bad_row_is_named_and_skipped(tmp_path, row, message):
     file = tmp_path / "truth.csv"
     file.write_text("\n".join([HEADER, GOOD, row, GOOD]))
     problems: list = []
@@ -128,7 +128,7 @@ def test_a_bad_row_is_named_and_skipped(tmp_path: Path, row: str, message: str) 
     assert message in problems[0].message
 
 
-def test_a_truth_of_other_columns_is_refused(tmp_path: Path) -> None:
+def test_a_truth_of_other_columns_is_refused(tmp_path):
     (tmp_path / "truth.csv").write_text("t,x,y,z\n1,2,3,4\n")
     with pytest.raises(InputError, match=r"truth\.csv:1: no column stamp_s, .*; expected stamp_s"):
         read_truth(tmp_path / "truth.csv", [])
@@ -136,7 +136,7 @@ def test_a_truth_of_other_columns_is_refused(tmp_path: Path) -> None:
         read_truth(tmp_path / "none.csv", [])
 
 
-def test_joint_offsets_are_read_as_written(tmp_path: Path) -> None:
+def test_joint_offsets_are_read_as_written(tmp_path):
     offsets = np.array([0.01, 0.0, -0.02])
     write_joint_offsets(tmp_path / "joints.csv", JOINTS, offsets)
     np.testing.assert_allclose(read_joint_offsets(tmp_path / "joints.csv", JOINTS), offsets, rtol=1e-12)
@@ -157,7 +157,7 @@ def test_joint_offsets_are_read_as_written(tmp_path: Path) -> None:
         ("\x00", "joints.csv"),
     ],
 )
-def test_what_is_no_table_is_refused(tmp_path: Path, text: str, says: str) -> None:
+def test_what_is_no_table_is_refused(tmp_path, text, says):
     (tmp_path / "joints.csv").write_text(text)
     with pytest.raises(InputError) as refusal:
         read_joint_offsets(tmp_path / "joints.csv", JOINTS)
@@ -165,7 +165,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str, says: str) -> No
     assert "\n" not in str(refusal.value)
 
 
-def test_a_file_that_the_system_does_not_read() -> None:
+def test_a_file_that_the_system_does_not_read():
     """A process's memory is a regular file, whose first byte nobody may read."""
     memory = Path("/proc/self/mem")
     assert first_row(memory) == ""
@@ -173,7 +173,7 @@ def test_a_file_that_the_system_does_not_read() -> None:
         read_table(memory, ("frame",))
 
 
-def test_gaze_postures_in_any_columns_and_order(tmp_path: Path) -> None:
+def test_gaze_postures_in_any_columns_and_order(tmp_path):
     (tmp_path / "gaze.csv").write_text("name,vergence_deg,yaw_deg, pitch_deg\na,20,-90,45\n\nb,10,0,0\n")
     expected = [[-np.pi / 2, np.pi / 4, np.pi / 9], [0, 0, np.pi / 18]]
     np.testing.assert_allclose(read_gaze(tmp_path / "gaze.csv"), expected)
@@ -183,14 +183,14 @@ def test_gaze_postures_in_any_columns_and_order(tmp_path: Path) -> None:
     assert read_gaze(tmp_path / "gaze.csv").shape == (0, 3)
 
 
-def test_numbers_of_a_row_are_finite_or_missing() -> None:
+def test_numbers_of_a_row_are_finite_or_missing():
     np.testing.assert_array_equal(numbers(Path("a.csv"), 3, ["1.5", "", "NaN"]), [1.5, np.nan, np.nan])
     for word in ("inf", "x", "1_0"):
         with pytest.raises(InputError, match=rf"a\.csv:3: .*{word}.*; expected finite numbers"):
             numbers(Path("a.csv"), 3, ["1", word])
 
 
-def test_reachability_is_in_degrees_and_with_a_track(tmp_path: Path) -> None:
+def test_reachability_is_in_degrees_and_with_a_track(tmp_path):
     reach = Reachability(0.5, np.deg2rad([10.0, -20.0, 30.0]), 0.75, 0.5, ReachStatus.REACHABLE)
     row = trajectory_row(Track3D.unknown(0.5), reach)
     assert len(row) == len(TRAJECTORY) + len(REACHABILITY)

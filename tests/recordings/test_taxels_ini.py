@@ -36,7 +36,7 @@ def hand(tmp_path: Path) -> Path:
     return file
 
 
-def test_what_a_file_says_is_read(hand: Path) -> None:
+def test_what_a_file_says_is_read(hand):
     palm, forearm = read_taxels(hand)
     assert (palm.name, palm.extent, palm.bins, palm.mapping) == ("l_hand", (-0.05, 0.45), (3, 1), (-1, 7, 7, -1, 4, 4))
     assert list(palm.counts) == [7, 4]
@@ -47,7 +47,7 @@ def test_what_a_file_says_is_read(hand: Path) -> None:
     np.testing.assert_array_equal(forearm.counts[0][..., 1], [[60, 50, 40], [30, 20, 10]])
 
 
-def test_written_and_read_again_it_is_the_same(hand: Path, tmp_path: Path) -> None:
+def test_written_and_read_again_it_is_the_same(hand, tmp_path):
     write_taxels(tmp_path / "again.ini", read_taxels(hand))
     assert _without_white_space(tmp_path / "again.ini") == _without_white_space(hand)
 
@@ -87,7 +87,7 @@ def _without_white_space(file: Path) -> list[list[str]]:
         ("[l_hand]\n", "", 1, "modality 1D; expected a [body part]"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(hand: Path, old: str, new: str, where: int, says: str) -> None:
+def test_what_is_wrong_is_named_with_its_line(hand, old, new, where, says):
     hand.write_text(HAND.replace(old, new, 1))
     with pytest.raises(InputError) as error:
         read_taxels(hand)
@@ -95,7 +95,7 @@ def test_what_is_wrong_is_named_with_its_line(hand: Path, old: str, new: str, wh
     assert says in str(error.value)
 
 
-def test_no_file_and_no_section(tmp_path: Path) -> None:
+def test_no_file_and_no_section(tmp_path):
     with pytest.raises(InputError, match=r"gone\.ini: cannot be read"):
         read_taxels(tmp_path / "gone.ini")
     (tmp_path / "empty.ini").write_text("\n")

@@ -1,7 +1,5 @@
 """What counts as a number in a text file, and what as a file."""
 
-from pathlib import Path
-
 import pytest
 
 from pps_vision.errors import InputError
@@ -24,7 +22,7 @@ from pps_vision.recordings.text import finite, first_row, number, read_lines, wh
         ("", False, False, False),
     ],
 )
-def test_what_is_a_number(word: str, is_number: bool, is_finite: bool, is_whole: bool) -> None:
+def test_what_is_a_number(word, is_number, is_finite, is_whole):
     for read, is_one in ((number, is_number), (finite, is_finite), (whole, is_whole)):
         if is_one:
             assert read(word) == pytest.approx(float(word), nan_ok=True)
@@ -33,7 +31,7 @@ def test_what_is_a_number(word: str, is_number: bool, is_finite: bool, is_whole:
                 read(word)
 
 
-def test_lines_are_without_their_mark_and_with_signs_for_what_is_no_text(tmp_path: Path) -> None:
+def test_lines_are_without_their_mark_and_with_signs_for_what_is_no_text(tmp_path):
     file = tmp_path / "a.txt"
     file.write_bytes(b"\xef\xbb\xbf one \n\xff\n")
     assert read_lines(file, "rows") == [" one ", "\ufffd", ""]
@@ -46,6 +44,6 @@ def test_lines_are_without_their_mark_and_with_signs_for_what_is_no_text(tmp_pat
 @pytest.mark.parametrize(
     ("name", "says"), [("", "is a folder; expected rows"), ("/dev/null", "is a device"), ("gone", "cannot be read")]
 )
-def test_what_is_no_file(name: str, says: str, tmp_path: Path) -> None:
+def test_what_is_no_file(name, says, tmp_path):
     with pytest.raises(InputError, match=says):
         read_bytes(tmp_path / name, "rows")

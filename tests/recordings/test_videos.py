@@ -32,7 +32,7 @@ def two(folder: Path, calib: Path, left: list[float], right: list[float], **opti
 @pytest.mark.parametrize(
     ("codec", "suffix"), [("mpeg4", "mp4"), ("mpeg4", "mkv"), ("libx264", "mp4"), ("mjpeg", "mov")]
 )
-def test_a_video_has_its_own_stamps(tmp_path: Path, codec: str, suffix: str) -> None:
+def test_a_video_has_its_own_stamps(tmp_path, codec, suffix):
     frames = open_video(write_video(tmp_path / f"v.{suffix}", UNEVEN, codec), fps=None)
     np.testing.assert_allclose([frame.stamp_s for frame in frames], UNEVEN, atol=1e-9)
     for _ in range(2):
@@ -40,7 +40,7 @@ def test_a_video_has_its_own_stamps(tmp_path: Path, codec: str, suffix: str) -> 
 
 
 @pytest.mark.parametrize("codec", ["mpeg4", "libx264"])
-def test_any_frame_is_found_in_any_order(tmp_path: Path, codec: str) -> None:
+def test_any_frame_is_found_in_any_order(tmp_path, codec):
     """B-frames, and seeking far ahead."""
     options = {"bf": "2"} if codec == "mpeg4" else {}
     video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(300)], codec, **options))
@@ -48,7 +48,7 @@ def test_any_frame_is_found_in_any_order(tmp_path: Path, codec: str) -> None:
     assert [number_of(video.load(k)) for k in numbers] == numbers
 
 
-def test_two_videos_pair_by_stamp(tmp_path: Path, calib: Path) -> None:
+def test_two_videos_pair_by_stamp(tmp_path, calib):
     recording = two(tmp_path, calib, [0, 0.1, 0.2, 0.3], [0.005, 0.205, 0.305])
     frames = list(recording.numbered())
     assert [number for number, _ in frames] == [0, 2, 3]
@@ -62,13 +62,13 @@ def test_two_videos_pair_by_stamp(tmp_path: Path, calib: Path) -> None:
     ]
 
 
-def test_a_frame_rate_overrides_the_stamps(tmp_path: Path, calib: Path) -> None:
+def test_a_frame_rate_overrides_the_stamps(tmp_path, calib):
     recording = two(tmp_path, calib, UNEVEN, UNEVEN, fps=10)
     assert recording.warnings == ("--fps 10 replaces the files' own 20.00",)
     np.testing.assert_allclose([f.stamp_s for f in recording], np.arange(6) / 10)
 
 
-def test_a_file_of_stamps_overrides_them_too(tmp_path: Path, calib: Path) -> None:
+def test_a_file_of_stamps_overrides_them_too(tmp_path, calib):
     (tmp_path / "times.txt").write_text("5\n5.5\n7\n")
     file = write_video(tmp_path / "both.mp4", [0, 0.1, 0.2])
     recording = open_recording(file, calib=[calib], times=tmp_path / "times.txt")
@@ -81,7 +81,7 @@ def test_a_file_of_stamps_overrides_them_too(tmp_path: Path, calib: Path) -> Non
         open_recording(file, calib=[calib], times=tmp_path / "times.txt")
 
 
-def test_one_name_is_enough_for_each_option(tmp_path: Path, calib: Path) -> None:
+def test_one_name_is_enough_for_each_option(tmp_path, calib):
     left, right = (write_video(tmp_path / f"{side}.mp4", UNEVEN) for side in "lr")
     for opened in (open_recording(left=str(left), right=right, calib=str(calib)), two(tmp_path, calib, UNEVEN, UNEVEN)):
         assert (len(opened), opened.name, opened.rig is None) == (6, str(left), False)
@@ -90,7 +90,7 @@ def test_one_name_is_enough_for_each_option(tmp_path: Path, calib: Path) -> None
 
 
 @pytest.mark.parametrize(("more", "warned"), [(2, False), (3, True)])
-def test_a_video_that_ends_early_is_the_one_that_is_named(tmp_path: Path, calib: Path, more: int, warned: bool) -> None:
+def test_a_video_that_ends_early_is_the_one_that_is_named(tmp_path, calib, more, warned):
     recording = two(tmp_path, calib, [k / 25 for k in range(17)], [k / 25 for k in range(17 + more)])
     left = tmp_path / "l.mp4"
     right = tmp_path / "r.mp4"
@@ -102,14 +102,14 @@ def test_a_video_that_ends_early_is_the_one_that_is_named(tmp_path: Path, calib:
 
 
 @pytest.mark.parametrize(("suffix", "share", "said"), [("mkv", 0.5, "its header states 1.96 s"), ("mkv", 1.0, "")])
-def test_a_video_without_its_end(tmp_path: Path, calib: Path, suffix: str, share: float, said: str) -> None:
+def test_a_video_without_its_end(tmp_path, calib, suffix, share, said):
     file = write_video(tmp_path / f"v.{suffix}", [k / 25 for k in range(50)], size=(320, 120))
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
     warnings_text = "".join(open_recording(file, calib=calib).warnings)
     assert (f"{file} ends early (" in warnings_text, said in warnings_text) == (bool(said), True)
 
 
-def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_images_last(tmp_path: Path) -> None:
+def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_images_last(tmp_path):
     stamps = [k / 25 for k in range(50)]
     assert Video(write_video(tmp_path / "v.mkv", stamps)).stated_s == pytest.approx(2.0, abs=0.05)
     assert Video(write_video(tmp_path / "v.mp4", stamps)).stated_s == 0
@@ -125,21 +125,21 @@ def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_im
     assert Video(tmp_path / "sound.mkv").stated_s == 0
 
 
-def test_a_video_that_was_cut_before_its_index_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_video_that_was_cut_before_its_index_is_refused_in_words(tmp_path):
     file = write_video(tmp_path / "v.mp4", UNEVEN)
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     with pytest.raises(InputError, match=r"v\.mp4: cannot be read: it is damaged, cut off or no video; expected a"):
         open_recording(file)
 
 
-def test_left_and_right_images_of_different_sizes_are_refused(tmp_path: Path, calib: Path) -> None:
+def test_left_and_right_images_of_different_sizes_are_refused(tmp_path, calib):
     write_video(tmp_path / "l.mp4", UNEVEN)
     write_video(tmp_path / "r.mp4", UNEVEN, size=(80, 60))
     with pytest.raises(InputError, match=r"r\.mp4: 80×60 pixels; left images are 160×120"):
         open_recording(left=tmp_path / "l.mp4", right=tmp_path / "r.mp4", calib=calib)
 
 
-def test_side_by_side(tmp_path: Path, calib: Path) -> None:
+def test_side_by_side(tmp_path, calib):
     recording = open_recording(write_video(tmp_path / "both.mp4", UNEVEN, size=(320, 120)), calib=[calib])
     for _ in range(2):  # it iterates more than once
         frames = list(recording)
@@ -159,7 +159,7 @@ def test_side_by_side(tmp_path: Path, calib: Path) -> None:
         open_recording(left=[str(odd), str(odd)], right=[str(odd)], calib=[calib])
 
 
-def test_frames_without_stamps_need_a_rate(tmp_path: Path) -> None:
+def test_frames_without_stamps_need_a_rate(tmp_path):
     file = tmp_path / "raw.avi"
     write_video(file, [k / 25 for k in range(120)], "mpeg4", bf="2")  # AVI has none for B-frames
     with pytest.raises(InputError, match="not every frame has a stamp of its own; expected --fps"):
@@ -168,7 +168,7 @@ def test_frames_without_stamps_need_a_rate(tmp_path: Path) -> None:
     assert [number_of(frame.load()) for frame in (frames[110], *frames)] == [110, *range(120)]  # they are counted
 
 
-def test_a_broken_frame_is_noted_and_the_rest_is_read(tmp_path: Path) -> None:
+def test_a_broken_frame_is_noted_and_the_rest_is_read(tmp_path):
     file = write_video(tmp_path / "v.mkv", [k / 25 for k in range(10)], "mjpeg")
     with av.open(str(file)) as container:
         sizes = [bytes(packet) for packet in container.demux(video=0) if packet.size]
@@ -181,7 +181,7 @@ def test_a_broken_frame_is_noted_and_the_rest_is_read(tmp_path: Path) -> None:
         ]
 
 
-def test_memory_does_not_grow_with_the_video(tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_video(tmp_path):
     frames = open_video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(200)]), fps=None)
     peaks = []
     for n in (10, 200):
@@ -193,9 +193,7 @@ def test_memory_does_not_grow_with_the_video(tmp_path: Path) -> None:
     assert peaks[1] < peaks[0] + 2 * 160 * 120 * 3
 
 
-def test_a_video_of_no_frames_of_too_many_pixels_or_of_an_unknown_kind_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_video_of_no_frames_of_too_many_pixels_or_of_an_unknown_kind_is_refused(tmp_path, monkeypatch):
     file = write_video(tmp_path / "v.avi", UNEVEN[:2], "mjpeg")
     whole = file.read_bytes()
     file.write_bytes(whole[: whole.index(b"movi") + 4])
@@ -220,7 +218,7 @@ def test_a_video_of_no_frames_of_too_many_pixels_or_of_an_unknown_kind_is_refuse
 @pytest.mark.parametrize(
     "content", [b"", b"no video", b"ffconcat version 1.0\nfile other.mp4\n", b"#EXTM3U\nother.mp4\n"]
 )
-def test_what_is_no_video_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_what_is_no_video_is_refused(tmp_path, content):
     """Playlists are none: they could name any file."""
     write_video(tmp_path / "other.mp4", UNEVEN)
     (tmp_path / "v.mp4").write_bytes(content)

@@ -36,13 +36,13 @@ def problems_of(folder: Path) -> tuple[list[tuple[ProblemKind, str, int | None]]
 
 
 @pytest.mark.parametrize("damage", ["empty", "cut", "missing"])
-def test_a_bad_image_is_skipped(rec: Written, damage: str) -> None:
+def test_a_bad_image_is_skipped(rec, damage):
     file = rec.folder / "cam/right/00000002.ppm"
     file.unlink() if damage == "missing" else file.write_bytes(file.read_bytes()[:20] if damage == "cut" else b"")
     assert problems_of(rec.folder) == ([(ProblemKind.IMAGE, "cam/right/data.log", 3)], [0, 1, 3])
 
 
-def test_a_bad_log_row_is_skipped(rec: Written) -> None:
+def test_a_bad_log_row_is_skipped(rec):
     change(rec.folder / "head/data.log", 2, "1 1512784563.55 1 2 3")
     change(rec.folder / "skin/data.log", 1, f"0 {START_S} left_forearm:x")
     change(rec.folder / "cam/left/data.log", 3, f"2 {START_S + 0.1}")
@@ -56,7 +56,7 @@ def test_a_bad_log_row_is_skipped(rec: Written) -> None:
     assert numbers == [0, 1, 3]
 
 
-def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec: Written, tmp_path: Path) -> None:
+def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec, tmp_path):
     own = (rec.folder / "icubEyes.ini").read_text()
     (tmp_path / "other.ini").write_text(own.replace("cx 174.742", "cx 165.742"))
     mine = open_recording(rec.folder).rig
@@ -67,7 +67,7 @@ def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec: 
 
 
 @pytest.mark.parametrize(("side", "later_s"), [("left", -1.0), ("left", 0.05), ("right", 0.055)])
-def test_a_stamp_that_goes_back_or_comes_again_is_skipped(rec: Written, side: str, later_s: float) -> None:
+def test_a_stamp_that_goes_back_or_comes_again_is_skipped(rec, side, later_s):
     change(rec.folder / f"cam/{side}/data.log", 3, f"2 {START_S + later_s} 00000002.ppm")
     problems, numbers = problems_of(rec.folder)
     assert problems[0] == (ProblemKind.STAMP, f"cam/{side}/data.log", 3)
@@ -75,7 +75,7 @@ def test_a_stamp_that_goes_back_or_comes_again_is_skipped(rec: Written, side: st
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "1.2e4"])
-def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, value: str) -> None:
+def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec, value):
     change(rec.folder / "torso/data.log", 3, f"2 {START_S + 0.05} 0 {value} 0")
     problems, numbers = problems_of(rec.folder)
     assert problems == [(ProblemKind.JOINTS, "torso/data.log", 3)]
@@ -91,7 +91,7 @@ def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, va
     assert frame.joints_left_rad[roll] == pytest.approx(expected, abs=1e-6)
 
 
-def test_frames_that_the_joints_do_not_span(rec: Written) -> None:
+def test_frames_that_the_joints_do_not_span(rec):
     # head samples of the first frame only: 20 ms on the last still holds, 50 ms on it does not
     log = rec.folder / "head/data.log"
     first, last = log.read_text().splitlines()[:2]
@@ -118,7 +118,7 @@ def test_frames_that_the_joints_do_not_span(rec: Written) -> None:
         (range(12, 32), [*range(0, 12), *range(32, 40)]),
     ],
 )
-def test_a_hole_in_a_joint_log_is_bridged_only_if_short(tmp_path: Path, without: range, numbers: list[int]) -> None:
+def test_a_hole_in_a_joint_log_is_bridged_only_if_short(tmp_path, without, numbers):
     folder = write_recording(tmp_path / "rec", n=40).folder
     rows = [f"{i} {START_S + 0.05 * i} 0 0 0 0 0 0" for i in range(41) if i not in without]  # to 45 ms past the end
     (folder / "head/data.log").write_text("\n".join(rows))
@@ -131,7 +131,7 @@ def test_a_hole_in_a_joint_log_is_bridged_only_if_short(tmp_path: Path, without:
     }
 
 
-def test_an_unpaired_frame_is_named(rec: Written) -> None:
+def test_an_unpaired_frame_is_named(rec):
     change(rec.folder / "cam/right/data.log", 2, f"1 {START_S + 0.075} 00000001.ppm")
     problems, numbers = problems_of(rec.folder)
     assert problems == [(ProblemKind.UNPAIRED, f"cam/{side}/data.log", 2) for side in ("left", "right")]
@@ -139,7 +139,7 @@ def test_an_unpaired_frame_is_named(rec: Written) -> None:
     assert len(open_recording(rec.folder, max_skew_s=0.03)) == 4
 
 
-def test_two_stamps_and_pixel_codes_are_read(rec: Written) -> None:
+def test_two_stamps_and_pixel_codes_are_read(rec):
     for log in rec.folder.rglob("data.log"):
         rows = [row.split() for row in log.read_text().splitlines()]
         code = ["[rgb]"] if log.parent.parent.name == "cam" else []
@@ -152,7 +152,7 @@ def test_two_stamps_and_pixel_codes_are_read(rec: Written) -> None:
 
 
 @pytest.mark.parametrize("with_info", [True, False])
-def test_ports_are_found_by_other_names(rec: Written, with_info: bool) -> None:
+def test_ports_are_found_by_other_names(rec, with_info):
     names = {
         "cam/left": "icub/cam/left/rgbImage_o",
         "cam/right": "icub/cam/right/rgbImage_o",
@@ -210,7 +210,7 @@ def without_info(rec: Written) -> None:
 
 @pytest.mark.parametrize("kind", ["image", "image_jpg", "image_png", "mkv", "avi"])
 @pytest.mark.parametrize("with_info", [True, False])
-def test_all_images_that_the_dumper_writes_are_read(rec: Written, kind: str, with_info: bool) -> None:
+def test_all_images_that_the_dumper_writes_are_read(rec, kind, with_info):
     as_dumped(rec, kind)
     if not with_info:
         without_info(rec)
@@ -227,7 +227,7 @@ def test_all_images_that_the_dumper_writes_are_read(rec: Written, kind: str, wit
                 np.testing.assert_array_equal(image, true)
 
 
-def test_a_row_without_a_frame_of_the_video_is_named(rec: Written) -> None:
+def test_a_row_without_a_frame_of_the_video_is_named(rec):
     as_dumped(rec, "mkv")
     change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} frame_00000004")
     problems, numbers = problems_of(rec.folder)
@@ -241,7 +241,7 @@ def test_a_row_without_a_frame_of_the_video_is_named(rec: Written) -> None:
 
 
 @pytest.mark.parametrize("with_info", [True, False])
-def test_distances_are_no_images(rec: Written, with_info: bool) -> None:
+def test_distances_are_no_images(rec, with_info):
     as_dumped(rec, "depth")
     if not with_info:
         without_info(rec)
@@ -249,7 +249,7 @@ def test_distances_are_no_images(rec: Written, with_info: bool) -> None:
         open_recording(rec.folder)
 
 
-def test_without_truth_touches_and_calibration(rec: Written) -> None:
+def test_without_truth_touches_and_calibration(rec):
     (rec.folder / "truth.csv").unlink()
     (rec.folder / "icubEyes.ini").unlink()
     shutil.rmtree(rec.folder / "skin")
@@ -258,7 +258,7 @@ def test_without_truth_touches_and_calibration(rec: Written) -> None:
 
 
 @pytest.mark.parametrize("name", ["../../secret.ppm", "/etc/passwd", "a/../../b.ppm"])
-def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> None:
+def test_a_file_name_that_points_outside_is_refused(rec, name):
     change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} {name}")
     with pytest.raises(InputError, match=r"cam/left/data\.log:2: file name .* points outside"):
         open_recording(rec.folder)
@@ -279,31 +279,31 @@ def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> 
         ("cam/left", f"0 {START_S} none.ppm\n", "no usable frame"),
     ],
 )
-def test_what_cannot_be_read_at_all_is_refused(rec: Written, log: str, text: str, message: str) -> None:
+def test_what_cannot_be_read_at_all_is_refused(rec, log, text, message):
     (rec.folder / log / "data.log").write_text(text)
     with pytest.raises(InputError, match=message):
         open_recording(rec.folder)
 
 
-def test_without_kinematics_a_robots_recording_is_refused(rec: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_kinematics_a_robots_recording_is_refused(rec, monkeypatch):
     monkeypatch.setitem(sys.modules, "pps_vision.robot.icub", None)
     with pytest.raises(InputError, match=r"is of a robot, and .* is not installed; expected the whole of pps-vision's"):
         open_recording(rec.folder)
 
 
-def test_a_recording_is_called_as_it_was_given(rec: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_is_called_as_it_was_given(rec, monkeypatch):
     monkeypatch.chdir(rec.folder)
     assert (open_recording(Path("../rec")).name, open_recording(rec.folder).name) == ("../rec", str(rec.folder))
 
 
 @pytest.mark.parametrize(("port", "message"), [("cam/left", "no left images"), ("head", "no head joints")])
-def test_a_missing_port_is_named(rec: Written, port: str, message: str) -> None:
+def test_a_missing_port_is_named(rec, port, message):
     shutil.rmtree(rec.folder / port)
     with pytest.raises(InputError, match=message):
         open_recording(rec.folder)
 
 
-def test_offsets_are_added_to_the_encoders(rec: Written, tmp_path: Path) -> None:
+def test_offsets_are_added_to_the_encoders(rec, tmp_path):
     (tmp_path / "joints.csv").write_text("joint,offset_deg\nneck_yaw,3\n")
     plain = open_recording(rec.folder)
     offset = open_recording(rec.folder, joints=tmp_path / "joints.csv")
@@ -313,7 +313,7 @@ def test_offsets_are_added_to_the_encoders(rec: Written, tmp_path: Path) -> None
     np.testing.assert_allclose(added, [expected] * 4, atol=1e-12)
 
 
-def test_a_folder_of_no_known_format_is_named(tmp_path: Path) -> None:
+def test_a_folder_of_no_known_format_is_named(tmp_path):
     with pytest.raises(InputError, match=f"{tmp_path}: an empty folder; expected a EuRoC folder, .*; or a yarpdata"):
         open_recording(tmp_path)
     (tmp_path / "notes.txt").touch()
@@ -321,7 +321,7 @@ def test_a_folder_of_no_known_format_is_named(tmp_path: Path) -> None:
         open_recording(tmp_path)
 
 
-def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None:
+def test_a_missing_folder_and_a_port_found_twice_are_named(rec):
     with pytest.raises(InputError, match="none: no such file or folder"):
         open_recording(rec.folder / "none")
     shutil.copytree(rec.folder / "head", rec.folder / "old" / "head")
@@ -329,7 +329,7 @@ def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None
         open_recording(rec.folder)
 
 
-def test_an_image_of_another_size_is_left_out(rec: Written) -> None:
+def test_an_image_of_another_size_is_left_out(rec):
     (rec.folder / "cam/right/00000001.ppm").write_bytes(b"P6 2 1 255\nabcdef")
     recording = open_recording(rec.folder)
     assert 1 not in [number for number, _ in recording.numbered()]
@@ -352,7 +352,7 @@ rows = st.lists(
     port=st.sampled_from(["cam/left", "cam/right", "head", "torso", "skin"]),
     content=st.one_of(st.binary(max_size=200), rows.map(lambda lines: "\n".join(lines).encode())),
 )
-def test_no_content_of_a_log_breaks_the_reader(rec: Written, port: str, content: bytes) -> None:
+def test_no_content_of_a_log_breaks_the_reader(rec, port, content):
     log = rec.folder / port / "data.log"
     sound = log.read_bytes()
     log.write_bytes(content)

@@ -26,12 +26,12 @@ def log(tmp_path: Path) -> Path:
     return tmp_path / "data.log"
 
 
-def test_one_or_two_stamps_the_senders_first(log: Path) -> None:
+def test_one_or_two_stamps_the_senders_first(log):
     assert read(log, "0 1.5 a.ppm\n1 2.5 2.6 b.ppm [rgb]\n", None) == ([(1, 1.5), (2, 2.5)], [])
     assert read(log, "0 1.5 7 8\n1 2.5 2.6 7 8\n", 2) == ([(1, 1.5), (2, 2.5)], [])
 
 
-def test_an_empty_payload_and_blank_lines_are_no_problem(log: Path) -> None:
+def test_an_empty_payload_and_blank_lines_are_no_problem(log):
     assert read(log, "\n0 1.5 \r\n\n1 2.5\n", None) == ([(2, 1.5), (4, 2.5)], [])
     assert read(log, "", 3) == ([], [])
 
@@ -39,7 +39,7 @@ def test_an_empty_payload_and_blank_lines_are_no_problem(log: Path) -> None:
 @pytest.mark.parametrize(
     "row", ["1 2.0 7", "1 2.0 2.1 2.2 7 8", "x 2.0 7 8", "1 nan 7 8", "1 2.0 7 eight", "1 9e99 7 8", "1 1.2e12 7 8"]
 )
-def test_a_row_of_another_form_is_skipped(log: Path, row: str) -> None:
+def test_a_row_of_another_form_is_skipped(log, row):
     rows, problems = read(log, f"0 1.0 7 8\n{row}\n2 3.0 7 8\n", 2)
     assert [line for line, _ in rows] == [1, 3]
     assert problems == [(ProblemKind.ROW, 2)]
@@ -55,7 +55,7 @@ def test_a_row_of_another_form_is_skipped(log: Path, row: str) -> None:
         ((5, 6, 7, 1, 2), [4, 5]),  # the clock was set back: the longer part
     ],
 )
-def test_stamps_that_go_backwards_are_skipped(log: Path, stamps: tuple[float, ...], skipped: list[int]) -> None:
+def test_stamps_that_go_backwards_are_skipped(log, stamps, skipped):
     rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None)
     assert problems == [(ProblemKind.STAMP, line) for line in skipped]
     assert [line for line, _ in rows] == [line for line in range(1, len(stamps) + 1) if line not in skipped]
@@ -70,13 +70,13 @@ def test_stamps_that_go_backwards_are_skipped(log: Path, stamps: tuple[float, ..
         ((1, 2, 3, 2, 4), [4]),
     ],
 )
-def test_stamps_that_must_differ(log: Path, stamps: tuple[float, ...], skipped: list[int]) -> None:
+def test_stamps_that_must_differ(log, stamps, skipped):
     rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None, distinct_stamps=True)
     assert problems == [(ProblemKind.STAMP, line) for line in skipped]
     assert [line for line, _ in rows] == [line for line in range(1, len(stamps) + 1) if line not in skipped]
 
 
-def test_a_log_of_which_nothing_can_be_read_is_refused(log: Path) -> None:
+def test_a_log_of_which_nothing_can_be_read_is_refused(log):
     with pytest.raises(InputError, match=r"data\.log:2: 'what is this'; expected .* none of 2 rows can be read"):
         read(log, "\nwhat is this\nor that\n", 3)
     with pytest.raises(InputError, match="cannot be read: No such file"):
@@ -90,7 +90,7 @@ texts = st.lists(st.lists(words, max_size=6).map(" ".join), max_size=8).map("\n"
 
 
 @given(content=st.one_of(st.binary(max_size=400), texts), n_numbers=st.sampled_from([None, 1, 3]))
-def test_no_content_breaks_it(tmp_path_factory: pytest.TempPathFactory, content: bytes, n_numbers: int | None) -> None:
+def test_no_content_breaks_it(tmp_path_factory, content, n_numbers):
     log = tmp_path_factory.mktemp("fuzz") / "data.log"
     log.write_bytes(content)
     problems: list[Problem] = []

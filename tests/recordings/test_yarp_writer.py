@@ -1,7 +1,6 @@
 """A recording written is the recording read, laid out as yarpdatadumper does."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_what_is_written_is_read(tmp_path):
     written = write_recording(tmp_path / "rec")
     recording = open_recording(tmp_path / "rec")
     assert (recording.name, recording.image_size, recording.problems) == (str(tmp_path / "rec"), (8, 6), [])
@@ -34,7 +33,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert recording.rig.left == fit_to_images(LEFT_EYE, (8, 6), tmp_path)
 
 
-def test_the_layout_is_yarpdatadumpers(tmp_path: Path) -> None:
+def test_the_layout_is_yarpdatadumpers(tmp_path):
     write_recording(tmp_path / "rec", n=2)
     files = sorted(str(file.relative_to(tmp_path / "rec")) for file in (tmp_path / "rec").rglob("*") if file.is_file())
     ports = ("cam/left", "cam/right", "head", "left_arm", "right_arm", "skin", "torso")
@@ -46,7 +45,7 @@ def test_the_layout_is_yarpdatadumpers(tmp_path: Path) -> None:
     assert (tmp_path / "rec/skin/data.log").read_text().splitlines()[1].split()[2:] == ["left_forearm:27"]
 
 
-def test_encoders_are_in_the_robots_order_and_degrees(tmp_path: Path) -> None:
+def test_encoders_are_in_the_robots_order_and_degrees(tmp_path):
     q = np.zeros(ROBOT.n_joints)
     names = ("torso_yaw", "neck_pitch", "left_eye_pan", "right_eye_pan", "right_elbow")
     q[ROBOT.indices(names)] = np.deg2rad([3, -20, 15, 5, 40])
@@ -61,7 +60,7 @@ def test_encoders_are_in_the_robots_order_and_degrees(tmp_path: Path) -> None:
     np.testing.assert_allclose(rows["right_arm"], [0, 1, 0, 0, 0, 40, *[0] * 12])
 
 
-def test_joints_may_come_at_their_own_rate(tmp_path: Path) -> None:
+def test_joints_may_come_at_their_own_rate(tmp_path):
     # joints sampled ten times as often as the images, moving linearly: read at the images' stamps
     written = write_recording(tmp_path / "still", n=3)
     rate = random_joints(np.random.default_rng(5))
@@ -76,25 +75,22 @@ def test_joints_may_come_at_their_own_rate(tmp_path: Path) -> None:
         np.testing.assert_allclose(frame.joints_right_rad, (t + 0.005) * rate, atol=1e-6)
 
 
-def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failure_leaves_nothing(tmp_path):
     with pytest.raises(ZeroDivisionError), YarpWriter(tmp_path / "rec", SETUP) as writer:
         writer.write_joints(1 / 0, np.zeros(ROBOT.n_joints))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_used_or_unwritable_folder_is_refused(tmp_path: Path) -> None:
+def test_a_used_or_unwritable_folder_is_refused(tmp_path):
     write_recording(tmp_path / "rec", n=1)
-    with (
-        pytest.raises(InputError, match="rec: already holds cam"),
-        YarpWriter(tmp_path / "rec", SETUP),
-    ):
+    with pytest.raises(InputError, match="rec: already holds cam"), YarpWriter(tmp_path / "rec", SETUP):
         pass
     place = tmp_path / "rec" / "truth.csv" / "out"
     with pytest.raises(InputError, match="cannot be written"), YarpWriter(place, SETUP):
         pass
 
 
-def test_cameras_the_calibration_cannot_hold_leave_nothing(tmp_path: Path) -> None:
+def test_cameras_the_calibration_cannot_hold_leave_nothing(tmp_path):
     bent = LEFT_EYE.__class__(8, 6, 5, 5, 4, 3, (0, 0, 0, 0, 0.1))
     setup = replace(SETUP, rig=StereoRig(LEFT_EYE, bent, ROBOT.eye_poses))
     with pytest.raises(ValueError, match="k3"), YarpWriter(tmp_path / "rec", setup):

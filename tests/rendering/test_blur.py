@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes, instants
 from rendering.fidelity import Fidelity
@@ -27,9 +25,7 @@ def spread(image: Image, empty: Image) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("length_px", [1.5, 6.0, 20.0])
-def test_blur_is_as_long_as_the_motion_and_centred_on_the_stamp(
-    robot: Robot, rig: StereoRig, q: Array, length_px: float
-) -> None:
+def test_blur_is_as_long_as_the_motion_and_centred_on_the_stamp(robot, rig, q, length_px):
     eye = rig.view(q).left
     sideways = eye.T_root_camera[:3, 0]
     blur_s = 0.04
@@ -54,7 +50,7 @@ def test_blur_is_as_long_as_the_motion_and_centred_on_the_stamp(
     assert np.linalg.norm(shift) < 0.10
 
 
-def test_turning_the_head_blurs_the_room(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_turning_the_head_blurs_the_room(robot, rig, q):
     turning = np.zeros(robot.n_joints)
     turning[robot.indices(("neck_yaw",))] = 0.5
     with Eyes(robot, rig, make_stimulus("ball"), sensor=Sensor(blur_s=0.05)) as eyes:
@@ -65,7 +61,7 @@ def test_turning_the_head_blurs_the_room(robot: Robot, rig: StereoRig, q: Array)
     assert loss[0] > loss[1] + 0.1
 
 
-def test_without_motion_an_open_shutter_changes_nothing(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_without_motion_an_open_shutter_changes_nothing(robot, rig, q):
     state = SceneState(q, PLACE)
     with Eyes(robot, rig, make_stimulus("cube")) as moment:
         sharp = moment.render(state, 0.0)
@@ -74,9 +70,7 @@ def test_without_motion_an_open_shutter_changes_nothing(robot: Robot, rig: Stere
 
 
 @pytest.mark.parametrize(("drift_px", "n"), [(6.0, 3), (80.0, 24)])
-def test_instants_spread_as_an_open_shutter_does(
-    robot: Robot, rig: StereoRig, q: Array, drift_px: float, n: int
-) -> None:
+def test_instants_spread_as_an_open_shutter_does(robot, rig, q, drift_px, n):
     """Evenly about the stamp, with the variance of a uniform distribution; 24 at most, also for a prop that moves."""
     eye = rig.view(q).left
     sideways = eye.T_root_camera[:3, 0]

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import move_points, rotation_to
 from pps_vision.robot.icub import home, set_gaze
-from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes
 from rendering.scene import SceneState
@@ -43,9 +42,7 @@ def measured_center(with_ball: Image, without: Image) -> Array:
 
 
 @pytest.mark.parametrize("lens", ["straight", "distorting"])
-def test_a_sphere_appears_where_its_cone_of_tangents_projects(
-    robot: Robot, rig: StereoRig, straight_rig: StereoRig, q: Array, lens: str
-) -> None:
+def test_a_sphere_appears_where_its_cone_of_tangents_projects(robot, rig, straight_rig, q, lens):
     used = rig if lens == "distorting" else straight_rig
     errors = []
     with Eyes(robot, used, make_stimulus("ball", BALL_M)) as eyes:
@@ -61,9 +58,7 @@ def test_a_sphere_appears_where_its_cone_of_tangents_projects(
     assert np.sqrt(np.mean(np.square(errors))) < 0.08
 
 
-def test_undistorting_with_opencv_gives_the_pinhole_picture(
-    robot: Robot, rig: StereoRig, straight_rig: StereoRig, q: Array
-) -> None:
+def test_undistorting_with_opencv_gives_the_pinhole_picture(robot, rig, straight_rig, q):
     bent = Eyes(robot, rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
     straight = Eyes(robot, straight_rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
     undone = cv2.undistort(bent, rig.left.K, np.array(rig.left.distortion))
@@ -73,7 +68,7 @@ def test_undistorting_with_opencv_gives_the_pinhole_picture(
     assert error < 3
 
 
-def test_the_same_state_and_seed_give_the_same_bits(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_the_same_state_and_seed_give_the_same_bits(robot, rig, q):
     sensor = Sensor(noise_sigma=2, shot=0.1, exposure=1.1, blur_s=0.02)
     state = SceneState(q, np.array(PLACES[0]), velocity=np.array([0.1, 0.0, 0.0]))
     with Eyes(robot, rig, make_stimulus("octopus"), "hand", sensor) as eyes:
@@ -92,7 +87,7 @@ def test_the_same_state_and_seed_give_the_same_bits(robot: Robot, rig: StereoRig
         assert not np.array_equal(getattr(first, side), getattr(unlike, side))
 
 
-def test_the_left_forearm_is_in_view_from_home(robot: Robot, rig: StereoRig) -> None:
+def test_the_left_forearm_is_in_view_from_home(robot, rig):
     q = set_gaze(robot, home(robot), yaw=np.deg2rad(15), pitch=np.deg2rad(-40), tilt=np.deg2rad(-30))
     gone = q.copy()
     gone[robot.indices(("left_shoulder_pitch",))] = 0.0  # the arm hangs down
@@ -110,7 +105,7 @@ def test_the_left_forearm_is_in_view_from_home(robot: Robot, rig: StereoRig) -> 
         assert np.mean(difference(image, bare) > 30) > 0.05
 
 
-def test_optical_flow_finds_hold_all_over_a_muted_room(robot: Robot, rig: StereoRig) -> None:
+def test_optical_flow_finds_hold_all_over_a_muted_room(robot, rig):
     noise = np.random.default_rng(0).normal(128, 2, (240, 320)).astype(np.uint8)
     at_noise = cv2.cornerMinEigenVal(noise, 15).mean()
     with Eyes(robot, rig, make_stimulus("ball")) as eyes:

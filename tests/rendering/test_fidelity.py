@@ -10,7 +10,7 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.fidelity import Fidelity, Lighting
+from rendering.fidelity import Fidelity
 from rendering.scene import SceneState
 from rendering.stimuli import RED, make_stimulus
 
@@ -23,7 +23,7 @@ def drawn(robot: Robot, rig: StereoRig, state: SceneState, fidelity: Fidelity) -
         return eyes.render(state, 0.0).left.astype(float)
 
 
-def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot, rig, q):
     """Over the ball and the 2 px around it, and over the whole image; of eyes with pixels twice as large."""
     rig = replace(rig, left=rig.left.reduced(2), right=rig.right.reduced(2))
     state = SceneState(q, PLACE)
@@ -51,9 +51,7 @@ def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot: Robot, rig: S
 
 
 @pytest.mark.parametrize(("lighting", "gamma", "diffuse"), [("baked", 1.0, 1.0), ("lights", 2.2, 0.96)])
-def test_a_ball_is_lit_by_lamberts_law(
-    robot: Robot, rig: StereoRig, q: Array, lighting: Lighting, gamma: float, diffuse: float
-) -> None:
+def test_a_ball_is_lit_by_lamberts_law(robot, rig, q, lighting, gamma, diffuse):
     """Points of the ball: ambient light and three lamps, all of known direction; pyrender adds before it applies gamma,
     and of what a surface that is no metal reflects, glTF takes 4 % for highlights."""
     lamps = np.array([[0.474, 0.237, 0.848], [0.10, -0.81, 0.58], [-0.72, 0.45, 0.53]])
@@ -82,6 +80,6 @@ def test_a_ball_is_lit_by_lamberts_law(
         ({"blur_step_px": np.nan}, "a positive step"),
     ],
 )
-def test_senseless_fidelities_are_refused(change: dict[str, float], message: str) -> None:
+def test_senseless_fidelities_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         Fidelity(**change)  # type: ignore[arg-type]

@@ -9,12 +9,12 @@ from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 from rendering.lens import Lens, pinholes
 
 
-def test_a_lens_that_folds_the_image_back_is_refused() -> None:
+def test_a_lens_that_folds_the_image_back_is_refused():
     with pytest.raises(ValueError, match="expected a lens that can be undone over the whole image"):
         Lens(Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (-1.0, 0.0, 0.0, 0.0, 0.0)))
 
 
-def test_the_slopes_hold_all_that_projects_into_the_image() -> None:
+def test_the_slopes_hold_all_that_projects_into_the_image():
     left, top, right, bottom = Lens(LEFT_EYE).slopes
     points = np.random.default_rng(0).uniform((-1.5, -1.5, 1), (1.5, 1.5, 1), (4000, 3))
     u, v = LEFT_EYE.project(points).T
@@ -27,7 +27,7 @@ def test_the_slopes_hold_all_that_projects_into_the_image() -> None:
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.5])
-def test_a_pinhole_image_holds_every_pixel_where_opencv_projects_from(scale: float) -> None:
+def test_a_pinhole_image_holds_every_pixel_where_opencv_projects_from(scale):
     """Points of the pinhole image, projected by OpenCV, land on the pixels that the map takes from there."""
     lenses = [Lens(LEFT_EYE), Lens(RIGHT_EYE)]
     for lens, pinhole in zip(lenses, pinholes(lenses, scale), strict=True):

@@ -5,18 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rendering.motions import (
-    Approach,
-    Circle,
-    Figure8,
-    Jerk,
-    Linear,
-    Motion,
-    Recede,
-    Target,
-    make_motion,
-    make_reach,
-)
+from rendering.motions import Approach, Circle, Figure8, Jerk, Linear, Motion, Recede, Target, make_motion, make_reach
 from rendering.names import MotionName
 
 CENTER = np.array([-0.3, -0.1, 0.12])
@@ -32,7 +21,7 @@ def random_motion(kind: MotionName, seed: int) -> Motion:
 
 @pytest.mark.parametrize("kind", get_args(MotionName))
 @pytest.mark.parametrize("seed", range(3))
-def test_velocity_is_the_derivative_of_position(kind: MotionName, seed: int) -> None:
+def test_velocity_is_the_derivative_of_position(kind, seed):
     motion = random_motion(kind, seed)
     h = 1e-4
     errors = []
@@ -44,7 +33,7 @@ def test_velocity_is_the_derivative_of_position(kind: MotionName, seed: int) -> 
 
 
 @pytest.mark.parametrize("kind", ["circle", "figure8", "linear"])
-def test_motions_in_the_air_keep_their_speed_and_stay_near(kind: MotionName) -> None:
+def test_motions_in_the_air_keep_their_speed_and_stay_near(kind):
     for seed in range(5):
         states = [random_motion(kind, seed)(t) for t in np.linspace(0, 20, 400)]
         away = [np.linalg.norm(p - CENTER) for p, _ in states]
@@ -53,7 +42,7 @@ def test_motions_in_the_air_keep_their_speed_and_stay_near(kind: MotionName) -> 
         assert max(away) >= 0.049
 
 
-def test_an_approach_starts_in_the_cone_ends_before_the_taxel_and_withdraws_along_its_path() -> None:
+def test_an_approach_starts_in_the_cone_ends_before_the_taxel_and_withdraws_along_its_path():
     point = POINT
     normal = NORMAL
     for seed in range(50):
@@ -75,7 +64,7 @@ def test_an_approach_starts_in_the_cone_ends_before_the_taxel_and_withdraws_alon
         assert np.array_equal(motion(100.0)[0], motion(0.0)[0])
 
 
-def test_reaches_bow_as_stated_and_arrive_at_speed() -> None:
+def test_reaches_bow_as_stated_and_arrive_at_speed():
     """At half of the path a curve has gone half of the way that its control point is aside, 0.15 of the length."""
     rng = np.random.default_rng(3)
     bows = []
@@ -93,7 +82,7 @@ def test_reaches_bow_as_stated_and_arrive_at_speed() -> None:
     assert np.sqrt(np.mean(np.square(bows)) / 2) == pytest.approx(0.075 * 0.3, rel=0.1)  # of two lateral axes
 
 
-def test_a_linear_motion_goes_from_its_start_to_its_end_and_back() -> None:
+def test_a_linear_motion_goes_from_its_start_to_its_end_and_back():
     motion = Linear(np.zeros(3), np.array([0.0, 0.3, 0.4]), 0.1)  # 5 s one way
     places = [motion(t)[0] for t in (0.0, 2.0, 5.0, 6.0, 10.0, 12.0)]
     np.testing.assert_allclose(places, np.outer([0, 0.4, 1, 0.8, 0, 0.4], [0.0, 0.3, 0.4]), atol=1e-12)
@@ -102,7 +91,7 @@ def test_a_linear_motion_goes_from_its_start_to_its_end_and_back() -> None:
 X, Y, Z = np.eye(3)
 
 
-def test_a_circle_is_where_its_angle_says() -> None:
+def test_a_circle_is_where_its_angle_says():
     motion = Circle(CENTER, np.array([X, Z]), 0.06, 0.12)
     quarter_s = np.pi / 2 * 0.06 / 0.12
     for k, (away, heading) in enumerate(((X, Z), (Z, -X), (-X, -Z), (-Z, X), (X, Z))):
@@ -111,7 +100,7 @@ def test_a_circle_is_where_its_angle_says() -> None:
         assert velocity == pytest.approx(0.12 * heading)
 
 
-def test_a_figure_of_eight_crosses_its_centre_and_turns_at_its_ends() -> None:
+def test_a_figure_of_eight_crosses_its_centre_and_turns_at_its_ends():
     """Gerono's lemniscate is 6.09722 times its half length long."""
     motion = Figure8(CENTER, np.array([X, Z]), 0.06, 0.12)
     period_s = 6.0972235 * 0.06 / 0.12
@@ -123,7 +112,7 @@ def test_a_figure_of_eight_crosses_its_centre_and_turns_at_its_ends() -> None:
         assert velocity == pytest.approx(0.12 * heading, abs=1e-3)
 
 
-def test_jerk_moves_and_pauses_for_as_long_as_its_ways_take() -> None:
+def test_jerk_moves_and_pauses_for_as_long_as_its_ways_take():
     """From waypoint 0 to 1 (30 cm) and back: each move lasts 15/8 of its way over its peak speed."""
     motion = Jerk(np.array([0 * X, 0.3 * X]), 0.5, pause_s=0.4)
     move_s = 15 / 8 * 0.3 / 0.5
@@ -140,7 +129,7 @@ def test_jerk_moves_and_pauses_for_as_long_as_its_ways_take() -> None:
     assert usual(move_s + 0.2)[1] == pytest.approx(-0.5 * X)  # the middle of the way back, after 0.2 s
 
 
-def test_a_recede_is_an_approach_reversed() -> None:
+def test_a_recede_is_an_approach_reversed():
     near_end = random_motion("approach", 4)
     far_end = random_motion("recede", 4)
     assert isinstance(near_end, Approach)
@@ -150,7 +139,7 @@ def test_a_recede_is_an_approach_reversed() -> None:
     assert not far_end(100.0)[1].any()
 
 
-def test_senseless_motions_are_refused() -> None:
+def test_senseless_motions_are_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match=r"motion: 'hop'.*approach"):
         make_motion("hop", rng, CENTER, SPEED)  # type: ignore[arg-type]

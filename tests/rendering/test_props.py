@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to
-from pps_vision.robot.model import Robot
-from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
@@ -18,7 +15,7 @@ PLACE = np.array([-0.36, -0.06, 0.12])
 ASIDE = np.array([-0.34, 0.06, 0.14])
 
 
-def test_a_distractor_looks_like_the_same_thing_as_a_stimulus(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_a_distractor_looks_like_the_same_thing_as_a_stimulus(robot, rig, q):
     ball = make_stimulus("ball")
     cube = make_stimulus("cube")
     velocity = np.array([0.0, 0.4, 0.0])
@@ -32,7 +29,7 @@ def test_a_distractor_looks_like_the_same_thing_as_a_stimulus(robot: Robot, rig:
     assert np.array_equal(together.right, exchanged.right)
 
 
-def test_a_board_hides_what_is_behind_it(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_a_board_hides_what_is_behind_it(robot, rig, q):
     eye = rig.view(q).left
     between = 0.5 * (PLACE + eye.center)
     facing = rotation_to(eye.center - PLACE)
@@ -50,7 +47,7 @@ def test_a_board_hides_what_is_behind_it(robot: Robot, rig: StereoRig, q: Array)
     assert red["half"] == pytest.approx(0.5 * red["free"], rel=0.05)
 
 
-def test_props_that_are_not_placed_are_not_there(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_props_that_are_not_placed_are_not_there(robot, rig, q):
     state = SceneState(q, PLACE)
     with Eyes(robot, rig, make_stimulus("ball")) as eyes:
         bare = eyes.render(state, 0.0).left
@@ -60,7 +57,7 @@ def test_props_that_are_not_placed_are_not_there(robot: Robot, rig: StereoRig, q
             eyes.render(SceneState(q, PLACE, props=(None, None)), 0.0)
 
 
-def test_a_patch_is_as_large_as_it_is_turned(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_a_patch_is_as_large_as_it_is_turned(robot, rig, q):
     """Seen face on its pixels span the solid angle of a disc; at 60° half of it; from its edge next to none."""
     eye = rig.view(q).left
     facing = rotation_to(eye.center - PLACE)

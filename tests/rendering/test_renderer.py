@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import transform
-from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.renderer import Node, shared_renderer
@@ -33,7 +32,7 @@ def uploaded_after_a_frame(eyes: Eyes, state: SceneState) -> int:
     return shared_renderer().n_uploaded
 
 
-def test_depth_is_the_distance_along_the_axis() -> None:
+def test_depth_is_the_distance_along_the_axis():
     node = Node(surface_of([sphere(0.1, (1, 0, 0), fineness=5)]), transform(translation=(0, 0, 0.5)))
 
     def depth(u: int, v: int) -> float:
@@ -48,7 +47,7 @@ def test_depth_is_the_distance_along_the_axis() -> None:
     assert depth(60, 45) == pytest.approx((b - np.sqrt(b * b - ray @ ray * c)) / (ray @ ray), abs=1e-3)
 
 
-def test_what_is_closed_or_forgotten_is_given_back(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_what_is_closed_or_forgotten_is_given_back(robot, rig, q):
     with Eyes(robot, rig, make_stimulus("ball")) as lasting:
         lasting.render(SceneState(q, PLACE), 0.0)
         uploaded = uploaded_after_a_frame(lasting, SceneState(q, PLACE))
@@ -63,7 +62,7 @@ def test_what_is_closed_or_forgotten_is_given_back(robot: Robot, rig: StereoRig,
         assert uploaded_after_a_frame(lasting, SceneState(q, PLACE)) == uploaded
 
 
-def test_what_turns_is_lit_anew_and_its_old_mesh_is_freed() -> None:
+def test_what_turns_is_lit_anew_and_its_old_mesh_is_freed():
     """A surface of 3 MB, turned 20 times."""
 
     def resident_mb() -> float:
@@ -83,7 +82,7 @@ def test_what_turns_is_lit_anew_and_its_old_mesh_is_freed() -> None:
     assert memory[-1] - memory[2] < 40  # of 20 × (2.1 MB of vertices, 1 MB of faces)
 
 
-def test_a_turned_body_is_lit_as_one_made_so(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_a_turned_body_is_lit_as_one_made_so(robot, rig, q):
     """And returns to the same bits when it turns back."""
     cube = make_stimulus("cube")
     parts = make_stimulus("cube").parts
@@ -101,7 +100,7 @@ def test_a_turned_body_is_lit_as_one_made_so(robot: Robot, rig: StereoRig, q: Ar
     assert np.abs(rotated.astype(int) - expected).max() <= 1
 
 
-def test_after_an_error_the_next_image_is_as_if_there_had_been_none() -> None:
+def test_after_an_error_the_next_image_is_as_if_there_had_been_none():
     """Uploads before an error do not show in later images."""
     renderer = shared_renderer()
     view = View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
@@ -115,7 +114,7 @@ def test_after_an_error_the_next_image_is_as_if_there_had_been_none() -> None:
     renderer.release([near, far_node])
 
 
-def test_missing_opengl_is_named_in_one_line() -> None:
+def test_missing_opengl_is_named_in_one_line():
     hide = """
 import ctypes, ctypes.util
 real_load, real_find = ctypes.CDLL, ctypes.util.find_library
@@ -137,7 +136,7 @@ shared_renderer()
 
 
 @pytest.mark.parametrize("environment", [{"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent"}, {"EGL_DEVICE_ID": "77"}])
-def test_a_driver_that_gives_no_context_is_named_in_one_line(environment: dict[str, str]) -> None:
+def test_a_driver_that_gives_no_context_is_named_in_one_line(environment):
     code = "from rendering.renderer import shared_renderer; shared_renderer()"
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **environment}

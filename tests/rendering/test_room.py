@@ -22,7 +22,7 @@ def picture(k: int) -> Array:
     return np.asarray(atlas()[k // 4 * TILE :, k % 4 * TILE :][:TILE, :TILE], float)
 
 
-def test_six_walls_close_a_box_around_the_robot() -> None:
+def test_six_walls_close_a_box_around_the_robot():
     corners, normals, _ = quads()
     walls = corners[:6].reshape(-1, 3).round(9)
     low = walls.min(axis=0)
@@ -39,7 +39,7 @@ def test_six_walls_close_a_box_around_the_robot() -> None:
         assert np.abs((wall - wall[0]) @ normal).max() < 1e-9
 
 
-def test_the_table_stands_before_the_robot_and_has_two_sides() -> None:
+def test_the_table_stands_before_the_robot_and_has_two_sides():
     corners, normals, _ = quads()
     top, below = corners[6:]
     walls = corners[:6].reshape(-1, 3)
@@ -52,7 +52,7 @@ def test_the_table_stands_before_the_robot_and_has_two_sides() -> None:
     assert np.ptp(top[:, 2]) == 0
 
 
-def test_faces_are_seen_from_the_side_that_their_normals_point_to() -> None:
+def test_faces_are_seen_from_the_side_that_their_normals_point_to():
     room = room_surface()
     a, b, c = np.moveaxis(room.positions[room.faces], 1, 0)
     across = np.cross(b - a, c - a)
@@ -63,7 +63,7 @@ def test_faces_are_seen_from_the_side_that_their_normals_point_to() -> None:
     np.testing.assert_allclose(area, sides[0] * sides[1])
 
 
-def test_each_surface_shows_its_own_picture_upright() -> None:
+def test_each_surface_shows_its_own_picture_upright():
     """Corners 0, 1, 2, 3: the picture's top left, top right, bottom left, bottom right, seen from inside."""
     corners, normals, uv = quads()
     for k, (quad, normal, at) in enumerate(zip(corners, normals, uv, strict=True)):
@@ -77,7 +77,7 @@ def test_each_surface_shows_its_own_picture_upright() -> None:
         assert (np.abs(px - (expected.mean(axis=0))).max(axis=0) < TILE / 2).all()
 
 
-def test_pictures_are_muted_and_have_detail_at_every_scale() -> None:
+def test_pictures_are_muted_and_have_detail_at_every_scale():
     """Contrast between neighbouring squares of 2 to 64 texels; clipped texels have none."""
     for k in range(7):
         tile = picture(k)

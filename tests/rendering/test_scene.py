@@ -6,7 +6,7 @@ import pytest
 from rendering.scene import PropPose, SceneState
 
 
-def test_what_moves_is_elsewhere_later_and_earlier() -> None:
+def test_what_moves_is_elsewhere_later_and_earlier():
     x, y, z = np.eye(3)
     state = SceneState(np.array([0.1, 0.2]), x, 2 * y, np.array([1.0, -2.0]), props=(None, PropPose(y, z, np.eye(3))))
     for dt_s in (0.5, -0.5):

@@ -32,14 +32,14 @@ def silhouettes(stimulus: Stimulus, n: int = 60) -> tuple[float, Array]:
 
 
 @pytest.mark.parametrize("name", get_args(StimulusName))
-def test_the_silhouette_is_that_of_the_sphere_that_stands_for_it(name: StimulusName) -> None:
+def test_the_silhouette_is_that_of_the_sphere_that_stands_for_it(name):
     stimulus = make_stimulus(name)
     area, center = silhouettes(stimulus)
     assert np.sqrt(area / np.pi) == pytest.approx(stimulus.radius_m, rel=0.03)
     assert np.linalg.norm(center) < 0.05 * stimulus.radius_m
 
 
-def test_a_cube_has_a_yellow_lid_and_base_and_blue_sides() -> None:
+def test_a_cube_has_a_yellow_lid_and_base_and_blue_sides():
     """A cube of the side whose surface is four times the sphere's silhouette: 6 s² = 4 π r²."""
     colors = {part.color: part.mesh for part in make_stimulus("cube", 0.03).parts}
     side = 0.03 * np.sqrt(4 * np.pi / 6)
@@ -52,7 +52,7 @@ def test_a_cube_has_a_yellow_lid_and_base_and_blue_sides() -> None:
 
 
 @pytest.mark.parametrize("name", get_args(StimulusName))
-def test_every_surface_faces_outward(name: StimulusName) -> None:
+def test_every_surface_faces_outward(name):
     stimulus = make_stimulus(name)
     parts = [
         *stimulus.parts,
@@ -67,7 +67,7 @@ def test_every_surface_faces_outward(name: StimulusName) -> None:
         assert np.einsum("ij,ij->", normals, part.mesh.triangles_center - part.mesh.centroid) > 0
 
 
-def test_a_bent_tube_follows_its_path() -> None:
+def test_a_bent_tube_follows_its_path():
     turn = np.linspace(0, np.pi / 2, 30)
     part = tube(0.1 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]), 0.01, (1, 1, 1), sides=32)
     # Pappus: cross section times the way of its centre, and the two half balls
@@ -76,7 +76,7 @@ def test_a_bent_tube_follows_its_path() -> None:
 
 @pytest.mark.parametrize("radius", [0.010, 0.035, 0.100])
 @pytest.mark.parametrize("name", ["stick", "hand"])
-def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name: str, radius: float) -> None:
+def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name, radius):
     vertices = np.vstack([part.mesh.vertices for part in carrier_parts(name, radius, 3)])  # type: ignore[arg-type]
     assert vertices[:, 2].max() > 0.5
     assert vertices[:, 2].min() >= 0
@@ -85,7 +85,7 @@ def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name: str, radius:
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.0, 0.0, -2.0), (-0.75, 0.25, 0.61), (1.0, 0.0, 0.0)])
-def test_a_carrier_stands_where_it_is_told(direction: tuple[float, float, float]) -> None:
+def test_a_carrier_stands_where_it_is_told(direction):
     T = carrier_pose((0.1, 0.2, 0.3), direction)
     assert T[:3, 2] == pytest.approx(np.array(direction) / np.linalg.norm(direction))
     assert T[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
@@ -95,7 +95,7 @@ def test_a_carrier_stands_where_it_is_told(direction: tuple[float, float, float]
         assert T[2, 1] == pytest.approx(np.sqrt(1 - T[2, 2] ** 2))  # the back of the hand is as far up as it can be
 
 
-def test_senseless_things_are_refused() -> None:
+def test_senseless_things_are_refused():
     with pytest.raises(ValueError, match=r"stimulus: 'whale'.*marker"):
         make_stimulus("whale")  # type: ignore[arg-type]
     for radius in (0.0, -1.0, np.nan):
@@ -105,7 +105,7 @@ def test_senseless_things_are_refused() -> None:
         carrier_parts("drone", 0.03, 3)  # type: ignore[arg-type]
 
 
-def test_a_surface_has_the_triangles_of_its_parts_in_their_colours() -> None:
+def test_a_surface_has_the_triangles_of_its_parts_in_their_colours():
     """A ball has smooth normals, a cube four of the same at each of its faces."""
     ball = sphere(0.1, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0))
     box = board(0.1, 0.2, (0.0, 1.0, 0.0))
@@ -123,7 +123,7 @@ def test_a_surface_has_the_triangles_of_its_parts_in_their_colours() -> None:
 
 
 @pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
-def test_a_bodys_mesh_has_its_size_and_pose(shape: str) -> None:
+def test_a_bodys_mesh_has_its_size_and_pose(shape):
     size = {"sphere": (0.05,), "cylinder": (0.03, 0.2), "box": (0.1, 0.2, 0.3)}[shape]
     half = {"sphere": (0.05,) * 3, "cylinder": (0.03, 0.03, 0.1), "box": (0.05, 0.1, 0.15)}[shape]
     pose = np.array([[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])  # a quarter turn about z

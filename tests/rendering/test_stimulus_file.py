@@ -1,7 +1,6 @@
 """Mesh files as stimuli: where and how large they appear, and files that hold no object."""
 
 from contextlib import nullcontext
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,12 +8,8 @@ import pytest
 import trimesh
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to
-from pps_vision.robot.model import Robot
-from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.names import Unit
 from rendering.scene import PropPose, SceneState
 from rendering.shapes import board
 from rendering.stimulus_file import load_stimulus
@@ -28,9 +23,7 @@ def wedge() -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
-def test_a_mesh_covers_the_hull_of_its_projected_corners(
-    robot: Robot, rig: StereoRig, q: Array, tmp_path: Path, suffix: str
-) -> None:
+def test_a_mesh_covers_the_hull_of_its_projected_corners(robot, rig, q, tmp_path, suffix):
     """In millimetres and far from its origin; the silhouette against OpenCV's projection and convex hull."""
     file = tmp_path / f"wedge.{suffix}"
     wedge().export(file)
@@ -53,7 +46,7 @@ def test_a_mesh_covers_the_hull_of_its_projected_corners(
         assert not (changed & (cv2.dilate(expected, np.ones((3, 3))) == 0)).any()
 
 
-def test_the_radius_is_that_of_the_sphere_with_the_mean_silhouette(tmp_path: Path) -> None:
+def test_the_radius_is_that_of_the_sphere_with_the_mean_silhouette(tmp_path):
     """By Cauchy's theorem a quarter of the hull's surface; of a sphere its own, of a ring that of the disc it spans."""
     ball = tmp_path / "ball.stl"
     ring = tmp_path / "ring.stl"
@@ -67,9 +60,7 @@ def test_the_radius_is_that_of_the_sphere_with_the_mean_silhouette(tmp_path: Pat
     assert scaled.parts[0].mesh.extents[0] == pytest.approx(0.1 * 0.02 / load_stimulus(ring).radius_m)
 
 
-def test_a_ring_is_hidden_by_what_stands_before_its_hole_only(
-    robot: Robot, rig: StereoRig, q: Array, tmp_path: Path
-) -> None:
+def test_a_ring_is_hidden_by_what_stands_before_its_hole_only(robot, rig, q, tmp_path):
     trimesh.creation.annulus(0.03, 0.04, 0.01).export(tmp_path / "ring.stl")
     eye = rig.view(q).left
     facing = rotation_to(eye.center - PLACE)
@@ -80,7 +71,7 @@ def test_a_ring_is_hidden_by_what_stands_before_its_hole_only(
 
 
 @pytest.mark.parametrize("corner", [4, 9, -1])
-def test_a_triangle_whose_corner_is_none_of_the_file_is_refused(tmp_path: Path, corner: int) -> None:
+def test_a_triangle_whose_corner_is_none_of_the_file_is_refused(tmp_path, corner):
     kinds = [f"property float {axis}" for axis in "xyz"]
     header = ["ply", "format ascii 1.0", "element vertex 4", *kinds, "element face 4"]
     header += ["property list uchar int vertex_indices", "end_header"]
@@ -94,7 +85,7 @@ def test_a_triangle_whose_corner_is_none_of_the_file_is_refused(tmp_path: Path, 
         load_stimulus(file)
 
 
-def test_a_mesh_that_is_inside_out_is_turned_over(tmp_path: Path) -> None:
+def test_a_mesh_that_is_inside_out_is_turned_over(tmp_path):
     box = trimesh.creation.box((0.05, 0.06, 0.07))
     box.invert()
     box.export(tmp_path / "box.stl")
@@ -114,7 +105,7 @@ def test_a_mesh_that_is_inside_out_is_turned_over(tmp_path: Path) -> None:
         ("model.gltf", "{}", "expected a mesh file"),
     ],
 )
-def test_a_file_without_an_object_is_named_in_one_line(tmp_path: Path, name: str, text: str, message: str) -> None:
+def test_a_file_without_an_object_is_named_in_one_line(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message) as error:
         load_stimulus(tmp_path / name)
@@ -123,7 +114,7 @@ def test_a_file_without_an_object_is_named_in_one_line(tmp_path: Path, name: str
 
 
 @pytest.mark.parametrize(("size_mm", "fits"), [(1.8, False), (2.2, True), (580, True), (620, False)])
-def test_an_object_fits_the_eyes_view(size_mm: float, fits: bool, tmp_path: Path) -> None:
+def test_an_object_fits_the_eyes_view(size_mm, fits, tmp_path):
     """Of 2 mm to 0.6 m; one that is told its radius is scaled."""
     file = tmp_path / "box.stl"
     trimesh.creation.box((size_mm, 0.5 * size_mm, 0.5 * size_mm)).export(file)
@@ -133,7 +124,7 @@ def test_an_object_fits_the_eyes_view(size_mm: float, fits: bool, tmp_path: Path
 
 
 @pytest.mark.parametrize(("unit", "m"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001)])
-def test_a_file_is_in_its_unit(unit: Unit, m: float, tmp_path: Path) -> None:
+def test_a_file_is_in_its_unit(unit, m, tmp_path):
     trimesh.creation.box((0.04 / m, 0.05 / m, 0.06 / m)).export(tmp_path / "box.STL")
     (part,) = load_stimulus(tmp_path / "box.STL", unit).parts
     assert part.mesh.extents == pytest.approx([0.04, 0.05, 0.06])

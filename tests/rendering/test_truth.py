@@ -3,9 +3,6 @@
 import cv2
 import numpy as np
 
-from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.model import Robot
-from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.scene import SceneState
 from rendering.stimuli import make_stimulus
@@ -13,7 +10,7 @@ from rendering.stimuli import make_stimulus
 IN_VIEW = np.array([-0.32, -0.08, 0.12])
 
 
-def test_pixels_are_opencvs_projection_of_the_centre(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_pixels_are_opencvs_projection_of_the_centre(robot, rig, q):
     velocity = np.array([0.01, 0.02, 0.03])
     with Eyes(robot, rig, make_stimulus("cube")) as eyes:
         truth = eyes.truth(SceneState(q, IN_VIEW, velocity), 2.5)
@@ -31,7 +28,7 @@ def test_pixels_are_opencvs_projection_of_the_centre(robot: Robot, rig: StereoRi
     assert truth.visible_right
 
 
-def test_behind_the_arm_it_is_hidden_and_before_it_it_is_not(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_behind_the_arm_it_is_hidden_and_before_it_it_is_not(robot, rig, q):
     forearm = robot.at(q).point("left_forearm", (0.0, -0.07, 0.012))
     eye = rig.view(q).left.center
     away = (forearm - eye) / np.linalg.norm(forearm - eye)
@@ -43,7 +40,7 @@ def test_behind_the_arm_it_is_hidden_and_before_it_it_is_not(robot: Robot, rig: 
     assert in_front.visible_left
 
 
-def test_only_one_eye_may_be_hidden_from(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_only_one_eye_may_be_hidden_from(robot, rig, q):
     forearm = robot.at(q).point("left_forearm", (0.0, -0.07, 0.012))
     eye = rig.view(q).left.center
     aside = forearm + 0.020 * rig.view(q).left.T_root_camera[:3, 0]  # near the edge of the left eye's view
@@ -53,7 +50,7 @@ def test_only_one_eye_may_be_hidden_from(robot: Robot, rig: StereoRig, q: Array)
     assert truth.visible_right
 
 
-def test_a_carrier_hides_it_only_from_its_own_side(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_a_carrier_hides_it_only_from_its_own_side(robot, rig, q):
     towards_eyes = rig.view(q).left.center - IN_VIEW
     with Eyes(robot, rig, make_stimulus("ball"), "hand") as eyes:
         from_here = eyes.truth(SceneState(q, IN_VIEW, carrier_direction=towards_eyes), 0.0)
@@ -62,7 +59,7 @@ def test_a_carrier_hides_it_only_from_its_own_side(robot: Robot, rig: StereoRig,
     assert from_there.visible_left
 
 
-def test_under_the_table_it_is_hidden(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_under_the_table_it_is_hidden(robot, rig, q):
     eye = rig.view(q).left.center
     way = IN_VIEW - eye
     under = eye + way * (-0.30 - eye[2]) / way[2]
@@ -70,7 +67,7 @@ def test_under_the_table_it_is_hidden(robot: Robot, rig: StereoRig, q: Array) ->
         assert not eyes.truth(SceneState(q, under), 0.0).visible_left
 
 
-def test_outside_the_image_it_is_not_visible(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_outside_the_image_it_is_not_visible(robot, rig, q):
     with Eyes(robot, rig, make_stimulus("ball")) as eyes:
         behind_the_head = eyes.truth(SceneState(q, np.array([0.5, 0.0, 0.3])), 0.0)
         beside = eyes.truth(SceneState(q, np.array([-0.3, 0.5, 0.2])), 0.0)
@@ -79,7 +76,7 @@ def test_outside_the_image_it_is_not_visible(robot: Robot, rig: StereoRig, q: Ar
     assert not beside.visible_left
 
 
-def test_where_there_is_none_all_is_nan(robot: Robot, rig: StereoRig, q: Array) -> None:
+def test_where_there_is_none_all_is_nan(robot, rig, q):
     with Eyes(robot, rig, make_stimulus("ball")) as eyes:
         truth = eyes.truth(SceneState(q), 0.0)
     assert np.isnan([*truth.position, *truth.left_px, *truth.right_px]).all()

@@ -12,7 +12,7 @@ POSTURE = ROBOT.at(home(ROBOT))
 ELBOW = POSTURE.point("right_lower_arm")  # the middle of a ball of 36 mm
 
 
-def test_the_links_of_one_arm_that_carry_no_skin_are_bare() -> None:
+def test_the_links_of_one_arm_that_carry_no_skin_are_bare():
     for parts, expected in (((), {"right_upper_arm", "right_lower_arm", "right_forearm", "right_palm"}),
                             (("right_forearm", "right_palm"), {"right_upper_arm", "right_lower_arm"})):  # fmt: skip
         skin = Skin(icub_skin(parts).parts)  # type: ignore[arg-type]
@@ -21,7 +21,7 @@ def test_the_links_of_one_arm_that_carry_no_skin_are_bare() -> None:
 
 
 @pytest.mark.parametrize(("away_m", "radius_m"), [(0.1, 0.02), (0.1, 0.0), (0.05, 0.02)])
-def test_the_nearest_point_is_where_the_line_to_the_ball_leaves_the_link(away_m: float, radius_m: float) -> None:
+def test_the_nearest_point_is_where_the_line_to_the_ball_leaves_the_link(away_m, radius_m):
     """Also of a ball that overlaps with the elbow, and of a point."""
     way = np.array([0.0, 1.0, 0.0])
     near = {
@@ -35,7 +35,7 @@ def test_the_nearest_point_is_where_the_line_to_the_ball_leaves_the_link(away_m:
 
 
 @pytest.mark.parametrize(("beyond_m", "is_near"), [(-0.01, True), (0.01, False)])
-def test_half_a_metre_from_its_middle_a_link_is_no_longer_near(beyond_m: float, is_near: bool) -> None:
+def test_half_a_metre_from_its_middle_a_link_is_no_longer_near(beyond_m, is_near):
     """To the surface of the ball."""
     center = ELBOW + np.array([0.0, 0.5 + 0.1 + beyond_m, 0.0])
     near = {link.frame: link for link in BareLinks(ROBOT, Skin(()), "right").nearest_points(POSTURE, center, 0.1)}

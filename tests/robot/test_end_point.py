@@ -11,7 +11,7 @@ ROBOT = load_icub()
 
 @pytest.mark.parametrize(("name", "k"), [("palm", None), ("left_palm:99", 13), ("left_forearm:51", 11)])
 @pytest.mark.parametrize("n_joints", [4, 7])
-def test_position_jacobian_and_normal_of_a_point_of_the_arm(name: str, k: int | None, n_joints: int) -> None:
+def test_position_jacobian_and_normal_of_a_point_of_the_arm(name, k, n_joints):
     """The palm's point is its frame's origin, whose taxels face along −z."""
     skin = icub_skin(("left_forearm", "left_palm"))
     point = EndPoint.of(ROBOT, "left", name, n_joints)
@@ -30,11 +30,11 @@ def test_position_jacobian_and_normal_of_a_point_of_the_arm(name: str, k: int | 
     np.testing.assert_allclose(J, differences.T, atol=1e-8)
 
 
-def test_a_palm_without_taxels_faces_along_its_z_axis() -> None:
+def test_a_palm_without_taxels_faces_along_its_z_axis():
     point = EndPoint.of(ROBOT, "right", "palm", 7, Skin(icub_skin(("right_forearm",)).parts))
     np.testing.assert_array_equal(point.normal, [0.0, 0.0, 1.0])
 
 
-def test_what_is_no_point_of_the_arm_is_answered_with_those_that_are() -> None:
+def test_what_is_no_point_of_the_arm_is_answered_with_those_that_are():
     with pytest.raises(ValueError, match=r"'elbow' of the left arm; expected palm or one of left_forearm:27, "):
         EndPoint.of(ROBOT, "left", "elbow", 7)

@@ -87,7 +87,7 @@ def denavit_hartenberg(rows: list[tuple[float, float, float, float]], q: Array) 
 
 
 @pytest.mark.parametrize("frame", CHAINS)
-def test_every_chain_is_its_denavit_hartenberg_table(robot: Robot, frame: str) -> None:
+def test_every_chain_is_its_denavit_hartenberg_table(robot, frame):
     rows, joints = CHAINS[frame]
     columns = robot.indices(joints)
     rng = np.random.default_rng(11)
@@ -96,7 +96,7 @@ def test_every_chain_is_its_denavit_hartenberg_table(robot: Robot, frame: str) -
         np.testing.assert_allclose(robot.at(q).T_root(frame), denavit_hartenberg(rows, q[columns]), rtol=0, atol=1e-9)
 
 
-def test_index_tips_in_their_palms(robot: Robot) -> None:
+def test_index_tips_in_their_palms(robot):
     posture = robot.at(np.full(robot.n_joints, 0.1))
     np.testing.assert_allclose(
         posture.point("right_index_tip"), posture.point("right_palm", (0.0739, -0.0601, -0.0079))
@@ -104,20 +104,20 @@ def test_index_tips_in_their_palms(robot: Robot) -> None:
     np.testing.assert_allclose(posture.point("left_index_tip"), posture.point("left_palm", (0.0739, -0.0601, 0.0079)))
 
 
-def test_joint_limits_are_the_published_ones(robot: Robot) -> None:
+def test_joint_limits_are_the_published_ones(robot):
     for name, lower, upper in zip(robot.joint_names, robot.lower_rad, robot.upper_rad, strict=True):
         kind = name.removeprefix("left_").removeprefix("right_")
         assert (np.rad2deg(lower), np.rad2deg(upper)) == pytest.approx(LIMITS_DEG[kind])
 
 
-def test_the_rigs_cameras_are_the_robots_eyes(robot: Robot) -> None:
+def test_the_rigs_cameras_are_the_robots_eyes(robot):
     q = icub.home(robot)
     view = icub.icub_rig(robot).view(q)
     np.testing.assert_allclose(view.left.T_root_camera, robot.at(q).T_root("left_eye"), atol=1e-12)
     np.testing.assert_allclose(view.right.T_root_camera, robot.at(q).T_root("right_eye"), atol=1e-12)
 
 
-def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
+def test_set_gaze_changes_only_what_is_named(robot):
     q = icub.set_gaze(robot, icub.home(robot), yaw=0.1, pitch=-0.2, tilt=0.05, version=0.06, vergence=0.2)
     again = icub.set_gaze(robot, q, version=-0.02)
     expected = q.copy()
@@ -128,11 +128,11 @@ def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
     np.testing.assert_allclose(pans, [0.06 + 0.15, 0.06 - 0.15])
 
 
-def test_the_cameras_are_those_of_the_robots_own_calibration() -> None:
+def test_the_cameras_are_those_of_the_robots_own_calibration():
     assert read_icub_eyes(shared_data("icub_files", "icubEyes.ini")) == (icub.LEFT_EYE, icub.RIGHT_EYE)
 
 
-def test_at_home_the_eyes_look_ahead_and_meet_where_ten_degrees_of_vergence_do(robot: Robot) -> None:
+def test_at_home_the_eyes_look_ahead_and_meet_where_ten_degrees_of_vergence_do(robot):
     """Half of 68 mm by tan 5° before them."""
     posture = robot.at(icub.home(robot))
     eyes = 0.5 * (posture.point("left_eye") + posture.point("right_eye"))
@@ -140,7 +140,7 @@ def test_at_home_the_eyes_look_ahead_and_meet_where_ten_degrees_of_vergence_do(r
     np.testing.assert_allclose(ahead, [-0.034 / np.tan(np.deg2rad(5.0)), 0, 0], atol=1e-9)
 
 
-def test_the_setup_has_all_taxels_or_those_given_and_both_arms_at_home(robot: Robot) -> None:
+def test_the_setup_has_all_taxels_or_those_given_and_both_arms_at_home(robot):
     setup = icub.icub_setup()
     assert len(setup.skin.taxel_ids) == 2 * (12 + 4)
     assert icub.icub_setup(icub_skin(("left_palm",))).skin.taxel_ids[0] == "left_palm:101"
@@ -151,7 +151,7 @@ def test_the_setup_has_all_taxels_or_those_given_and_both_arms_at_home(robot: Ro
         np.testing.assert_allclose(robot.at(q).point(f"{side}_palm"), palm, atol=1e-4)
 
 
-def test_a_robot_acts_with_its_left_arm_or_else_its_right_one(robot: Robot) -> None:
+def test_a_robot_acts_with_its_left_arm_or_else_its_right_one(robot):
     setup = icub.icub_setup()
     right = replace(setup, robot=Robot(robot.urdf, FrameNames(left_arm=())))
     assert right.side == "right"
@@ -160,12 +160,12 @@ def test_a_robot_acts_with_its_left_arm_or_else_its_right_one(robot: Robot) -> N
         print(without.side)
 
 
-def test_an_arm_port_with_too_few_encoders_is_refused() -> None:
+def test_an_arm_port_with_too_few_encoders_is_refused():
     with pytest.raises(ValueError, match="shorter"):
         icub.icub_setup().configuration({"left_arm": np.zeros(5)})
 
 
-def test_encoders_to_joints_and_back(robot: Robot) -> None:
+def test_encoders_to_joints_and_back(robot):
     rng = np.random.default_rng(5)
     setup = icub.icub_setup()
     for _ in range(20):

@@ -57,7 +57,7 @@ def icub() -> Robot:
     return load_icub()
 
 
-def test_postures_share_nothing_while_they_live_and_leave_nothing_behind(icub: Robot) -> None:
+def test_postures_share_nothing_while_they_live_and_leave_nothing_behind(icub):
     """Their evaluations are used again, which no other posture notices."""
     rng = np.random.default_rng(0)
     some = rng.uniform(icub.lower_rad, icub.upper_rad, (6, icub.n_joints))
@@ -77,7 +77,7 @@ def test_postures_share_nothing_while_they_live_and_leave_nothing_behind(icub: R
     assert 0 < len(icub.spare_data) < 12
 
 
-def test_another_robot_is_used_by_naming_its_frames(tmp_path: Path) -> None:
+def test_another_robot_is_used_by_naming_its_frames(tmp_path):
     robot = Robot(planar_urdf(tmp_path), PLANAR_NAMES)
     q = np.zeros(robot.n_joints)
     first, second = robot.indices(robot.names.arm("left"))
@@ -98,7 +98,7 @@ def test_another_robot_is_used_by_naming_its_frames(tmp_path: Path) -> None:
     np.testing.assert_array_equal(left, robot.at(q).T_root("eye_l"))  # the later evaluation left it alone
 
 
-def test_bodies_are_the_urdfs_visuals_in_their_own_links(tmp_path: Path) -> None:
+def test_bodies_are_the_urdfs_visuals_in_their_own_links(tmp_path):
     (body,) = Robot(planar_urdf(tmp_path), PLANAR_NAMES).bodies
     assert (body.frame, body.shape) == ("hand", "box")
     np.testing.assert_allclose(body.size_m, (0.02, 0.04, 0.06))
@@ -106,7 +106,7 @@ def test_bodies_are_the_urdfs_visuals_in_their_own_links(tmp_path: Path) -> None
     assert body.color == pytest.approx((0.0, 1.0, 0.0), abs=0.01)
 
 
-def test_bodies_have_the_sizes_that_the_urdf_gives_them(icub: Robot) -> None:
+def test_bodies_have_the_sizes_that_the_urdf_gives_them(icub):
     """Radius and whole length of a cylinder, radius of a sphere, sides of a box."""
     sizes = {body.name: body.size_m for body in icub.bodies}
     assert sizes["left_upper_arm_0"] == pytest.approx((0.034, 0.13))
@@ -114,7 +114,7 @@ def test_bodies_have_the_sizes_that_the_urdf_gives_them(icub: Robot) -> None:
     assert sizes["chest_0"] == pytest.approx((0.11, 0.14, 0.16))
 
 
-def test_a_posture_keeps_its_own_numbers(icub: Robot) -> None:
+def test_a_posture_keeps_its_own_numbers(icub):
     q = np.zeros(icub.n_joints)
     posture = icub.at(q)
     displaced = icub.at(q + 0.1)
@@ -127,7 +127,7 @@ def test_a_posture_keeps_its_own_numbers(icub: Robot) -> None:
             frozen[0] = 0.0
 
 
-def test_clamp_stays_within_the_limits(icub: Robot) -> None:
+def test_clamp_stays_within_the_limits(icub):
     np.testing.assert_array_equal(icub.clamp(np.full(icub.n_joints, 10.0)), icub.upper_rad)
     np.testing.assert_array_equal(icub.clamp(np.full(icub.n_joints, -10.0)), icub.lower_rad)
 
@@ -140,21 +140,21 @@ def test_clamp_stays_within_the_limits(icub: Robot) -> None:
         ("<?xml version='1.0'?><boat/>", r"broken\.urdf: cannot be read as URDF"),
     ],
 )
-def test_what_is_no_urdf_is_named(tmp_path: Path, text: str | None, message: str) -> None:
+def test_what_is_no_urdf_is_named(tmp_path, text, message):
     if text is not None:
         (tmp_path / "broken.urdf").write_text(text)
     with pytest.raises(InputError, match=message):
         Robot(tmp_path / "broken.urdf")
 
 
-def test_joints_of_more_than_one_number_and_frames_it_does_not_have_are_named(tmp_path: Path) -> None:
+def test_joints_of_more_than_one_number_and_frames_it_does_not_have_are_named(tmp_path):
     with pytest.raises(InputError, match="not revolute or prismatic"):
         Robot(planar_urdf(tmp_path, first_joint="continuous"), PLANAR_NAMES)
     with pytest.raises(InputError, match=r"planar\.urdf: lacks left_eye, right_eye, neck_yaw.*FrameNames"):
         Robot(planar_urdf(tmp_path))
 
 
-def test_a_mesh_is_a_body_of_its_bounding_box(tmp_path: Path) -> None:
+def test_a_mesh_is_a_body_of_its_bounding_box(tmp_path):
     mesh = tmp_path / "nose.stl"
     trimesh.creation.box((0.2, 0.4, 0.6)).apply_translation((1.0, 0.0, 0.0)).export(mesh)
     nose = (
@@ -168,12 +168,12 @@ def test_a_mesh_is_a_body_of_its_bounding_box(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("q", [np.zeros(3), np.full(23, np.nan), np.full(23, np.inf), np.zeros((23, 1))])
-def test_a_posture_of_wrong_length_or_not_finite_is_refused(icub: Robot, q: np.ndarray) -> None:
+def test_a_posture_of_wrong_length_or_not_finite_is_refused(icub, q):
     with pytest.raises(ValueError, match="expected 23 finite angles"):
         icub.at(q)
 
 
-def test_unknown_names_are_answered_with_the_known_ones(icub: Robot) -> None:
+def test_unknown_names_are_answered_with_the_known_ones(icub):
     with pytest.raises(ValueError, match=r"no joint 'tail'; this robot has torso_pitch"):
         icub.indices(("neck_yaw", "tail"))
     posture = icub.at(np.zeros(23))
@@ -182,6 +182,6 @@ def test_unknown_names_are_answered_with_the_known_ones(icub: Robot) -> None:
             question("tail")
 
 
-def test_eyes_that_move_need_joints(icub: Robot) -> None:
+def test_eyes_that_move_need_joints(icub):
     with pytest.raises(ValueError, match="carries no joints"):
         icub.eye_poses(None)

@@ -35,7 +35,7 @@ def memory(tmp_path_factory: pytest.TempPathFactory) -> PPSMemory:
     return load_memory(out / "memory.npz")
 
 
-def test_a_touch_is_learned_by_the_taxels_that_felt_it(memory: PPSMemory) -> None:
+def test_a_touch_is_learned_by_the_taxels_that_felt_it(memory):
     positive = memory.counts[..., 0].sum(axis=(1, 2))
     assert memory.taxel_ids == SETUP.skin.taxel_ids
     assert positive[4] > 10
@@ -43,7 +43,7 @@ def test_a_touch_is_learned_by_the_taxels_that_felt_it(memory: PPSMemory) -> Non
 
 
 @pytest.mark.parametrize("avoid", [False, True])
-def test_the_arm_withdraws_from_what_it_learned_would_touch(memory: PPSMemory, avoid: bool) -> None:
+def test_the_arm_withdraws_from_what_it_learned_would_touch(memory, avoid):
     with open_scene(2.0, 3, SETUP) as scene:
         log = _episode(scene, memory, avoid)
     assert log.was_touched == (not avoid)
@@ -59,7 +59,7 @@ def _episode(scene: SimulationScene, memory: PPSMemory, avoid: bool):
     return log_of(scene, episode, list(takewhile(lambda step: step.frame.stamp_s < until_s, steps)), avoid)
 
 
-def test_the_map_of_the_arm_holds_for_where_its_hand_has_been(tmp_path: Path) -> None:
+def test_the_map_of_the_arm_holds_for_where_its_hand_has_been(tmp_path):
     """Points in view where a random posture's palm is are within reach; those beyond the arm's length are not."""
     words = "--arm right --ik-budget 600 --max-error 0.3"
     main(["reach", "train", *words.split(), "--robot", str(ARM7), "--out", str(tmp_path / "map.npz")])
@@ -88,7 +88,7 @@ left_palm = "l_hand_dh_frame"
 """
 
 
-def test_the_official_icub_is_read_with_its_meshes_as_boxes(tmp_path: Path) -> None:
+def test_the_official_icub_is_read_with_its_meshes_as_boxes(tmp_path):
     icub_models = pytest.importorskip("icub_models")
     (tmp_path / "robot.toml").write_text(ICUB.format(urdf=icub_models.get_model_file("iCubLisboa01")))
     rows = (
@@ -106,7 +106,7 @@ def test_the_official_icub_is_read_with_its_meshes_as_boxes(tmp_path: Path) -> N
     np.testing.assert_allclose(normals[0], facing[0], atol=1e-5)
 
 
-def test_the_official_icub_of_our_version_has_our_arms() -> None:
+def test_the_official_icub_of_our_version_has_our_arms():
     """Version 1, whose Denavit–Hartenberg tables ours are: axes within 0.2 mm; the neck's roll is another's."""
     icub_models = pytest.importorskip("icub_models")
     rows = {row.joint: row for row in compare_joints(icub_models.get_model_file("iCubLisboa01"))}
@@ -116,7 +116,7 @@ def test_the_official_icub_of_our_version_has_our_arms() -> None:
     assert rows["neck_roll"].offset_m == pytest.approx(0.033 - 0.0095, abs=1e-5)  # A of the neck's pitch: v1, v2
 
 
-def test_a_root_elsewhere_moves_everything_alike(tmp_path: Path) -> None:
+def test_a_root_elsewhere_moves_everything_alike(tmp_path):
     """The arm bolted to a world: in the frame of its base it is as before."""
     bolt = '<link name="world"/><joint name="bolt" type="fixed"><parent link="world"/><child link="base"/>'
     placed = bolt + '<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/></joint>'
@@ -164,7 +164,7 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path: Path) -> None:
         ('skin = "skin.csv"\n', "", r"robot\.toml: no skin; expected urdf, skin, left_eye, right_eye"),
     ],
 )
-def test_what_is_wrong_in_a_robot_file_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_what_is_wrong_in_a_robot_file_is_named(tmp_path, old, new, message):
     for name in ("arm.urdf", "skin.csv"):
         (tmp_path / name).write_text(ARM7.with_name(name).read_text())
     text = ARM7.read_text()
@@ -186,7 +186,7 @@ def test_what_is_wrong_in_a_robot_file_is_named(tmp_path: Path, old: str, new: s
         ("forearm,forearm,0,", "forearm,palm,0,", r"skin\.csv: part forearm in several frames; expected taxels"),
     ],
 )
-def test_what_is_wrong_in_a_skin_file_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_what_is_wrong_in_a_skin_file_is_named(tmp_path, old, new, message):
     text = ARM7.with_name("skin.csv").read_text()
     assert old in text
     (tmp_path / "skin.csv").write_text(text.replace(old, new, 1))
@@ -194,7 +194,7 @@ def test_what_is_wrong_in_a_skin_file_is_named(tmp_path: Path, old: str, new: st
         read_robot(ARM7, skin=tmp_path / "skin.csv")
 
 
-def test_the_icubs_own_skin_file_has_our_taxels() -> None:
+def test_the_icubs_own_skin_file_has_our_taxels():
     """The forearm's calibration names the virtual taxels; ours are of the paper."""
     setup: RobotSetup = robot_setup(skin=shared_data("icub_files", "skin_positions", "left_forearm_mesh.txt"))
     (part,) = setup.skin.parts
@@ -206,7 +206,7 @@ def test_the_icubs_own_skin_file_has_our_taxels() -> None:
     np.testing.assert_allclose(part.normals[where], ours.normals, atol=2e-3)
 
 
-def test_a_skin_part_in_the_icubs_form_is_read(tmp_path: Path) -> None:
+def test_a_skin_part_in_the_icubs_form_is_read(tmp_path):
     """Taxel 1 is represented by 0, 3 by none, and 2 has no normal; what follows six numbers of a row does not count."""
     robot = read_robot(ARM7).robot
     file = tmp_path / "part.txt"
@@ -230,12 +230,12 @@ def test_a_skin_part_in_the_icubs_form_is_read(tmp_path: Path) -> None:
         read_skin([file], robot)
 
 
-def test_a_urdf_without_a_robot_file_is_refused() -> None:
+def test_a_urdf_without_a_robot_file_is_refused():
     with pytest.raises(InputError, match=r"--urdf x\.urdf; expected --robot robot\.toml too"):
         robot_setup(urdf=Path("x.urdf"))
 
 
-def test_a_camera_may_be_a_link_of_the_model(tmp_path: Path) -> None:
+def test_a_camera_may_be_a_link_of_the_model(tmp_path):
     """Its name alone, then; the pose is that of the link, here of the palm."""
     text = (
         ARM7.read_text()

@@ -66,7 +66,7 @@ def reference(q: Array, ignored: tuple[str, ...] = ()) -> float:
     )
 
 
-def test_rates_of_distances_are_their_differences() -> None:
+def test_rates_of_distances_are_their_differences():
     rng = np.random.default_rng(11)
     bodies = SelfCollision(ROBOT)
     h = 5e-4
@@ -109,7 +109,7 @@ def test_distances_are_those_of_the_bodies_surfaces():
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 45.0])
-def test_adjacent_bodies_are_not_compared(roll_deg: float):
+def test_adjacent_bodies_are_not_compared(roll_deg):
     """An arm that hangs down is near the chest by construction, not by collision."""
     q = np.zeros(ROBOT.n_joints)
     q[ROBOT.indices(("left_shoulder_roll", "right_shoulder_roll"))] = np.deg2rad(roll_deg)

@@ -22,7 +22,7 @@ def _hits(body: Body, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return inside.any(axis=1)
 
 
-def test_it_covers_the_arm_and_little_else() -> None:
+def test_it_covers_the_arm_and_little_else():
     robot = load_icub()
     q = set_gaze(robot, home(robot), yaw=np.deg2rad(15), pitch=np.deg2rad(-38), tilt=np.deg2rad(-15))
     view = icub_rig(robot).view(q).left
@@ -43,7 +43,7 @@ def test_it_covers_the_arm_and_little_else() -> None:
 
 @pytest.mark.parametrize("across", [0, 2], ids=["from its side", "from its end"])
 @pytest.mark.parametrize(("shape", "size"), [("sphere", (0.1,)), ("cylinder", (0.05, 0.4)), ("box", (0.1, 0.2, 0.3))])
-def test_a_single_body_covers_what_rays_into_it_hit(shape: str, size: tuple[float, ...], across: int) -> None:
+def test_a_single_body_covers_what_rays_into_it_hit(shape, size, across):
     """Seen from 0.7 m by a camera without distortion, along its x and its z axis."""
     body = Body("one", "root", shape, size, np.eye(4), (0.0, 0.0, 0.0))  # type: ignore[arg-type]
     robot = load_icub()
@@ -59,13 +59,13 @@ def test_a_single_body_covers_what_rays_into_it_hit(shape: str, size: tuple[floa
     assert np.count_nonzero(true & ~said) < 0.02 * true.sum()
 
 
-def test_a_view_away_from_the_body_is_free() -> None:
+def test_a_view_away_from_the_body_is_free():
     robot = load_icub()
     up = np.eye(4)
     up[:3, 3] = (0.0, 0.0, 1.0)
     assert not Silhouette(robot)(home(robot), View(LEFT_EYE, up)).any()
 
 
-def test_bad_margin_is_named() -> None:
+def test_bad_margin_is_named():
     with pytest.raises(ValueError, match="margin -1"):
         Silhouette(load_icub(), margin_px=-1)

@@ -8,21 +8,13 @@ from data import shared_data
 
 from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.icub import home, load_icub
-from pps_vision.robot.skin import (
-    INNER_FOREARM,
-    OUTER_FOREARM,
-    Skin,
-    SkinPart,
-    icub_skin,
-    taxel_frame,
-    touched_taxels,
-)
+from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, Skin, SkinPart, icub_skin, taxel_frame, touched_taxels
 
 ROBOT = load_icub()
 SKIN = icub_skin()
 
 
-def test_parts_hold_the_published_taxels() -> None:
+def test_parts_hold_the_published_taxels():
     assert [(p.name, len(p.ids)) for p in SKIN.parts] == [
         ("left_forearm", 12), ("right_forearm", 12), ("left_palm", 4), ("right_palm", 4),
     ]  # fmt: skip
@@ -33,7 +25,7 @@ def test_parts_hold_the_published_taxels() -> None:
     np.testing.assert_allclose(SKIN.parts[0].normals[i], [-0.639, 0.054, 0.768], atol=1e-3)
 
 
-def test_the_right_forearm_mirrors_the_left_one() -> None:
+def test_the_right_forearm_mirrors_the_left_one():
     """In y and z (R), positions and normals."""
     left, right = icub_skin(("left_forearm", "right_forearm")).parts
     assert left.ids == right.ids
@@ -50,7 +42,7 @@ def test_the_right_forearm_mirrors_the_left_one() -> None:
         ("right_palm", "right_hand_V2_1.txt"),
     ],
 )
-def test_taxels_are_where_the_robots_own_calibration_puts_them(part: str, file: str) -> None:
+def test_taxels_are_where_the_robots_own_calibration_puts_them(part, file):
     """Row k of the robot's file is taxel k: position (m) and a normal of almost unit length."""
     lines = shared_data("icub_files", "skin_positions", file).read_text().splitlines()
     rows = [line.split() for line in lines if re.match(r"\s*-?\d", line)]
@@ -62,7 +54,7 @@ def test_taxels_are_where_the_robots_own_calibration_puts_them(part: str, file: 
     np.testing.assert_allclose(ours.normals, unit, atol=2e-3)
 
 
-def test_the_inner_left_forearm_faces_the_robots_eyes_at_home() -> None:
+def test_the_inner_left_forearm_faces_the_robots_eyes_at_home():
     """Seen from between the eyes, the inner taxels face us (135 edgewise), the outer ones face away."""
     posture = ROBOT.at(home(ROBOT))
     skin = icub_skin(("left_forearm",))
@@ -76,7 +68,7 @@ def test_the_inner_left_forearm_faces_the_robots_eyes_at_home() -> None:
     assert facing[outer].max() < -0.9
 
 
-def test_normals_turn_with_the_body_but_are_not_translated() -> None:
+def test_normals_turn_with_the_body_but_are_not_translated():
     posture = ROBOT.at(home(ROBOT))
     positions, normals = SKIN.at(posture)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
@@ -88,7 +80,7 @@ def test_normals_turn_with_the_body_but_are_not_translated() -> None:
         np.testing.assert_allclose(tips[i], above, atol=1e-12)
 
 
-def test_taxels_move_as_their_jacobians_say() -> None:
+def test_taxels_move_as_their_jacobians_say():
     """By differences, for joints of both arms and the torso, in any order."""
     q = home(ROBOT)
     joints = ROBOT.indices(("right_wrist_yaw", "torso_yaw", "left_elbow", "right_elbow"))
@@ -100,13 +92,13 @@ def test_taxels_move_as_their_jacobians_say() -> None:
         np.testing.assert_allclose(J[:, :, k], expected, atol=1e-8)
 
 
-def test_an_arms_skin_is_what_its_joints_move() -> None:
+def test_an_arms_skin_is_what_its_joints_move():
     for side in ("left", "right"):
         assert [part.name for part in SKIN.on_arm(ROBOT, side).parts] == [f"{side}_forearm", f"{side}_palm"]
 
 
 @pytest.mark.parametrize("part", icub_skin().parts, ids=lambda part: part.name)
-def test_taxel_frames_have_z_along_the_normal_and_are_right_handed(part: SkinPart) -> None:
+def test_taxel_frames_have_z_along_the_normal_and_are_right_handed(part):
     for position, normal in zip(part.positions_m, part.normals, strict=True):
         T = taxel_frame(position, 2.5 * normal)
         np.testing.assert_allclose(T[:3, 2], normal, atol=1e-12)
@@ -117,19 +109,19 @@ def test_taxel_frames_have_z_along_the_normal_and_are_right_handed(part: SkinPar
         assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
 
 
-def test_a_ball_touches_the_taxels_within_20_mm_of_its_surface() -> None:
+def test_a_ball_touches_the_taxels_within_20_mm_of_its_surface():
     taxels = np.array([[0.0, 0, 0], [0.03, 0, 0], [0.0, 0.06, 0]])
     np.testing.assert_array_equal(touched_taxels(taxels, (0.0, 0.0, 0.0549), 0.035), [True, False, False])
     np.testing.assert_array_equal(touched_taxels(taxels, (0.0, 0.0, 0.0551), 0.035), [False, False, False])
     np.testing.assert_array_equal(touched_taxels(taxels, (0.015, 0.0, 0.0), 0.035), [True, True, False])
 
 
-def test_unknown_taxels_are_answered_with_the_known_ones() -> None:
+def test_unknown_taxels_are_answered_with_the_known_ones():
     with pytest.raises(ValueError, match=r"no taxel 'left_forearm:1'; this skin has left_forearm:27"):
         icub_skin().index("left_forearm:1")
 
 
-def test_a_part_must_have_one_unit_normal_a_taxel() -> None:
+def test_a_part_must_have_one_unit_normal_a_taxel():
     unit_z = np.array([[0.0, 0.0, 1.0]])
     for positions, normals in (
         (unit_z, unit_z),

@@ -12,7 +12,7 @@ from pps_vision.robot.self_collision import SelfCollision
 
 
 @pytest.mark.parametrize(("steps", "episode"), [(1200, 60), pytest.param(40_000, 400, marks=pytest.mark.long)])
-def test_no_limit_is_left_and_only_bad_input_is_refused(steps: int, episode: int) -> None:
+def test_no_limit_is_left_and_only_bad_input_is_refused(steps, episode):
     result = attack(steps, SEED, episode)
     assert result.faults == []
     assert set(result.modes) == {"idle", "avoid", "reach", "hold", "return"}
@@ -24,7 +24,7 @@ def test_no_limit_is_left_and_only_bad_input_is_refused(steps: int, episode: int
     assert result.freed > 0 or steps < 10_000
 
 
-def test_the_attack_finds_what_the_arm_and_the_last_stage_prevent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_attack_finds_what_the_arm_and_the_last_stage_prevent(monkeypatch):
     checked = limits.limit
 
     def only_stamped(params, bodies, posture, wanted, *last):  # type: ignore[no-untyped-def]

@@ -132,7 +132,7 @@ def is_like(output: Mapping[str, bytes], whole: Mapping[str, bytes], in_part: bo
 @pytest.mark.parametrize(
     "command", [pytest.param(c, marks=[pytest.mark.long] * (c.name != QUICK), id=c.name) for c in COMMANDS]
 )
-def test_a_killed_command_damages_nothing_and_runs_again(tmp_path: Path, command: CommandUnderTest) -> None:
+def test_a_killed_command_damages_nothing_and_runs_again(tmp_path, command):
     prepare(tmp_path, [command])
     kills = {QUICK: 1, "batch": 10}.get(command.name, 3)
     assert kill(command, tmp_path, kills, (signal.SIGTERM,) if command.name == QUICK else SIGNALS) == []

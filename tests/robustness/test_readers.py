@@ -141,21 +141,21 @@ def time_out(signum: int, frame: FrameType | None) -> None:
 
 @pytest.mark.parametrize("n", [12, pytest.param(500, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", READERS)
-def test_a_mutated_file_is_read_or_refused(name: str, n: int) -> None:
+def test_a_mutated_file_is_read_or_refused(name, n):
     ends = list(read_mutants(READERS[name], n))
     assert [f"{k}: {end}" for k, end in enumerate(ends) if end not in ("read", "refused")] == []
     assert len(ends) == n
 
 
 @pytest.mark.parametrize(("name", "content"), BROKE_A_READER)
-def test_a_file_that_once_broke_its_reader_is_read_or_refused(name: str, content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_once_broke_its_reader_is_read_or_refused(name, content, tmp_path):
     (file,) = READERS[name].write(tmp_path)
     file.write_bytes(content)
     with suppress(InputError):
         READERS[name].read(tmp_path)
 
 
-def test_a_robot_that_once_broke_its_reader_is_refused(tmp_path: Path) -> None:
+def test_a_robot_that_once_broke_its_reader_is_refused(tmp_path):
     file = next(file for file in READERS["robot"].write(tmp_path) if file.name == "robot.toml")
     file.write_text(file.read_text().replace('"a1", "a2"', "[" * 3000))
     with pytest.raises(InputError, match=r"robot\.toml.* cannot be read as TOML"):
@@ -163,7 +163,7 @@ def test_a_robot_that_once_broke_its_reader_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("change", [{"unanswered": np.inf}, {"limits_rad": np.ones((3, 2, 3))}, {"optimality": 1j}])
-def test_a_map_that_once_broke_its_reader_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
+def test_a_map_that_once_broke_its_reader_is_refused(change, tmp_path):
     (file,) = READERS["map"].write(tmp_path)
     with np.load(file) as archive:
         arrays = {**archive, **change}

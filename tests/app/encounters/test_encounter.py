@@ -9,7 +9,6 @@ from pps_vision.app.encounters.encounter import (
     HAZARDS,
     PASS_M,
     PRESS_M,
-    Condition,
     Encounter,
     EncounterScene,
     draw,
@@ -24,7 +23,7 @@ RADIUS_M = 0.035
 REACH_M = RADIUS_M + TOUCH_RADIUS_M
 
 
-def test_the_would_be_contact_of_a_straight_path_by_hand() -> None:
+def test_the_would_be_contact_of_a_straight_path_by_hand():
     taxels = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, -0.2]])
     start = np.array([0.0, 0.0, 0.3])
     down = np.array([0.0, 0.0, -0.1])
@@ -49,9 +48,7 @@ def gaps(scene: EncounterScene, encounter: Encounter) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("condition", HAZARDS)
 @pytest.mark.parametrize("number", [1, 5])
-def test_an_arm_at_rest_is_touched_when_the_encounter_says(
-    scene: EncounterScene, condition: Condition, number: int
-) -> None:
+def test_an_arm_at_rest_is_touched_when_the_encounter_says(scene, condition, number):
     encounter = draw(scene, condition, number, seed=3)
     times, left = gaps(scene, encounter)
     assert times[np.argmax(left <= 0)] == pytest.approx(encounter.contact_s, abs=0.003)
@@ -65,7 +62,7 @@ def test_an_arm_at_rest_is_touched_when_the_encounter_says(
 
 
 @pytest.mark.parametrize("condition", HARMLESS)
-def test_harmless_objects_touch_nothing(scene: EncounterScene, condition: Condition) -> None:
+def test_harmless_objects_touch_nothing(scene, condition):
     for number in (0, 4):
         encounter = draw(scene, condition, number, seed=3)
         left = gaps(scene, encounter)[1] + TOUCH_RADIUS_M
@@ -76,7 +73,7 @@ def test_harmless_objects_touch_nothing(scene: EncounterScene, condition: Condit
             assert left.min() < left[[0, -1]].min() - 0.02, "it comes nearer and leaves"
 
 
-def test_an_encounter_depends_on_its_seed_and_number_alone(scene: EncounterScene) -> None:
+def test_an_encounter_depends_on_its_seed_and_number_alone(scene):
     first = draw(scene, "press", 7, seed=3)
     again = draw(EncounterScene(), "press", 7, seed=3)
     second = draw(scene, "press", 8, seed=3)
@@ -86,7 +83,7 @@ def test_an_encounter_depends_on_its_seed_and_number_alone(scene: EncounterScene
     assert draw(scene, "press", 7, seed=4).speed_m_s != first.speed_m_s
 
 
-def test_what_a_body_hides_is_counted_ray_by_ray(scene: EncounterScene) -> None:
+def test_what_a_body_hides_is_counted_ray_by_ray(scene):
     """A ball above, beside and behind the left forearm: the share hidden by the sphere at its end, by ray casting."""
     posture = scene.robot.at(draw(scene, "stop", 0, 3).q_rad)
     body = next(body for body in scene.robot.bodies if body.name == "left_forearm_1")

@@ -3,19 +3,15 @@
 import numpy as np
 import pytest
 
-from pps_vision.app.encounters.encounter import EncounterScene, draw
+from pps_vision.app.encounters.encounter import draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import OURS, new_controller
 from pps_vision.app.encounters.rendered import render_encounter
 from pps_vision.app.encounters.tracks import track_of
-from pps_vision.app.encounters.training import Memories
-from pps_vision.app.simulation import Side
 
 
 @pytest.mark.long
-def test_a_fast_ball_is_avoided_alike_with_and_without_rendering(
-    scene: EncounterScene, memories: dict[Side, Memories]
-) -> None:
+def test_a_fast_ball_is_avoided_alike_with_and_without_rendering(scene, memories):
     balls = (draw(scene, "stop", 24 * k, 5) for k in range(20))  # left arm
     encounter = next(ball for ball in balls if ball.speed_m_s > 0.2)
     tracks = track_of(scene, encounter, np.random.default_rng(0))

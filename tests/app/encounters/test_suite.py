@@ -11,8 +11,6 @@ from pps_vision.app.encounters.encounter import Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import ASKING, NAMES, NONE, TRUE, new_controller
 from pps_vision.app.encounters.tracks import track_of, true_track_of
-from pps_vision.app.encounters.training import Memories
-from pps_vision.app.simulation import Side
 from pps_vision.errors import InputError
 from pps_vision.types import Array, Reachability, ReachStatus, Track3D
 
@@ -40,9 +38,7 @@ def slow(scene: EncounterScene) -> Encounter:
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in (NONE, "depth space")])
-def test_controllers_avoid_a_slow_object(
-    scene: EncounterScene, memories: dict[Side, Memories], slow: Encounter, name: str
-) -> None:
+def test_controllers_avoid_a_slow_object(scene, memories, slow, name):
     """It would touch; limits and self-collision distance are kept.  Not so the depth-space baseline: as tuned, with a
     short range, it avoids half of such objects."""
     tracks = true_track_of(slow) if name == TRUE else track_of(scene, slow, np.random.default_rng(1))
@@ -59,7 +55,7 @@ def test_controllers_avoid_a_slow_object(
     assert result.self_distance_m >= 0.0199
 
 
-def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch) -> None:
+def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     """The plugged-in controller interrupts the run in the second encounter; the first is not simulated again."""
     (tmp_path / "theirs.py").write_text(PLUGIN)
     monkeypatch.chdir(tmp_path)
@@ -82,7 +78,7 @@ def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path: Path, mo
         suite.run_suite(folder, {"stop": 1}, 3, ("theirs:old",), 1, 0.01)
 
 
-def test_what_the_map_calls_unreachable_is_not_attempted(scene: EncounterScene, memories: dict[Side, Memories]) -> None:
+def test_what_the_map_calls_unreachable_is_not_attempted(scene, memories):
     encounter = draw(scene, "reach", 0, 3)
     tracks = track_of(scene, encounter, np.random.default_rng(1))
     arguments = scene, memories["left"], encounter, ASKING, new_controller(ASKING), tracks

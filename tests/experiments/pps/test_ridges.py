@@ -10,7 +10,7 @@ from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.pps.ridges import FINE, bin_centers, offsets, orthogonal_line, ridge_width
 
 
-def test_the_line_is_that_of_a_search_for_the_least_distance() -> None:
+def test_the_line_is_that_of_a_search_for_the_least_distance():
     rng = np.random.default_rng(SEED)
     y = rng.uniform(0, 3, 60)
     x = 0.4 + 0.3 * y + 0.1 * rng.standard_normal(60)
@@ -23,7 +23,7 @@ def test_the_line_is_that_of_a_search_for_the_least_distance() -> None:
     np.testing.assert_allclose(orthogonal_line(x, y, weights), [best[0], np.tan(best[1])], atol=1e-5)
 
 
-def test_the_offset_of_objects_at_many_speeds() -> None:
+def test_the_offset_of_objects_at_many_speeds():
     offset_m = 0.05
     rng = np.random.default_rng(SEED)
     left_s = np.tile(np.arange(0.025, 0.4, 0.05), 200)
@@ -35,7 +35,7 @@ def test_the_offset_of_objects_at_many_speeds() -> None:
     assert np.isnan(estimates[1])
 
 
-def test_offset_and_width_of_worked_out_counts() -> None:
+def test_offset_and_width_of_worked_out_counts():
     """Bins of 0.1 m and 1 s from 0 m and 0.5 s: 0.05 m at 1 s and 0.15 m at 2 s; a ridge two bins wide."""
     counts = np.zeros((1, 3, 2, 2), np.int64)
     counts[0, [0, 1], [0, 1], 0] = 3

@@ -8,7 +8,7 @@ from pps_vision.experiments.pps.scores import auroc, brier, brier_gain, expected
 
 
 @pytest.mark.parametrize("levels", [3, 1000])
-def test_auroc_is_the_mann_whitney_statistic(levels: int) -> None:
+def test_auroc_is_the_mann_whitney_statistic(levels):
     rng = np.random.default_rng(0)
     outcome = rng.random(200) < 0.3
     score = rng.integers(0, levels, 200) + 0.3 * levels * outcome
@@ -17,7 +17,7 @@ def test_auroc_is_the_mann_whitney_statistic(levels: int) -> None:
     assert np.isnan(auroc([1, 1], [0.5, 0.2]))
 
 
-def test_the_gain_on_a_reference_is_that_of_a_paired_t_test() -> None:
+def test_the_gain_on_a_reference_is_that_of_a_paired_t_test():
     rng = np.random.default_rng(4)
     outcome = rng.random((9, 4)) < 0.4
     probability = rng.random((9, 4))
@@ -28,7 +28,7 @@ def test_the_gain_on_a_reference_is_that_of_a_paired_t_test() -> None:
     assert brier_gain(outcome, probability, reference) == pytest.approx((gain, interval.low, interval.high))
 
 
-def test_the_calibration_error_of_a_worked_out_case() -> None:
+def test_the_calibration_error_of_a_worked_out_case():
     """Ten bins: 0.096 is in the first, 0.85 not in the last, and 1 is."""
     p = [0.0, 0.096, 0.62, 0.85, 0.92, 1.0]
     error = expected_calibration_error([0, 1, 1, 0, 1, 1], p)
