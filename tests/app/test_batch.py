@@ -20,7 +20,6 @@ from videos import write_video
 
 from learning.pps.memory import load_memory
 from pps_vision.app.cli import main
-from pps_vision.recordings.atomic_write import BUSY
 
 FILES = {"batch.csv", "settings.json", "summary.json"}
 
@@ -221,28 +220,3 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path, calib):
     assert "is no folder" in rows["c.mp4"]["reason"]
     assert (out / "c.mp4").read_bytes() == b"mine"
     assert {path.name for path in out.iterdir()} == {"a.mp4", "c.mp4", *FILES}
-
-
-@pytest.mark.parametrize(
-    ("script", "reason", "runs"),
-    [
-        ("kill -9 $$", "ended by signal 9", 1),
-        ("echo 'pps-vision: a.mp4: is odd; expected even' >&2; exit 2", "a.mp4: is odd; expected even", 1),
-        (f"[ $(wc -l < runs) = 2 ] && exit 3; echo 'pps-vision: a: {BUSY}' >&2; exit 2", "ended with exit code 3", 2),
-    ],
-)
-def test_why_a_recording_s_process_ended(script, reason, runs, tmp_path, refused_with, monkeypatch):
-    """A shell script in Python's place notes each of its runs; one that another run holds is tried again."""
-    python = tmp_path / "python"
-    python.write_text(f"#!/bin/sh\necho run >> runs\n{script}\n")
-    python.chmod(0o755)
-    (tmp_path / "a.mp4").touch()
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setattr("pps_vision.app.batch._BUSY_S", 0.01)
-    assert "0 workers; expected at least 1" in refused_with("batch", "a.mp4", "--workers", 0, "--out", "out")[-1]
-    n_open = len(os.listdir("/proc/self/fd"))
-    assert "none of 1 recordings could be tracked" in refused_with("batch", "a.mp4", "--out", "out")[-1]
-    assert len(os.listdir("/proc/self/fd")) == n_open
-    assert table(tmp_path / "out")["a.mp4"]["reason"] == reason
-    assert (tmp_path / "runs").read_text().split() == ["run"] * runs

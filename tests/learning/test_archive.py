@@ -19,20 +19,6 @@ def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path):
     assert arrays["written_by"] == version("pps-vision")
 
 
-def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
-    file = tmp_path / "a.npz"
-    write_archive(file, "map", 2, {"x": 1.0})
-
-    def full(*args: object, **arrays: object) -> None:
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr(np, "savez_compressed", full)
-    with pytest.raises(OSError, match="no space"):
-        write_archive(file, "map", 2, {"x": 2.0})
-    assert list(tmp_path.iterdir()) == [file]
-    assert read_archive(file, "map", 2, ("x",))["x"] == 1
-
-
 @pytest.mark.parametrize(
     ("kind", "version", "names", "message"),
     [

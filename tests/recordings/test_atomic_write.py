@@ -2,9 +2,6 @@
 
 import json
 import os
-import signal
-import stat
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -56,46 +53,6 @@ def test_an_existing_folder_stays_the_same_folder(tmp_path, monkeypatch):
         (folder / "a").write_text("1")
         assert [p.name for p in tmp_path.iterdir()] == ["out"]
     assert (os.listdir(), target.stat().st_ino) == (["a"], inode)
-
-
-@pytest.mark.parametrize("stands_in_it", [False, True])
-def test_an_empty_folder_is_never_filled_in_part_for_good(tmp_path, monkeypatch, stands_in_it):
-    """Killed at any rename, it is empty or whole, or the next run makes it whole."""
-    for last in range(6):
-        target = tmp_path / f"out{last}"
-        target.mkdir(mode=0o750)
-        monkeypatch.chdir(target if stands_in_it else tmp_path)
-        killed = _killed_at_rename(last, target)
-        if killed and stands_in_it and os.listdir(target):
-            with suppress(InputError), whole_folder(target):
-                pass
-        assert sorted(p.name for p in target.iterdir()) in ([], ["a", "b", "c"])
-        assert stat.S_IMODE(target.stat().st_mode) == 0o750
-    assert not killed
-    assert (target / "c").read_text() == "c"
-
-
-def _killed_at_rename(last: int, target: Path) -> bool:
-    """Write three files in a process that dies at its rename number `last`; whether it has got there."""
-    if (child := os.fork()) == 0:
-        for module, name in ((os, "rename"), (os, "replace")):
-            setattr(module, name, _dying(getattr(module, name), renames := []))
-        renames += [None] * (100 - last)
-        with whole_folder(target) as folder:
-            for name in "abc":
-                (folder / name).write_text(name)
-        os._exit(0)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
-
-
-def _dying(rename: Callable[..., None], renames: list[None]) -> Callable[..., None]:
-    def renamed(*args: Path) -> None:
-        renames.append(None)
-        if len(renames) > 100:
-            os.kill(os.getpid(), signal.SIGKILL)
-        rename(*args)
-
-    return renamed
 
 
 @pytest.mark.parametrize("whole", [whole_folder, whole_file])

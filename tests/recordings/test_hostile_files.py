@@ -144,15 +144,6 @@ def test_a_byte_order_mark_changes_nothing(rec):
     assert [pair[0].stamp_s for pair in marked.pairs] == [pair[0].stamp_s for pair in clean.pairs]
 
 
-def test_linked_folders_are_followed_and_loops_end(rec, tmp_path):
-    (rec.folder / "cam").rename(tmp_path / "elsewhere")
-    (rec.folder / "cam").symlink_to(tmp_path / "elsewhere")
-    (rec.folder / "head" / "up").symlink_to(rec.folder)
-    with at_most(20):
-        recording = open_recording(rec.folder)
-    assert (len(recording), recording.problems) == (4, [])
-
-
 def png(width: int, height: int) -> bytes:
     """A PNG whose header states a size that its data have not."""
     header = b"IHDR" + width.to_bytes(4) + height.to_bytes(4) + bytes([8, 2, 0, 0, 0])

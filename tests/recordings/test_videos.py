@@ -109,22 +109,6 @@ def test_a_video_without_its_end(tmp_path, calib, suffix, share, said):
     assert (f"{file} ends early (" in warnings_text, said in warnings_text) == (bool(said), True)
 
 
-def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_images_last(tmp_path):
-    stamps = [k / 25 for k in range(50)]
-    assert Video(write_video(tmp_path / "v.mkv", stamps)).stated_s == pytest.approx(2.0, abs=0.05)
-    assert Video(write_video(tmp_path / "v.mp4", stamps)).stated_s == 0
-    with av.open(str(tmp_path / "v.mkv")) as images, av.open(str(tmp_path / "sound.mkv"), "w") as combined:
-        stream = combined.add_stream_from_template(images.streams.video[0])
-        sound = combined.add_stream("pcm_s16le", 8000)
-        for packet in images.demux(video=0):
-            packet.stream = stream
-            combined.mux(packet) if packet.size else None
-        silence = av.AudioFrame.from_ndarray(np.zeros((1, 80000), np.int16), format="s16", layout="mono")
-        silence.sample_rate = 8000
-        combined.mux([*sound.encode(silence), *sound.encode()])
-    assert Video(tmp_path / "sound.mkv").stated_s == 0
-
-
 def test_a_video_that_was_cut_before_its_index_is_refused_in_words(tmp_path):
     file = write_video(tmp_path / "v.mp4", UNEVEN)
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from pps_vision.types import Array, Image
-from rendering.eyes import Eyes, instants
-from rendering.fidelity import Fidelity
-from rendering.scene import PropPose, SceneState
+from rendering.eyes import Eyes
+from rendering.scene import SceneState
 from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus
 
@@ -67,19 +66,3 @@ def test_without_motion_an_open_shutter_changes_nothing(robot, rig, q):
         sharp = moment.render(state, 0.0)
     with Eyes(robot, rig, make_stimulus("cube"), sensor=Sensor(blur_s=0.1)) as blurring_eyes:
         assert np.array_equal(sharp.left, blurring_eyes.render(state, 0.0).left)
-
-
-@pytest.mark.parametrize(("drift_px", "n"), [(6.0, 3), (80.0, 24)])
-def test_instants_spread_as_an_open_shutter_does(robot, rig, q, drift_px, n):
-    """Evenly about the stamp, with the variance of a uniform distribution; 24 at most, also for a prop that moves."""
-    eye = rig.view(q).left
-    sideways = eye.T_root_camera[:3, 0]
-    velocity = drift_px / np.linalg.norm(eye.project_jacobian(PLACE) @ sideways) / 0.004 * sideways
-    for state in (SceneState(q, PLACE, velocity), SceneState(q, props=(None, PropPose(PLACE, velocity)))):
-        moments = instants(robot, rig, state, 0.004, Fidelity())
-        assert len(moments) == n
-        places = [moment.props[1].position if moment.props else moment.position for moment in moments]  # type: ignore[union-attr]
-        after_s = (np.array(places) - PLACE) @ velocity / (velocity @ velocity)
-        assert np.ptp(np.diff(after_s)) < 1e-9
-        assert after_s.mean() == pytest.approx(0, abs=1e-12)
-        assert after_s.var() == pytest.approx(0.004**2 / 12)

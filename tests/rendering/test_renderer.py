@@ -4,7 +4,6 @@ import gc
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -60,26 +59,6 @@ def test_what_is_closed_or_forgotten_is_given_back(robot, rig, q):
         del forgotten
         gc.collect()
         assert uploaded_after_a_frame(lasting, SceneState(q, PLACE)) == uploaded
-
-
-def test_what_turns_is_lit_anew_and_its_old_mesh_is_freed():
-    """A surface of 3 MB, turned 20 times."""
-
-    def resident_mb() -> float:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
-
-    renderer = shared_renderer()
-    view = View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
-    node = Node(surface_of([sphere(0.1, (1, 0, 0), fineness=6)]))
-    shown = []
-    memory = []
-    for k in range(23):
-        node.T_root_node = transform(turned(0.1 * k), (0, 0, 0.5))
-        shown.append(renderer.color([node], view))
-        memory.append(resident_mb())
-    renderer.release([node])
-    assert not np.array_equal(shown[0], np.zeros_like(shown[0]))
-    assert memory[-1] - memory[2] < 40  # of 20 × (2.1 MB of vertices, 1 MB of faces)
 
 
 def test_a_turned_body_is_lit_as_one_made_so(robot, rig, q):

@@ -39,44 +39,6 @@ def test_six_walls_close_a_box_around_the_robot():
         assert np.abs((wall - wall[0]) @ normal).max() < 1e-9
 
 
-def test_the_table_stands_before_the_robot_and_has_two_sides():
-    corners, normals, _ = quads()
-    top, below = corners[6:]
-    walls = corners[:6].reshape(-1, 3)
-    assert np.array_equal(np.unique(top, axis=0), np.unique(below, axis=0))
-    assert normals[6:] == pytest.approx(np.array([[0, 0, 1], [0, 0, -1]]))
-    assert (top > walls.min(axis=0)).all()
-    assert (top < walls.max(axis=0)).all()
-    assert top[:, 0].max() < 0
-    assert top[:, 1] == pytest.approx(-top[::-1, 1])  # from left to right as far
-    assert np.ptp(top[:, 2]) == 0
-
-
-def test_faces_are_seen_from_the_side_that_their_normals_point_to():
-    room = room_surface()
-    a, b, c = np.moveaxis(room.positions[room.faces], 1, 0)
-    across = np.cross(b - a, c - a)
-    assert (np.einsum("ij,ij->i", across, room.normals[room.faces[:, 0]]) > 0).all()
-    area = np.linalg.norm(across, axis=1).reshape(-1, 2).sum(axis=1) / 2  # two triangles a rectangle
-    corners, _, _ = quads()
-    sides = [np.linalg.norm(corners[:, k] - corners[:, 0], axis=1) for k in (1, 2)]
-    np.testing.assert_allclose(area, sides[0] * sides[1])
-
-
-def test_each_surface_shows_its_own_picture_upright():
-    """Corners 0, 1, 2, 3: the picture's top left, top right, bottom left, bottom right, seen from inside."""
-    corners, normals, uv = quads()
-    for k, (quad, normal, at) in enumerate(zip(corners, normals, uv, strict=True)):
-        rightward = quad[1] - quad[0]
-        downward = quad[2] - quad[0]
-        assert np.cross(downward, rightward) @ normal > 0
-        tile = min(k, 6)
-        px = np.column_stack([at[:, 0] * atlas().shape[1], (1 - at[:, 1]) * atlas().shape[0]])
-        expected = np.array([tile % 4, tile // 4]) * TILE + np.array([[0, 0], [TILE, 0], [0, TILE], [TILE, TILE]])
-        assert np.abs(px - expected).max() < 0.02 * TILE  # its border is left out
-        assert (np.abs(px - (expected.mean(axis=0))).max(axis=0) < TILE / 2).all()
-
-
 def test_pictures_are_muted_and_have_detail_at_every_scale():
     """Contrast between neighbouring squares of 2 to 64 texels; clipped texels have none."""
     for k in range(7):

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pps_vision.robot.model import Body
 from pps_vision.types import Array
 from rendering.names import StimulusName
-from rendering.shapes import board, body_part, sphere, surface_of, tube
 from rendering.stimuli import Stimulus, carrier_parts, carrier_pose, make_stimulus
 
 
@@ -67,13 +65,6 @@ def test_every_surface_faces_outward(name):
         assert np.einsum("ij,ij->", normals, part.mesh.triangles_center - part.mesh.centroid) > 0
 
 
-def test_a_bent_tube_follows_its_path():
-    turn = np.linspace(0, np.pi / 2, 30)
-    part = tube(0.1 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]), 0.01, (1, 1, 1), sides=32)
-    # Pappus: cross section times the way of its centre, and the two half balls
-    assert part.mesh.volume == pytest.approx(np.pi * 1e-4 * 0.1 * np.pi / 2 + 4 / 3 * np.pi * 1e-6, rel=0.02)
-
-
 @pytest.mark.parametrize("radius", [0.010, 0.035, 0.100])
 @pytest.mark.parametrize("name", ["stick", "hand"])
 def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name, radius):
@@ -103,32 +94,3 @@ def test_senseless_things_are_refused():
             make_stimulus("ball", radius)
     with pytest.raises(ValueError, match=r"carrier 'drone'.*none, stick, hand"):
         carrier_parts("drone", 0.03, 3)  # type: ignore[arg-type]
-
-
-def test_a_surface_has_the_triangles_of_its_parts_in_their_colours():
-    """A ball has smooth normals, a cube four of the same at each of its faces."""
-    ball = sphere(0.1, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0))
-    box = board(0.1, 0.2, (0.0, 1.0, 0.0))
-    whole = surface_of([ball, box])
-    corners, colors, normals = (a[whole.faces] for a in (whole.positions, whole.colors, whole.normals))
-    expected = np.concatenate([ball.mesh.triangles, box.mesh.triangles])
-    assert sorted(corners.round(9).tolist()) == sorted(expected.round(9).tolist())
-    is_ball = corners[:, :, 0] > 0.3
-    assert (is_ball == is_ball[:, :1]).all()
-    assert is_ball[:, 0].sum() == len(ball.mesh.faces)
-    np.testing.assert_array_equal(colors, np.where(is_ball[..., None], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    np.testing.assert_allclose(normals[is_ball], 10 * (corners[is_ball] - [0.5, 0, 0]), atol=0.02)
-    assert np.sort(np.abs(normals[~is_ball]), axis=1) == pytest.approx(np.tile([0.0, 0.0, 1.0], (36, 1)), abs=1e-9)
-    assert whole.bounds == pytest.approx(np.array([[-0.05, -0.1, -0.1], [0.6, 0.1, 0.1]]), abs=2e-3)
-
-
-@pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
-def test_a_bodys_mesh_has_its_size_and_pose(shape):
-    size = {"sphere": (0.05,), "cylinder": (0.03, 0.2), "box": (0.1, 0.2, 0.3)}[shape]
-    half = {"sphere": (0.05,) * 3, "cylinder": (0.03, 0.03, 0.1), "box": (0.05, 0.1, 0.15)}[shape]
-    pose = np.array([[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])  # a quarter turn about z
-    body = Body("palm_0", "palm", shape, size, pose, (0.1, 0.2, 0.3))  # type: ignore[arg-type]
-    part = body_part(body, 4)
-    expected = np.array([0.1, 0.2, 0.3]) + np.outer([-1, 1], [half[1], half[0], half[2]])
-    assert part.mesh.bounds == pytest.approx(expected, abs=0.001)
-    assert part.color == (0.1, 0.2, 0.3)

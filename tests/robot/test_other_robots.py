@@ -13,7 +13,6 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
 from pps_vision.app.simulation import SimulationScene, log_of, make_episode, new_pipeline, open_scene, simulate
 from pps_vision.errors import InputError
-from pps_vision.experiments.reach_kinematics.official_icub import compare_joints
 from pps_vision.recordings.robot_file import read_robot, read_skin, robot_setup
 from pps_vision.robot.gaze import GazeModel
 from pps_vision.robot.icub import icub_setup
@@ -104,16 +103,6 @@ def test_the_official_icub_is_read_with_its_meshes_as_boxes(tmp_path):
     our_positions, facing = ours.skin.at(ours.robot.at(np.zeros(ours.robot.n_joints)))
     np.testing.assert_allclose(positions[0], our_positions[0], atol=2e-4)
     np.testing.assert_allclose(normals[0], facing[0], atol=1e-5)
-
-
-def test_the_official_icub_of_our_version_has_our_arms():
-    """Version 1, whose Denavit–Hartenberg tables ours are: axes within 0.2 mm; the neck's roll is another's."""
-    icub_models = pytest.importorskip("icub_models")
-    rows = {row.joint: row for row in compare_joints(icub_models.get_model_file("iCubLisboa01"))}
-    assert len(rows) == 13
-    assert max(row.angle_deg for row in rows.values()) < 0.01
-    assert max(row.offset_m for name, row in rows.items() if not name.startswith("neck")) < 2e-4
-    assert rows["neck_roll"].offset_m == pytest.approx(0.033 - 0.0095, abs=1e-5)  # A of the neck's pitch: v1, v2
 
 
 def test_a_root_elsewhere_moves_everything_alike(tmp_path):

@@ -179,19 +179,6 @@ def _distances(bodies: SelfCollision, q: Array) -> Array:
     return np.array([result.min_distance for result in bodies._distances.distanceResults])
 
 
-def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
-    """Hanging arms, 19.1 mm from the chest: what is carried along does not count, what turns does."""
-    bodies = SelfCollision(ROBOT)
-    q = np.zeros(ROBOT.n_joints)
-    leaving = np.zeros(ROBOT.n_joints)
-    leaving[ROBOT.indices(("left_shoulder_roll",))] = 0.05
-    assert bodies.clear_share(q, leaving, 0.02) == 1.0
-    for joint, clear in (("torso_yaw", True), ("torso_pitch", True), ("left_wrist_yaw", True), ("left_elbow", False)):
-        change = np.zeros(ROBOT.n_joints)
-        change[ROBOT.indices((joint,))] = -0.05 if joint == "left_elbow" else 0.05
-        assert (bodies.clear_share(q, change, 0.02) > 0.9) == clear, joint
-
-
 def test_what_moves_no_body_is_clear_and_what_overlaps_is_not():
     bodies = SelfCollision(ROBOT)
     head = np.zeros(ROBOT.n_joints)

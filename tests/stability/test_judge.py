@@ -59,30 +59,3 @@ def test_only_an_honest_tracker_passes(name):
     for fake in (unknown, last_known, as_sure_as_ever):
         with pytest.raises(AssertionError):
             check(demand, fake(demand, position), truth)
-
-
-def test_each_demand_is_one_of_its_own():
-    """An honest run spoiled in one way fails."""
-    demand = Demand()
-    truth = np.array([circle(t) for t in STAMPS])
-    good = honest(demand, circle)
-
-    def spoiled(k: int, value: Track3D) -> list[Track3D]:
-        return [*good[:k], value, *good[k + 1 :]]
-
-    t = STAMPS
-    for k, value, says in (
-        (18, track(t[18], truth[18] + 0.006, 0.003), "before it 0.01"),
-        (18, track(t[18], truth[18], 0.01), "before it .* 0.0100 m stated"),
-        (18, track(t[18], truth[18] + 0.002, 0.0003), "before it χ²"),
-        (18, track(t[18], truth[18], status=Status.COASTING), "not tracked before"),
-        (24, track(t[24], truth[24], 0.01), "tracked what cannot be measured"),
-        (24, track(t[24], truth[24] + 0.1, 0.0045, Status.COASTING), "mm off"),
-        (30, Track3D.unknown(t[30]), "lost 0 times"),
-        (33, Track3D.unknown(t[33], Status.LOST), "lost 2 times"),
-        (33, track(t[33], truth[33], 0.02, Status.COASTING), "known again"),
-        (50, track(t[50], truth[50] + 0.006, 0.003), "after it 0.01"),
-        (50, Track3D.unknown(t[50]), "not tracked after"),
-    ):
-        with pytest.raises(AssertionError, match=says):
-            check(demand, spoiled(k, value), truth)
