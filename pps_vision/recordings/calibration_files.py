@@ -11,7 +11,7 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,10 +61,10 @@ def read_matrices(file: Path, text: str, cameras: tuple[int, int]) -> Matrices |
     if "projection_matrix" in content:
         return ros_matrices(file, content)
     if "T_BS" in content:
-        return _intrinsics(file, content) | {"pose": inverse(_numbers(file, content, "T_BS", 4, 4))}
+        return _intrinsics(file, content) | {"pose": inverse(numbers_of(file, content, "T_BS", 4, 4))}
     if "cam0" in content and "cam1" in content:
         left, right = (_table(file, content, name) for name in ("cam0", "cam1"))
-        T_right_left = _numbers(file, right, "T_cn_cnm1", 4, 4)
+        T_right_left = numbers_of(file, right, "T_cn_cnm1", 4, 4)
         poses = {"pose1": np.eye(4), "pose2": T_right_left}
         return _pair([_intrinsics(file, left), _intrinsics(file, right)]) | poses
     return None
@@ -75,10 +75,10 @@ def _intrinsics(file: Path, content: Mapping[str, Any]) -> Matrices:
     if (model := content.get("camera_model", "pinhole")) != "pinhole":
         raise InputError(file, f"camera_model {model}; expected pinhole")
     _check_lens(file, content)
-    fx, fy, cx, cy = _numbers(file, content, "intrinsics", 4)
-    width, height = _numbers(file, content, "resolution", 2)
+    fx, fy, cx, cy = numbers_of(file, content, "intrinsics", 4)
+    width, height = numbers_of(file, content, "resolution", 2)
     key = "distortion_coeffs" if "distortion_coeffs" in content else "distortion_coefficients"
-    return _sized(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), _numbers(file, content, key), width, height)
+    return _sized(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), numbers_of(file, content, key), width, height)
 
 
 def ros_matrices(file: Path, content: Mapping[str, Any]) -> Matrices:
@@ -86,12 +86,12 @@ def ros_matrices(file: Path, content: Mapping[str, Any]) -> Matrices:
 
     p_rectified = R p_camera, and P = [K' | K' t] of the rectified camera, which is t beside the left one."""
     _check_lens(file, content)
-    P = _numbers(file, content, "projection_matrix", 3, 4)
+    P = numbers_of(file, content, "projection_matrix", 3, 4)
     beside = transform(None, _translation(file, P))
-    rectified = transform(_numbers(file, content, "rectification_matrix", 3, 3))
-    width, height = (_numbers(file, content, f"image_{side}", 1)[0] for side in ("width", "height"))
-    lens = _numbers(file, content, "distortion_coefficients")
-    K = _numbers(file, content, "camera_matrix", 3, 3)
+    rectified = transform(numbers_of(file, content, "rectification_matrix", 3, 3))
+    width, height = (numbers_of(file, content, f"image_{side}", 1)[0] for side in ("width", "height"))
+    lens = numbers_of(file, content, "distortion_coefficients")
+    K = numbers_of(file, content, "camera_matrix", 3, 3)
     return _sized(K, lens, width, height) | {"pose": inverse(rectified) @ beside}
 
 
@@ -100,7 +100,7 @@ def _kitti(file: Path, text: str, camera: int) -> Matrices:
     rows = [words for name, words in _KITTI.findall(text) if name == str(camera)]
     if len(rows) != 1:
         raise InputError(file, f"P{camera} {len(rows)} times; expected it once, with 12 numbers")
-    P = _numbers(file, {f"P{camera}": rows[0].split()}, f"P{camera}", 3, 4)
+    P = numbers_of(file, {f"P{camera}": rows[0].split()}, f"P{camera}", 3, 4)
     return {"K": P[:, :3], "pose": transform(None, _translation(file, P))}
 
 
@@ -117,11 +117,11 @@ def _anipose(file: Path, text: str) -> list[Matrices]:
     for camera in (_table(file, content, name) for name in names):
         if camera.get("fisheye"):
             raise InputError(file, "fisheye is true; expected pinhole cameras")
-        rotation = cv2.Rodrigues(_numbers(file, camera, "rotation", 3))[0]
-        pose = transform(rotation, _numbers(file, camera, "translation", 3))
-        K = _numbers(file, camera, "matrix", 3, 3)
-        lens = _numbers(file, camera, "distortions")
-        values.append(_sized(K, lens, *_numbers(file, camera, "size", 2)) | {"pose": pose})
+        rotation = cv2.Rodrigues(numbers_of(file, camera, "rotation", 3))[0]
+        pose = transform(rotation, numbers_of(file, camera, "translation", 3))
+        K = numbers_of(file, camera, "matrix", 3, 3)
+        lens = numbers_of(file, camera, "distortions")
+        values.append(_sized(K, lens, *numbers_of(file, camera, "size", 2)) | {"pose": pose})
     return values
 
 
@@ -154,7 +154,7 @@ def _table(file: Path, content: Mapping[str, Any], key: str) -> Mapping[str, Any
     return table
 
 
-def _numbers(file: Path, content: Mapping[str, Any], key: str, *shape: int) -> Array:
+def numbers_of(file: Path, content: Mapping[str, Any], key: str, *shape: int) -> Array:
     """The finite numbers of an entry, of any number without a shape: a list, lists of rows, or {rows, cols, data}."""
     value = content.get(key)
     if isinstance(value, Mapping):
@@ -171,12 +171,12 @@ def _numbers(file: Path, content: Mapping[str, Any], key: str, *shape: int) -> A
         raise InputError(file, f"{key} is {str(value)[:80]}; expected {wanted}") from None
 
 
-def parse_yaml(file: Path, text: str) -> Any:
+def parse_yaml(file: Path, text: str, tags: Sequence[str] = ()) -> Any:
     """Return a YAML document as dicts, lists and text, None if it is empty; scalars stay as written (`1e-05`, `1:30`).
-    InputError where the text is no YAML, has anchors, aliases, tags, repeated keys or several documents, or is nested
-    more than 16 levels deep. The message names the line."""
+    InputError where the text is no YAML, has anchors, aliases, tags but `tags`, repeated keys or several documents, or
+    is nested more than 16 levels deep. The message names the line."""
     try:
-        _refuse_anchors_tags_and_depth(file, text)
+        _refuse_anchors_tags_and_depth(file, text, tags)
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.reader.ReaderError as error:
         raise _not_yaml(file, error.reason, text.count("\n", 0, error.position)) from error
@@ -185,11 +185,12 @@ def parse_yaml(file: Path, text: str) -> Any:
     return None if node is None else _yaml_content(file, node)
 
 
-def _refuse_anchors_tags_and_depth(file: Path, text: str) -> None:
+def _refuse_anchors_tags_and_depth(file: Path, text: str, tags: Sequence[str]) -> None:
     """Without aliases no text grows when it is read; without depth the recursion ends."""
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) or getattr(event, "tag", None):
+        is_alias = isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None)
+        if is_alias or (getattr(event, "tag", None) or None) not in (None, *tags):
             raise _not_yaml(file, "an anchor, alias or tag", event.start_mark.line)
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _MAX_DEPTH:

@@ -16,14 +16,14 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from pps_vision.errors import InputError, first_line
+from pps_vision.errors import InputError
 from pps_vision.files import read_bytes
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.se3 import inverse, transform
-from pps_vision.recordings.calibration_files import read_matrices
+from pps_vision.recordings.calibration_files import numbers_of, read_matrices
+from pps_vision.recordings.file_storage import read_file_storage
 from pps_vision.recordings.icub_eyes import LARGEST_SIDE_PX, fit_to_images
 from pps_vision.types import Array
 
@@ -34,7 +34,6 @@ _KEYS = {
 }
 _OF_ONE_CAMERA = ("K", "D", "image_width", "image_height", "pose")
 
-# OpenCV's parsers call themselves for each nested node and end the process where the stack does, at about 100 000.
 _NODE = re.compile(r"[\[{:]|-\s|<(?![/!?])")  # what may open one in YAML, JSON or XML
 _MOST_NODES = 2000
 _MOST_CHARACTERS = 2**22
@@ -109,24 +108,10 @@ def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:
     if len(text) > _MOST_CHARACTERS or len(_NODE.findall(text)) > _MOST_NODES:
         too_much = f"has more than {_MOST_CHARACTERS} characters or {_MOST_NODES} nodes"
         raise InputError(file, f"{too_much}; expected an OpenCV calibration")
-    storage = cv2.FileStorage()
-    try:
-        storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        nodes = [(key, storage.getNode(name)) for name, key in _KEYS.items()]
-        entry = {
-            key: np.asarray(node.real() if node.isInt() or node.isReal() else node.mat(), dtype=float)
-            for key, node in nodes
-            if not node.empty()
-        }
-    except (cv2.error, TypeError, ValueError) as error:
-        place = re.findall(r"\((\d+)\): ([^\n]+)", str(error))
-        why, line = (place[-1][1].rstrip("'"), int(place[-1][0])) if place else (first_line(error), None)
-        raise InputError(file, f"cannot be parsed: {why}; expected OpenCV's XML, YAML or JSON", line) from error
+    content = read_file_storage(file, text, _KEYS)
+    entry = {_KEYS[name]: numbers_of(file, content, name) for name in content}
     if not entry:
         raise InputError(file, f"holds no calibration; expected one of the keys {', '.join(_KEYS)}")
-    for key, matrix in entry.items():
-        if not np.all(np.isfinite(matrix)):
-            raise InputError(file, f"{key} is {str(matrix.tolist())[:80]}; expected finite numbers")
     return entry
 
 

@@ -113,7 +113,7 @@ def test_kitti(tmp_path, form):
     ("write", "original", "instead", "message"),
     [
         (kalibr, "cam1:", "cam1: 3\ncam2:", "cam1 is '3'; expected the entries of a camera"),
-        (kalibr, "cam1:", "cam2:", r"camchain\.yaml: cannot be parsed"),
+        (kalibr, "cam1:", "cam2:", r"camchain\.yaml: holds no calibration"),
         (kalibr, "intrinsics: [500.0", "intrinsics: [1.2e9", "intrinsics is .* expected 4 numbers"),
         (kalibr, "cam0", "# " + "x" * 2**18 + "\ncam0", "more than 262144 characters or is nested"),
         (kalibr, "cam0", "#" + 200_000 * "[" + "\ncam0", "characters or is nested; expected a calibration"),
