@@ -5,6 +5,8 @@ from pathlib import Path
 
 from pps_vision.errors import InputError, first_line
 
+MOST_BYTES = 2**28
+
 
 def check_regular(file: Path, expected: str) -> None:
     """Raise InputError unless there is a regular file; the message ends in `expected`."""
@@ -17,10 +19,15 @@ def check_regular(file: Path, expected: str) -> None:
         raise InputError(file, f"is {kind}; expected {expected}")
 
 
-def read_bytes(file: Path, expected: str) -> bytes:
-    """Return the content of a regular file; InputError if there is none, or it cannot be read."""
+def read_bytes(file: Path, expected: str, most: int = MOST_BYTES) -> bytes:
+    """Return the content of a regular file of at most `most` bytes; InputError if there is none, or it cannot be
+    read."""
     check_regular(file, expected)
     try:
+        if (n := file.stat().st_size) > most:
+            raise InputError(file, f"is of {n} bytes; expected {expected} of at most {most}")
         return file.read_bytes()
+    except MemoryError as error:
+        raise InputError(file, f"does not fit into memory; expected {expected}") from error
     except OSError as error:
         raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}") from error

@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.chain import Chain
+from pps_vision.robot.urdf import read_urdf
 from pps_vision.types import Array
 
 _ARM = (
@@ -88,18 +88,14 @@ class Robot:
         """
         names = names or FrameNames()
         self.urdf = urdf
-        if not urdf.is_file():
-            raise InputError(urdf, "no such robot description; expected a URDF file")
         try:
-            self.model = pin.buildModelFromUrdf(str(urdf))
-            folders = [str(folder) for folder in urdf.resolve().parents]
-            self.geometry = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.VISUAL, package_dirs=folders)
+            text = read_urdf(urdf)
+            self.model = pin.buildModelFromXML(text)
+            self.geometry = pin.buildGeomFromUrdfString(self.model, text, pin.GeometryType.VISUAL)
         except (ValueError, RuntimeError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(urdf, f"cannot be read as URDF: {str(error).strip().splitlines()[0]}") from error
-        if self.model.nq != self.model.njoints - 1:
-            raise InputError(urdf, "has joints that are not revolute or prismatic; expected one number per joint")
-        for visual in self.geometry.geometryObjects:
-            _box(visual)
         self._mount(mounted or {})
         if root is not None:
             self._rebase(root)
@@ -199,7 +195,7 @@ class Robot:
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """The URDF's visuals; of meshes and other shapes the bounding box."""
+        """The URDF's visuals; of meshes the bounding box."""
         return tuple(self._body(geometry) for geometry in self.geometry.geometryObjects)
 
     def _body(self, obj: Any) -> Body:
@@ -215,17 +211,6 @@ class Robot:
         else:
             size = (2 * shape.halfSide).tolist()
         return Body(obj.name, frame.name, kind, tuple(size), T_frame_body, tuple(obj.meshColor[:3].tolist()))
-
-
-def _box(obj: pin.GeometryObject) -> None:
-    """Replace the shape of a visual that is no sphere, cylinder or box by its bounding box."""
-    if isinstance(obj.geometry, coal.Sphere | coal.Cylinder | coal.Box):
-        return
-    obj.geometry.computeLocalAABB()
-    low = obj.geometry.aabb_local.min_
-    high = obj.geometry.aabb_local.max_
-    obj.placement = obj.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
-    obj.geometry = coal.Box(*(high - low).tolist())
 
 
 class Posture:

@@ -135,9 +135,9 @@ def test_clamp_stays_within_the_limits(icub):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, r"broken\.urdf: no such robot description"),
-        ("not xml", r"broken\.urdf: cannot be read as URDF"),
-        ("<?xml version='1.0'?><boat/>", r"broken\.urdf: cannot be read as URDF"),
+        (None, r"broken\.urdf: cannot be read: No such file"),
+        ("not xml", r"broken\.urdf:1: cannot be read as URDF"),
+        ("<?xml version='1.0'?><boat/>", r"broken\.urdf:1: cannot be read as URDF"),
     ],
 )
 def test_what_is_no_urdf_is_named(tmp_path, text, message):
@@ -148,7 +148,7 @@ def test_what_is_no_urdf_is_named(tmp_path, text, message):
 
 
 def test_joints_of_more_than_one_number_and_frames_it_does_not_have_are_named(tmp_path):
-    with pytest.raises(InputError, match="not revolute or prismatic"):
+    with pytest.raises(InputError, match="joint 'arm_1' is continuous; expected revolute"):
         Robot(planar_urdf(tmp_path, first_joint="continuous"), PLANAR_NAMES)
     with pytest.raises(InputError, match=r"planar\.urdf: lacks left_eye, right_eye, neck_yaw.*FrameNames"):
         Robot(planar_urdf(tmp_path))

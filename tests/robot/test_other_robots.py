@@ -126,7 +126,7 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('urdf = "arm.urdf"', 'urdf = "none.urdf"', r"none\.urdf: no such robot description"),
+        ('urdf = "arm.urdf"', 'urdf = "none.urdf"', r"none\.urdf: cannot be read: No such file"),
         ('urdf = "arm.urdf"', "urdf = arm.urdf", r"robot\.toml:2: cannot be read as TOML"),
         ('root = "base"', 'rot = "base"', r"robot\.toml:4: unknown key rot; expected one of urdf, skin"),
         ('root = "base"', 'root = "palm"', r"arm\.urdf: root frame palm is moved by joints"),
