@@ -1,5 +1,6 @@
 """A stimulus from a mesh file."""
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any, get_args
 
@@ -8,7 +9,7 @@ import trimesh
 from scipy.spatial import QhullError
 
 from pps_vision.errors import InputError
-from pps_vision.files import check_regular
+from pps_vision.files import read_bytes
 from rendering.names import MESH_SUFFIXES, Unit
 from rendering.shapes import Color, Part
 from rendering.stimuli import ORANGE, Stimulus
@@ -69,17 +70,43 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
     return Stimulus(file.stem, radius if radius_m is None else radius_m, tuple(parts))
 
 
+class _Materials(trimesh.resolvers.Resolver):
+    """Finds a mesh's file of materials; textures, which nobody sees here, are not read."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def get(self, name: str) -> bytes:
+        """Return the content of a .mtl file."""
+        if Path(name).suffix.lower() != ".mtl":
+            raise ValueError(f"{name} is no .mtl")
+        return read_bytes(self.folder / name, "materials")
+
+    def write(self, name: str, data: bytes) -> None:
+        """Not needed to read."""
+        raise NotImplementedError
+
+    def namespaced(self, namespace: str) -> "_Materials":
+        """Return the same for a folder below."""
+        return _Materials(self.folder / namespace)
+
+    def keys(self) -> list[str]:
+        """Return no names; they are asked for."""
+        return []
+
+
 def _read(file: Path) -> Any:
     """Return the file's meshes as one.  Whatever trimesh's parsers raise on a malformed file is an InputError."""
-    check_regular(file, "a mesh")
-    if file.stat().st_size == 0:
+    content = read_bytes(file, "a mesh")
+    if not content:
         raise InputError(file, "is empty; expected a mesh")
+    kind = file.suffix[1:].lower()
     try:
-        return trimesh.load_mesh(file, process=False)
-    except OSError:
+        return trimesh.load_mesh(BytesIO(content), file_type=kind, process=False, resolver=_Materials(file.parent))
+    except InputError:
         raise
     except Exception as error:  # each parser raises its own kinds (KeyError, struct.error, AssertionError, …)
-        raise InputError(file, f"cannot be read as {file.suffix[1:].upper()}; expected a mesh") from error
+        raise InputError(file, f"cannot be read as {kind.upper()}; expected a mesh") from error
 
 
 def _color(mesh: Any) -> Color:

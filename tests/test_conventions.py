@@ -19,7 +19,7 @@ def decorated(name: str) -> Iterator[tuple[Path, str, dict[str, object]]]:
                 if ast.unparse(getattr(decorator, "func", decorator)) == name:
                     keywords = getattr(decorator, "keywords", ())
                     options = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in keywords}
-                    yield file, node.name, options  # type: ignore[attr-defined]
+                    yield file, node.name, options
 
 
 def test_messages_params_and_states_cannot_be_changed():

@@ -130,7 +130,7 @@ def test_every_page_with_something_to_run_is_run():
     """Except for scripts of docs/examples and commands of the README, which have their own tests."""
     runs = {str(page.relative_to(ROOT)) for page in PAGES if {b[0] for b in blocks(page)} & {"console", "python"}}
     called = {
-        node.args[0].value  # type: ignore[attr-defined]
+        node.args[0].value
         for node in ast.walk(ast.parse(Path(__file__).read_text()))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "run"
     }

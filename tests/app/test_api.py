@@ -23,7 +23,7 @@ def test_the_names_are_there():
     assert all(getattr(pv, name) is not None for name in dir(pv))
     assert issubclass(pv.InputError, ValueError)
     with pytest.raises(AttributeError, match="no attribute 'tracks'"):
-        _ = pv.tracks  # type: ignore[attr-defined]
+        _ = pv.tracks
 
 
 def test_arrays_are_the_path_that_the_command_writes(approach, tmp_path):
@@ -87,7 +87,7 @@ def test_what_is_left_out_means_the_same_in_functions_and_commands():
     """The same in a batch."""
 
     def of_function(function: object) -> dict[str, object]:
-        return {name: parameter.default for name, parameter in inspect.signature(function).parameters.items()}  # type: ignore[arg-type]
+        return {name: parameter.default for name, parameter in inspect.signature(function).parameters.items()}
 
     def of_command(command: type) -> dict[str, object]:
         return {field.name: field.default for field in dataclasses.fields(command)}

@@ -13,7 +13,7 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
-from pps_vision.app.demo import demo, write_side_by_side
+from pps_vision.app.demo import demo
 from pps_vision.app.demo_encounters import demo_encounters
 from pps_vision.app.simulation import SimulationScene
 
@@ -35,8 +35,8 @@ def test_the_demo_writes_its_report(tmp_path, monkeypatch, capsys):
         return ReachableMap(side, lattice.limits, signed, 0 * signed, 0 * signed, 1.0, 0.1, 0.0, none, 0)
 
     def short(scene: SimulationScene, episode: object, step: object, avoid: bool) -> object:
-        seeds.append((episode.motion(0.0)[0].tolist(), avoid))  # type: ignore[attr-defined]
-        return islice(whole(scene, episode, step, avoid), 3)  # type: ignore[arg-type]
+        seeds.append((episode.motion(0.0)[0].tolist(), avoid))
+        return islice(whole(scene, episode, step, avoid), 3)
 
     whole = module.simulate
     for name, replaced in (("train", trained), ("train_reachable_map", mapped), ("simulate", short)):
@@ -76,14 +76,3 @@ def test_a_report_of_one_encounter(tmp_path):
     text = (tmp_path / "out" / "report.html").read_text()
     assert text.count("<video") == 1
     assert row["encounter"] in text
-
-
-def test_both_runs_are_filmed_side_by_side(tmp_path: Path) -> None:
-    left, right = ([np.full((48, 64, 3), level + 20 * k, np.uint8) for k in range(3)] for level in (40, 140))
-    write_side_by_side(tmp_path / "a.mp4", (left, right), (left[:1], right[:2]))
-    with av.open(str(tmp_path / "a.mp4")) as film:
-        frames = [frame.to_ndarray(format="rgb24").astype(float) for frame in film.decode(video=0)]
-    assert [frame.shape for frame in frames] == [(48, 128, 3)] * 5
-    for frame, (k, j) in zip(frames, ((0, 0), (1, 1), (2, 2), (0, 0), (0, 1)), strict=True):  # the shorter one waits
-        assert frame[:, 8:56].mean() == pytest.approx(40 + 20 * k, abs=5)
-        assert frame[:, 72:120].mean() == pytest.approx(140 + 20 * j, abs=5)

@@ -228,7 +228,7 @@ def plain_pairs() -> Recording:
         for k in range(2)
     ]
     rig = StereoRig.fixed(camera, camera, transform(translation=(0.1, 0.0, 0.0)))
-    return Recording("made up", tuple(pairs), (40, 30), [], rig=rig)  # type: ignore[arg-type]
+    return Recording("made up", tuple(pairs), (40, 30), [], rig=rig)
 
 
 @pytest.fixture(scope="module")

@@ -55,7 +55,7 @@ def test_a_bug_in_one_recording_is_shown_and_the_others_result_is_written(approa
     def defective(folder: Path, **options: object) -> Recording:
         if folder.name == "defective":
             raise ValueError("defect")
-        return read(folder, **options)  # type: ignore[arg-type]
+        return read(folder, **options)
 
     monkeypatch.setattr("pps_vision.recordings.open.open_recording", defective)
     out = tmp_path / "out.npz"

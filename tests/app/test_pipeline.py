@@ -45,7 +45,7 @@ def following(motion: Motion, params: PipelineParams | None = None, cov: Array |
     skin = icub_skin(("left_forearm",))
     rng = np.random.default_rng(0)
     tracker = KnownTrack(motion) if cov is None else KnownTrack(motion, cov)
-    return Pipeline(params or PipelineParams(), ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]
+    return Pipeline(params or PipelineParams(), ROBOT, skin, tracker, PPSMemory.empty(skin), rng)
 
 
 def before_taxel_3(distance_m: float) -> Array:
@@ -73,7 +73,7 @@ def test_gaze_follows_a_moving_object_without_lag(gaze, latency_s):
     def motion(t: float) -> tuple[Array, Array]:
         return np.array([-0.35, -0.15 + 0.3 * t, 0.3]), np.array([0.0, 0.3, 0.0])
 
-    params = PipelineParams(fixation=gaze, latency_s=latency_s)  # type: ignore[arg-type]
+    params = PipelineParams(fixation=gaze, latency_s=latency_s)
     _, joints = run(following(motion, params), 1.0, latency_s)
     errors = [fixation_error(ROBOT.at(q), motion(DT * k)[0]) for k, q in enumerate(joints)]
     assert np.rad2deg(max(errors[-5:])) < 0.2
@@ -211,7 +211,7 @@ def test_an_object_whose_path_passes_by_is_not_avoided(beside_m, avoided):
     way = beside_m * aside / np.linalg.norm(aside) + towards
     velocity = 0.1 * way / np.linalg.norm(way)
     pipeline = anxious(0.1, 0.1)
-    pipeline.tracker = KnownTrack(lambda t: (before_taxel_3(0.18) + t * velocity, velocity))  # type: ignore[assignment]
+    pipeline.tracker = KnownTrack(lambda t: (before_taxel_3(0.18) + t * velocity, velocity))
     steps = [pipeline.step(frame_at(DT * k, home(ROBOT))) for k in range(18)]
     assert max(step.activation.probability.max() for step in steps) > 0.9
     assert ("avoid" in [step.response.mode for step in steps]) == avoided
@@ -227,7 +227,7 @@ def test_the_arm_that_is_approached_avoids_if_asked_to(side, arms):
     index = skin.index(f"{side}_forearm:3")
     tracker = KnownTrack(lambda t: (points[index] + 0.05 * normals[index], -0.1 * normals[index]))
     params = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "right") if arms == "both" else None)
-    steps, joints = run(Pipeline(params, ROBOT, skin, tracker, memory, np.random.default_rng(0)), 0.4)  # type: ignore[arg-type]
+    steps, joints = run(Pipeline(params, ROBOT, skin, tracker, memory, np.random.default_rng(0)), 0.4)
     for arm, response in zip(("left", "right"), steps[-1].responses, strict=False):
         is_approached = arm == side
         assert response.mode == ("avoid" if is_approached else "idle")
@@ -245,4 +245,4 @@ def test_parameters_and_a_memory_that_contradict_the_robot_are_refused():
         (PipelineParams(), other, "memory has 16 taxels but the skin has 12"),
     ):
         with pytest.raises(ValueError, match=message):
-            Pipeline(params, ROBOT, skin, KnownTrack(lambda t: None), taught, np.random.default_rng(0))  # type: ignore[arg-type]
+            Pipeline(params, ROBOT, skin, KnownTrack(lambda t: None), taught, np.random.default_rng(0))

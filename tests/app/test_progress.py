@@ -28,7 +28,7 @@ def test_a_log_has_whole_lines_now_and_then(capsys):
     with progress(desc="map", total=1, after_s=0.0) as bar:
         bar.update()
     *training, map_line = capsys.readouterr().err.split("\n")[:-1]
-    numbers = [int(re.fullmatch(r"training: (\d+) of 50 after 00:0\d", line)[1]) for line in training]  # type: ignore[index]
+    numbers = [int(re.fullmatch(r"training: (\d+) of 50 after 00:0\d", line)[1]) for line in training]
     assert numbers == sorted(set(numbers))
     assert numbers[0] == 0
     assert 2 <= len(numbers) < 50

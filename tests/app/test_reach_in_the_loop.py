@@ -58,7 +58,7 @@ def pipeline(
     lean = LeanParams() if leans else None
     params = PipelineParams(arm=arm, lean=lean, max_false_positives=max_fp)
     rng = np.random.default_rng(0)
-    return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), anxious(), rng, reachable_map)  # type: ignore[arg-type]
+    return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), anxious(), rng, reachable_map)
 
 
 def towards(taxel: str, begin_m: float, end_m: float, speed_m_s: float = 0.06):

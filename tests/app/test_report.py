@@ -13,7 +13,7 @@ from pps_vision.recordings.tables import write_table
 
 def lines_of_path(text: str) -> list[list[object]]:
     """The points of every line of a report's 3D path."""
-    data = re.search(r'id="path-data">(.*?)</script>', text)[1]  # type: ignore[index]
+    data = re.search(r'id="path-data">(.*?)</script>', text)[1]
     return [line["points"] for line in json.loads(data)["lines"]]
 
 

@@ -86,7 +86,7 @@ def test_the_robot_moves_by_its_commands_and_its_own_motion(scene, avoid, own_mo
     """All joints are commanded 0.02 rad/s; an arm that does not obey or swings by itself ignores them."""
     command = SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.full(scene.robot.n_joints, 0.02)))
     episode = Episode("", "ball", None, 0.2, own_motion)
-    steps = list(simulate(scene, episode, lambda frame, touched: command, avoid))  # type: ignore[arg-type,return-value]
+    steps = list(simulate(scene, episode, lambda frame, touched: command, avoid))
     assert len(steps) == 4
     q = scene.home
     for k, step in enumerate(steps):
@@ -118,7 +118,7 @@ class NoEyes:
 def unseen() -> SimulationScene:
     """A scene that nobody renders."""
     setup = icub_setup(icub_skin(("left_forearm", "left_palm")))
-    return SimulationScene(setup, NoEyes(), np.random.default_rng(0), "left")  # type: ignore[arg-type]
+    return SimulationScene(setup, NoEyes(), np.random.default_rng(0), "left")
 
 
 def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen):
@@ -128,9 +128,9 @@ def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(
     begin = unseen.skin.at(unseen.robot.at(unseen.home))[0][index] - way
     episode = Episode("", "cube", lambda t: (begin + t * way, way), 1.0)
     still = SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.zeros(unseen.robot.n_joints)))
-    steps = list(simulate(unseen, episode, lambda frame, touched: still))  # type: ignore[arg-type,return-value]
+    steps = list(simulate(unseen, episode, lambda frame, touched: still))
     assert fixation_error(unseen.robot.at(steps[0].q_rad), begin) < 1e-3
-    shown = unseen.eyes.shown  # type: ignore[attr-defined]
+    shown = unseen.eyes.shown
     cube = make_stimulus("cube")
     assert [t for _, _, t in shown] == pytest.approx(np.arange(20) / 20)
     for (stimulus, state, t), step in zip(shown, steps, strict=True):
@@ -150,7 +150,7 @@ def test_an_approach_touches_and_what_recedes_does_not(unseen, kind, gap_m):
     episode = make_episode(kind, unseen, "left_forearm:3", "octopus", np.random.default_rng(1), 0.1)
     times = np.append(np.arange(0, episode.seconds, 0.001), episode.seconds)
     taxels = unseen.skin.at(unseen.robot.at(unseen.home))[0]
-    points = np.array([episode.motion(t)[0] for t in times])  # type: ignore[misc]
+    points = np.array([episode.motion(t)[0] for t in times])
     gaps = np.linalg.norm(points[:, None] - taxels, axis=2) - make_stimulus(episode.stimulus).radius_m
     assert gaps.min() == pytest.approx(gap_m, abs=1e-4)
     resting = times[(points == points[-1]).all(axis=1) & (times > 1)]

@@ -22,7 +22,7 @@ PAGE = Path("page.md")
 TEXT = "a\n<!-- table: one -->\nold | row\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n"
 
 
-def test_the_readme_claims_what_the_results_say() -> None:
+def test_the_readme_claims_what_the_results_say():
     table = claims_table(DOCS / "results")
     text = (ROOT / "README.md").read_text()
     assert filled(text, {"claims": markdown(table)}, ROOT / "README.md") == text
@@ -30,7 +30,7 @@ def test_the_readme_claims_what_the_results_say() -> None:
     assert {claim.study for claim in CLAIMS} <= set(KNOWN)
 
 
-def test_a_missed_goal_is_bold_and_a_claim_without_a_result_has_no_row(tmp_path: Path) -> None:
+def test_a_missed_goal_is_bold_and_a_claim_without_a_result_has_no_row(tmp_path):
     counts = {"avoidance on": 1, "avoidance off": 19, "receding": 0, "static": 2, "own arm": 3}
     numbers = {case: {"touched": count, "commanded": count} for case, count in counts.items()}
     (tmp_path / "loop.json").write_text(json.dumps({"n": 20, **numbers}))
@@ -38,7 +38,7 @@ def test_a_missed_goal_is_bold_and_a_claim_without_a_result_has_no_row(tmp_path:
     assert row[2] == "**1** / **19** of 20; 0, **2**, **3** of 20"
 
 
-def test_only_what_stands_between_the_markers_changes() -> None:
+def test_only_what_stands_between_the_markers_changes():
     assert names(TEXT) == ["one", "two"]
     tables = {"one": markdown(Table(["what", "mm"], [["ball", "1"]]))}
     new = filled(TEXT, tables, PAGE)
@@ -46,13 +46,13 @@ def test_only_what_stands_between_the_markers_changes() -> None:
     assert filled(new, tables, PAGE) == new
 
 
-def test_a_marker_without_end_is_refused() -> None:
+def test_a_marker_without_end_is_refused():
     with pytest.raises(InputError, match=r"page\.md.*without its end"):
         filled("<!-- table: one -->\n| what |\n", {"one": ""}, PAGE)
 
 
 @pytest.mark.parametrize("study", KNOWN)
-def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) -> None:
+def test_the_documents_hold_the_tables_that_follow_from_the_results(study):
     """As `bench --redraw` fills them."""
     numbers = read_numbers(DOCS / "results" / f"{study}.json")
     tables = KNOWN[study]().tables(numbers)
@@ -62,13 +62,13 @@ def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) 
         assert filled(text, made, document) == text
 
 
-def test_the_front_holds_what_no_other_beats() -> None:
+def test_the_front_holds_what_no_other_beats():
     assert pareto_front([1, 2, 3, 4, 2], [5, 3, 4, np.nan, 9]) == [0, 1]
     assert pareto_front([1, 2, 3], [np.nan, 3, 3]) == [1], "no error is no point; the slower of equals is beaten"
 
 
 @pytest.mark.parametrize("study", [pytest.param(s, marks=[pytest.mark.long] * (s in SLOW)) for s in KNOWN])
-def test_the_documents_charts_follow_from_the_results(study: str) -> None:
+def test_the_documents_charts_follow_from_the_results(study):
     """Every figure of a study in the documents is drawn from its numbers."""
     drawn = KNOWN[study]().chart(read_numbers(DOCS / "results" / f"{study}.json"))
     charts = {"": drawn} if isinstance(drawn, Figure) else drawn
@@ -80,7 +80,7 @@ def test_the_documents_charts_follow_from_the_results(study: str) -> None:
         assert any(axis.lines or axis.collections or axis.patches or axis.images for axis in figure.axes)
 
 
-def test_tuned_parameters_are_those_of_the_tuning_study() -> None:
+def test_tuned_parameters_are_those_of_the_tuning_study():
     tuned = read_numbers(DOCS / "results" / "encounters.json")["tuning"]["best"]
     best = {name: of for name, of in tuned.items() if name in BASELINES}
     assert {name: {k: v for k, v in of.items() if k != "score"} for name, of in best.items()} == TUNED
@@ -90,7 +90,7 @@ def test_tuned_parameters_are_those_of_the_tuning_study() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", KNOWN)
-def test_a_short_run_has_every_chart_and_table(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_short_run_has_every_chart_and_table(name, tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     bench([name], out=tmp_path, short=True)
     study = KNOWN[name]()

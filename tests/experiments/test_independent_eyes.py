@@ -21,7 +21,7 @@ def is_red(image: np.ndarray) -> np.ndarray:
     return (image[..., 0] > 60) & (image[..., 0] > 3.0 * image[..., 1]) & (image[..., 0] > 3.0 * image[..., 2])
 
 
-def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
+def test_both_sources_show_the_same_state_at_the_same_pixels():
     """A ball half hidden by a board, a second ball beside it; the pixels of the first differ at its rim only."""
     robot = load_icub()
     rig, p = icub_rig(robot), np.array([-0.45, 0.02, 0.36])
@@ -46,7 +46,7 @@ def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
     assert np.isnan(ours.truth(SceneState(q), 0.0).left_px).all()
 
 
-def test_the_tracker_follows_what_the_independent_eyes_saw() -> None:
+def test_the_tracker_follows_what_the_independent_eyes_saw():
     """A recording by either source, through the same studies' function; truth and tracker agree to a millimetre."""
     film = moving("ball", "circle", 3, 1.5, "independent")
     tracker = Tracker(TrackerParams(), film.rig, np.random.default_rng(0), film.own_body)

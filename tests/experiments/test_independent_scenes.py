@@ -47,7 +47,7 @@ def centroid(weights: np.ndarray) -> np.ndarray:
     return np.array([(u * weights).sum(), (v * weights).sum()]) / weights.sum()
 
 
-def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
+def test_a_ball_covers_the_ellipse_of_its_silhouette():
     """Without distortion the silhouette is a conic: p Q p = 0 with Q = K⁻ᵀ(c cᵀ − (|c|² − r²)I)K⁻¹."""
     lens = replace(LENS, distortion=np.zeros(5))
     c = np.array([0.09, -0.05, 0.5])
@@ -62,7 +62,7 @@ def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
     assert np.linalg.norm(middle - (lens.K @ c / c[2])[:2]) > 0.1, "not where the centre projects"
 
 
-def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
+def test_a_panel_s_corners_are_where_opencv_projects_them():
     """Through a distorting lens, to the area of the quadrilateral with bent edges."""
     panel = Panel(np.array([0.05, 0.02, 0.6]), np.array([0.1, 0.01, 0.05]), np.array([-0.007, 0.07, 0.0]), BLACK)
     s = np.linspace(-1, 1, 200)[:, None]
@@ -76,7 +76,7 @@ def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
     np.testing.assert_allclose(centroid(share), middle, atol=0.02)
 
 
-def test_truth_is_what_opencv_projects() -> None:
+def test_truth_is_what_opencv_projects():
     """Of both eyes of a fixed rig, root frame the left eye."""
     scene = FilmScene(seconds=0.2, start="moving")
     film = Film(scene, 3, NOWHERE)
@@ -90,7 +90,7 @@ def test_truth_is_what_opencv_projects() -> None:
     )
 
 
-def test_nearer_solids_occlude() -> None:
+def test_nearer_solids_occlude():
     far = Ball(np.array([0, 0, 0.8]), 0.08, WHITE)
     near = Ball(np.array([0.05, 0, 0.4]), 0.05, Paint((200.0, 0, 0)))
     image = RayCaster(LENS, 0, NOWHERE).light([HERE], [(near, far)])
@@ -104,7 +104,7 @@ def test_nearer_solids_occlude() -> None:
     assert visible_share(LENS, HERE, (far,), far) == 1.0
 
 
-def test_motion_blur_is_as_long_as_the_path_in_the_exposure() -> None:
+def test_motion_blur_is_as_long_as_the_path_in_the_exposure():
     """A disc's variance along its motion grows by length²/12; its centre and its variance across stay."""
     lens = replace(LENS, distortion=np.zeros(5))
     scenes = [(Ball(np.array([x, 0, 0.5]), 0.04, WHITE),) for x in np.linspace(-0.5, 0.5, 16) * 0.1 * 15 / 16]
@@ -122,7 +122,7 @@ def test_motion_blur_is_as_long_as_the_path_in_the_exposure() -> None:
     assert across == pytest.approx(across0, rel=0.01)
 
 
-def test_the_head_is_the_icub_s() -> None:
+def test_the_head_is_the_icub_s():
     """Heights and fixation point by iKin's tables, and the project's own model in a random posture."""
     left, right = head_pose({}, "left"), head_pose({}, "right")
     assert left[2, 3] == pytest.approx(0.3408, abs=1e-6)
@@ -139,7 +139,7 @@ def test_the_head_is_the_icub_s() -> None:
         np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
-def test_stale_poses_are_as_old_as_asked_and_the_images_are_not() -> None:
+def test_stale_poses_are_as_old_as_asked_and_the_images_are_not():
     fresh = Film(FilmScene(rig="head", seconds=0.2, width=64, height=48), 5, NOWHERE)
     stale = Film(replace(fresh.scene, stale_s=0.02), 5, NOWHERE)
     for frame, late in zip(fresh, stale, strict=True):
@@ -151,14 +151,14 @@ def test_stale_poses_are_as_old_as_asked_and_the_images_are_not() -> None:
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_rotating_rig_is_told_only_where_it_is_known(known: bool) -> None:
+def test_a_rotating_rig_is_told_only_where_it_is_known(known):
     film = Film(FilmScene(rig="rotating", rig_known=known, seconds=1.0, start="moving"), 6, NOWHERE)
     row = film.truth[15]  # a quarter of the period: turned by 1°
     off = np.linalg.norm(film.rig.view(film.joints(row.stamp_s)).left.project(row.position) - row.left_px)
     assert off < 1e-3 if known else off > 5
 
 
-def test_scores_count_what_they_say() -> None:
+def test_scores_count_what_they_say():
     film = Film(FilmScene(start="moving", seconds=2.0, fps=10.0), 1, NOWHERE)
 
     def track(k: int, off_m: float, status: Status = Status.TRACKING) -> Track3D:
@@ -189,7 +189,7 @@ def test_scores_count_what_they_say() -> None:
     assert np.isnan(nothing["median_mm"])
 
 
-def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
+def test_either_of_two_equal_balls_may_be_tracked_but_only_one():
     film = Film(FilmScene(start="moving", seconds=2.0, fps=10.0, second_ball=True), 1, NOWHERE)
     first, second = (np.array([row.position for row in truth]) for truth in film.truths)
     middle = 0.5 * (first + second)
@@ -207,7 +207,7 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
     assert shares(middle) == (0, 100), "the left eye's ball paired with the right eye's other"
 
 
-def test_first_boxes_are_those_of_the_silhouette() -> None:
+def test_first_boxes_are_those_of_the_silhouette():
     """Of a ball, the rim's; given in the first frame in which both eyes see all of it."""
     film = Film(FilmScene(fps=10.0), 3, NOWHERE)
     k, boxes = film.first_boxes
@@ -220,7 +220,7 @@ def test_first_boxes_are_those_of_the_silhouette() -> None:
 
 
 @pytest.mark.parametrize("rig", ["fixed", "rotating", "shaking", "head"])
-def test_rendered_films_show_the_ball_where_its_truth_is(rig: str) -> None:
+def test_rendered_films_show_the_ball_where_its_truth_is(rig):
     scene = FilmScene(
         320, 240, rig=rig, seconds=1.0, fps=5.0, start="moving", distance_m=0.45, extent_m=0.08, shake_deg=1
     )

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.image_trackers import middle, sphere_box
-from pps_vision.experiments.baselines.stereo_pipelines import (
-    STEREO_PIPELINES,
-    FilteredPipeline,
-    StereoPipelineName,
-    intersection,
-)
+from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES, FilteredPipeline, intersection
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.types import Status
 
@@ -20,7 +15,7 @@ def film() -> Footage:
 
 
 @pytest.mark.parametrize("name", STEREO_PIPELINES)
-def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, film: Footage) -> None:
+def test_a_pipeline_is_near_the_truth_after_one_frame(name, film):
     """A few per cent of the distance: they see a ball of 7 cm at about 0.4 m."""
     left, right = film.boxes[0]
     assert left is not None
@@ -33,7 +28,7 @@ def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, 
     assert np.all(np.linalg.eigvalsh(track.cov[:3, :3]) > 0)
 
 
-def test_true_boxes_meet_in_the_ball(film: Footage) -> None:
+def test_true_boxes_meet_in_the_ball(film):
     for frame, position in zip(film.frames, film.position, strict=True):
         view = film.rig.view_of(frame)
         left, right = (sphere_box(eye, position, film.radius_m) for eye in (view.left, view.right))

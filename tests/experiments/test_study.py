@@ -6,7 +6,7 @@ import pytest
 from pps_vision.experiments.study import Axis, Break, Metric, compare_severities, interval, mean, percent_of
 
 
-def test_intervals_are_of_independent_units() -> None:
+def test_intervals_are_of_independent_units():
     """100 copies of a value within a recording add nothing; 40 recordings give the normal interval of their mean."""
     rng = np.random.default_rng(1)
     values = rng.normal(3, 2, 40)
@@ -16,13 +16,13 @@ def test_intervals_are_of_independent_units() -> None:
     assert copied == pytest.approx([values.mean(), values.mean() - half, values.mean() + half], abs=0.15)
 
 
-def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+def test_intervals_hold_the_truth_as_often_as_they_say():
     rng = np.random.default_rng(2)
     held = [low <= 0 <= high for _, low, high in (interval(rng.normal(size=(30, 1)), mean) for _ in range(200))]
     assert np.mean(held) == pytest.approx(0.94, abs=0.045)
 
 
-def test_percentages_have_wilsons_interval() -> None:
+def test_percentages_have_wilsons_interval():
     """(p + z²/2n ± z √(p(1 − p)/n + z²/4n²)) / (1 + z²/n) for 8 of 10, with z = 1.96."""
     z = 1.959964
     p = 0.8
@@ -36,9 +36,7 @@ def test_percentages_have_wilsons_interval() -> None:
 @pytest.mark.parametrize(
     ("above", "bound", "expected"), [(True, 2.5, 3), (True, 3, 5), (False, -2.5, None), (True, 9, None)]
 )
-def test_a_method_breaks_at_the_first_severity_past_the_bound(
-    above: bool, bound: float, expected: float | None
-) -> None:
+def test_a_method_breaks_at_the_first_severity_past_the_bound(above, bound, expected):
     numbers = compare_severities(
         lambda seed, severity: severity,
         Axis("noise", (0, 1, 3, 5)),

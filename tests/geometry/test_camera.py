@@ -124,7 +124,7 @@ def test_contains_counts_pixel_areas_and_refuses_nan():
 def test_a_camera_without_extent_or_focal_length_is_refused(change):
     arguments = {"width": 320, "height": 240, "fx": 220.0, "fy": 220.0, "cx": 160.0, "cy": 120.0} | change
     with pytest.raises(ValueError, match="expected positive numbers"):
-        Camera(**arguments)  # type: ignore[arg-type]
+        Camera(**arguments)
 
 
 def test_a_reduced_image_is_the_mean_of_whole_blocks():

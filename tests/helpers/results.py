@@ -46,7 +46,7 @@ def write_results(folder: Path) -> Path:
         for camera in ("left", "right"):
             detection = Detection2D(
                 t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9)
-            )  # type: ignore[arg-type]
+            )
             detections.append((k, detection, tracks[-1].status))
     write_table(folder / "trajectory.csv", TRAJECTORY + REACHABILITY, map(trajectory_row, tracks, reach))
     rows = ((item.stamp_s, *item.probability) for item in felt)

@@ -25,7 +25,7 @@ def detection(camera: str, k: int) -> Detection2D:
     box = (10.0 + k, 20.5, 8.0, 6.0 + (camera == "right"))
     return Detection2D(
         0.05 * k, camera, np.array([14.0 + k, 23.5]), np.eye(2), 0.9 - 0.1 * (camera == "right"), 0.1, box
-    )  # type: ignore[arg-type]
+    )
 
 
 @pytest.fixture

@@ -140,7 +140,7 @@ def test_a_byte_order_mark_changes_nothing(rec):
     assert marked.problems == clean.problems == []
     assert (len(marked), marked.touches, len(marked.truth)) == (len(clean), clean.touches, len(clean.truth))
     assert marked.rig is not None
-    assert marked.rig.left == clean.rig.left  # type: ignore[union-attr]
+    assert marked.rig.left == clean.rig.left
     assert [pair[0].stamp_s for pair in marked.pairs] == [pair[0].stamp_s for pair in clean.pairs]
 
 

@@ -134,7 +134,11 @@ def test_what_is_wrong_is_named(tmp_path, changes, message):
         ("a.yml", "%YAML:1.0\n---\nK1: [1, 2\n", r"a\.yml:\d+: cannot be parsed"),
         ("b.yml", "K1: [1, 2\n", r"b\.yml.*: cannot be parsed"),
         ("a.json", '{"K1": [[1, 2', r"a\.json:1: cannot be parsed"),
-        ("c.yml", "%YAML:1.0\n---\nK1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [1]\n", "K1 has 1 numbers; expected 9"),
+        (
+            "c.yml",
+            "%YAML:1.0\n---\nK1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [1]\n",
+            "K1 has 1 numbers; expected 9",
+        ),
         ("d.yml", "%YAML:1.0\n---\nK1: unknown\n", r"d\.yml.*: "),
         ("e.yml", "%YAML:1.0\n---\nother: 1\n", "holds no calibration"),
         ("f.yml", "", r"f\.yml: cannot be parsed"),

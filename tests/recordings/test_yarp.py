@@ -307,7 +307,7 @@ def test_offsets_are_added_to_the_encoders(rec, tmp_path):
     (tmp_path / "joints.csv").write_text("joint,offset_deg\nneck_yaw,3\n")
     plain = open_recording(rec.folder)
     offset = open_recording(rec.folder, joints=tmp_path / "joints.csv")
-    added = [b.joints_left_rad - a.joints_left_rad for a, b in zip(plain, offset, strict=True)]  # type: ignore[operator]
+    added = [b.joints_left_rad - a.joints_left_rad for a, b in zip(plain, offset, strict=True)]
     expected = np.zeros(len(added[0]))
     expected[ROBOT.indices(("neck_yaw",))] = np.deg2rad(3)
     np.testing.assert_allclose(added, [expected] * 4, atol=1e-12)

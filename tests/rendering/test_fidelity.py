@@ -82,4 +82,4 @@ def test_a_ball_is_lit_by_lamberts_law(robot, rig, q, lighting, gamma, diffuse):
 )
 def test_senseless_fidelities_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
-        Fidelity(**change)  # type: ignore[arg-type]
+        Fidelity(**change)

@@ -142,7 +142,7 @@ def test_a_recede_is_an_approach_reversed():
 def test_senseless_motions_are_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match=r"motion: 'hop'.*approach"):
-        make_motion("hop", rng, CENTER, SPEED)  # type: ignore[arg-type]
+        make_motion("hop", rng, CENTER, SPEED)
     for speed in (0.0, -0.1, np.nan):
         with pytest.raises(ValueError, match="expected a positive number"):
             make_motion("circle", rng, CENTER, speed)

@@ -68,7 +68,7 @@ def test_every_surface_faces_outward(name):
 @pytest.mark.parametrize("radius", [0.010, 0.035, 0.100])
 @pytest.mark.parametrize("name", ["stick", "hand"])
 def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name, radius):
-    vertices = np.vstack([part.mesh.vertices for part in carrier_parts(name, radius, 3)])  # type: ignore[arg-type]
+    vertices = np.vstack([part.mesh.vertices for part in carrier_parts(name, radius, 3)])
     assert vertices[:, 2].max() > 0.5
     assert vertices[:, 2].min() >= 0
     gap = np.linalg.norm(vertices, axis=1).min() - radius
@@ -88,9 +88,9 @@ def test_a_carrier_stands_where_it_is_told(direction):
 
 def test_senseless_things_are_refused():
     with pytest.raises(ValueError, match=r"stimulus: 'whale'.*marker"):
-        make_stimulus("whale")  # type: ignore[arg-type]
+        make_stimulus("whale")
     for radius in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="radius"):
             make_stimulus("ball", radius)
     with pytest.raises(ValueError, match=r"carrier 'drone'.*none, stick, hand"):
-        carrier_parts("drone", 0.03, 3)  # type: ignore[arg-type]
+        carrier_parts("drone", 0.03, 3)

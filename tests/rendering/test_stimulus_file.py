@@ -1,5 +1,7 @@
 """Mesh files as stimuli: where and how large they appear, and files that hold no object."""
 
+import os
+import re
 from contextlib import nullcontext
 
 import cv2
@@ -128,3 +130,15 @@ def test_a_file_is_in_its_unit(unit, m, tmp_path):
     trimesh.creation.box((0.04 / m, 0.05 / m, 0.06 / m)).export(tmp_path / "box.STL")
     (part,) = load_stimulus(tmp_path / "box.STL", unit).parts
     assert part.mesh.extents == pytest.approx([0.04, 0.05, 0.06])
+
+
+def test_materials_are_files_and_textures_are_not_read(tmp_path):
+    """The material's colour counts, not the texture of 100 megapixels; a pipe in its place is not waited for."""
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd large.png\n")
+    (tmp_path / "large.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    text = re.sub(r"(?m)( \d+)(?= |$)", r"\1/1", trimesh.creation.box((0.04, 0.05, 0.06)).export(file_type="obj"))
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\nvt 0 0\nusemtl red\n{text}")
+    assert load_stimulus(tmp_path / "a.obj").parts[0].color == (1, 0, 0)
+    (tmp_path / "a.mtl").unlink()
+    os.mkfifo(tmp_path / "a.mtl")
+    load_stimulus(tmp_path / "a.obj")

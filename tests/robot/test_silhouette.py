@@ -45,7 +45,7 @@ def test_it_covers_the_arm_and_little_else():
 @pytest.mark.parametrize(("shape", "size"), [("sphere", (0.1,)), ("cylinder", (0.05, 0.4)), ("box", (0.1, 0.2, 0.3))])
 def test_a_single_body_covers_what_rays_into_it_hit(shape, size, across):
     """Seen from 0.7 m by a camera without distortion, along its x and its z axis."""
-    body = Body("one", "root", shape, size, np.eye(4), (0.0, 0.0, 0.0))  # type: ignore[arg-type]
+    body = Body("one", "root", shape, size, np.eye(4), (0.0, 0.0, 0.0))
     robot = load_icub()
     robot.__dict__["bodies"] = (body,)
     eye = np.eye(4)

@@ -47,7 +47,7 @@ def test_taxels_are_where_the_robots_own_calibration_puts_them(part, file):
     lines = shared_data("icub_files", "skin_positions", file).read_text().splitlines()
     rows = [line.split() for line in lines if re.match(r"\s*-?\d", line)]
     table = np.array([[float(number) for number in row[:6]] for row in rows])
-    (ours,) = icub_skin((part,)).parts  # type: ignore[arg-type]
+    (ours,) = icub_skin((part,)).parts
     theirs = table[list(ours.ids)]
     np.testing.assert_allclose(ours.positions_m, theirs[:, :3], atol=1e-4)
     unit = theirs[:, 3:] / np.linalg.norm(theirs[:, 3:], axis=1, keepdims=True)

@@ -62,11 +62,7 @@ def test_a_joint_that_mimics_another_is_told(tmp_path):
 
 @pytest.mark.parametrize(
     "nodes",
-    [
-        '<node id="n"><instance_node url="#n"/></node>',
-        30_000 * "<node>" + 30_000 * "</node>",
-        "<no node",
-    ],
+    ['<node id="n"><instance_node url="#n"/></node>', 30_000 * "<node>" + 30_000 * "</node>", "<no node"],
     ids=["contains itself", "deep", "broken"],
 )
 def test_a_mesh_that_crashes_its_reader_is_named(tmp_path, nodes):

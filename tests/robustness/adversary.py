@@ -59,7 +59,7 @@ def attack(steps: int, seed: int, episode_steps: int) -> AttackResult:
     """Run episodes of at most `episode_steps` frames until `steps` frames were given; every kind of start and path in
     turn."""
     robot = load_icub()
-    skins = {side: icub_skin((f"{side}_forearm", f"{side}_palm")) for side in ("left", "right")}  # type: ignore[arg-type]
+    skins = {side: icub_skin((f"{side}_forearm", f"{side}_palm")) for side in ("left", "right")}
     self_collision = SelfCollision(robot), SelfCollision(robot)
     result = AttackResult()
     number = 0
@@ -98,16 +98,16 @@ class _Episode:
         behaviour = str(rng.choice(("avoid", "reach")))
         self.tracker = AdversarialTracker(Track3D.unknown(0.0))
         waits = {"confirmation_s": float(rng.choice((0.0, 0.15))), "min_approach_m": float(rng.choice((0.0, 0.01)))}
-        arm = AvoidanceParams(HOME_ARM_RAD, side=side, **waits)  # type: ignore[arg-type]
+        arm = AvoidanceParams(HOME_ARM_RAD, side=side, **waits)
         other_arm = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
         params = PipelineParams(arm=arm, other_arm=other_arm, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
-        self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)  # type: ignore[arg-type]
+        self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
         if behaviour == "reach":  # as with a map that calls everything reachable
             first, *others = self.pipeline._arms
-            self.pipeline._arms = [first._replace(params=ReachingParams(HOME_ARM_RAD, side=side, **waits)), *others]  # type: ignore[arg-type]
+            self.pipeline._arms = [first._replace(params=ReachingParams(HOME_ARM_RAD, side=side, **waits)), *others]
             anywhere = Reachability(0.0, np.zeros(3), 1.0, 1.0, ReachStatus.REACHABLE)
-            self.pipeline._reachability = lambda q, track: anywhere  # type: ignore[assignment]
+            self.pipeline._reachability = lambda q, track: anywhere
         self.stamp_s = 0.0
         self.command = JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)
         self.taxels = skin.at(robot.at(self.q))

@@ -27,7 +27,7 @@ def test_no_limit_is_left_and_only_bad_input_is_refused(steps, episode):
 def test_the_attack_finds_what_the_arm_and_the_last_stage_prevent(monkeypatch):
     checked = limits.limit
 
-    def only_stamped(params, bodies, posture, wanted, *last):  # type: ignore[no-untyped-def]
+    def only_stamped(params, bodies, posture, wanted, *last):
         return replace(checked(params, bodies, posture, wanted, *last), dq_rad_s=wanted.dq_rad_s)
 
     monkeypatch.setattr(limits, "limit", only_stamped)

@@ -6,11 +6,10 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-import commands
 import numpy as np
 import pytest
 from commands import COMMANDS, CommandUnderTest, argv, prepare, run
@@ -136,44 +135,3 @@ def test_a_killed_command_damages_nothing_and_runs_again(tmp_path, command):
     prepare(tmp_path, [command])
     kills = {QUICK: 1, "batch": 10}.get(command.name, 3)
     assert kill(command, tmp_path, kills, (signal.SIGTERM,) if command.name == QUICK else SIGNALS) == []
-
-
-CARELESS = """
-import signal, sys, time
-from pathlib import Path
-signal.signal(signal.SIGTERM, signal.SIG_IGN)
-out = Path("out.csv")
-{first}
-time.sleep(0.3)
-{last}
-"""
-
-
-@pytest.fixture
-def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], CommandUnderTest]:
-    """Make a command of a Python program."""
-    monkeypatch.setattr(commands, "argv", lambda words: [commands.sys.executable, words])
-    monkeypatch.setattr(f"{__name__}.argv", lambda words: [commands.sys.executable, words])
-
-    def make(text: str) -> CommandUnderTest:
-        (tmp_path / "in.csv").write_text("mine")
-        (tmp_path / "program.py").write_text(text)
-        return CommandUnderTest("program.py", "out.csv")
-
-    return make
-
-
-@pytest.mark.parametrize(
-    ("first", "last", "fault"),
-    [
-        ("out.write_text('half')", "out.write_text('whole.')", "left its output half-written"),
-        ("out.write_text('other.' if Path('b').exists() else 'whole.'); Path('b').touch()", "", "something else"),
-        ("Path('in.csv').open('a').write('x')", "out.write_text('whole.')", "damaged its inputs"),
-        ("Path('.a').touch()", "out.write_text('whole.')", "left .a"),
-        ("sys.exit(1) if Path('b').exists() else Path('b').touch()", "out.write_text('whole.')", "failed again"),
-    ],
-)
-def test_a_careless_command_is_noticed(tmp_path: Path, program, first: str, last: str, fault: str) -> None:
-    """Programs that write in place, change their input, leave files behind, or fail after a kill."""
-    command = program(CARELESS.format(first=first, last=last))
-    assert fault in " ".join(kill(command, tmp_path, 3, (signal.SIGKILL,)))

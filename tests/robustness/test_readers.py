@@ -2,8 +2,7 @@
 
 import resource
 import signal
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -170,24 +169,3 @@ def test_a_map_that_once_broke_its_reader_is_refused(change, tmp_path):
     np.savez(file, **arrays)
     with pytest.raises(InputError, match=r"map\.npz: "):
         READERS["map"].read(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("defect", "end"),
-    [
-        (lambda folder: {}["defect"], "KeyError: 'defect'"),
-        (lambda folder: (folder / "gone").read_bytes(), "refused"),
-        (lambda folder: time.sleep(5), "over 0.2 s"),
-        (lambda folder: (folder / "file").write_bytes(b""), "input were changed"),
-    ],
-)
-def test_defects_of_a_reader_are_noticed(defect: Callable[[Path], object], end: str) -> None:
-    def write(folder: Path) -> list[Path]:
-        (folder / "file").write_bytes(b"sound")
-        return [folder / "file"]
-
-    def read(folder: Path) -> None:
-        if (folder / "file").read_bytes() != b"sound":
-            defect(folder)
-
-    assert end in " ".join(read_mutants(Reader(write, read), 4, 0.2))  # some mutants may be as the sound file

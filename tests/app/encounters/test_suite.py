@@ -89,5 +89,5 @@ def test_what_the_map_calls_unreachable_is_not_attempted(scene, memories):
         return Reachability.without_answer(track.stamp_s, ReachStatus.UNREACHABLE)
 
     assert simulate_encounter(*arguments).commands > 0, "without a map"
-    assert simulate_encounter(*arguments, reachability=unreachable).commands == 0  # type: ignore[arg-type]
+    assert simulate_encounter(*arguments, reachability=unreachable).commands == 0
     assert stamps_s == [track.stamp_s for track in tracks]

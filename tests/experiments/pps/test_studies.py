@@ -17,7 +17,7 @@ PARTS = {
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_a_short_run_has_the_form_of_the_published_results(name: str) -> None:
+def test_a_short_run_has_the_form_of_the_published_results(name):
     study = catalogue()[name]
     numbers, _ = run_and_draw(study(**{**study.short(), "seed": SEED, "parts": PARTS[name]}))
     published = read_numbers(ROOT / "docs" / "results" / f"{name}.json")
@@ -25,7 +25,7 @@ def test_a_short_run_has_the_form_of_the_published_results(name: str) -> None:
         assert set(values) <= set(published[part])
 
 
-def test_the_offset_shows_from_the_landing_point_only() -> None:
+def test_the_offset_shows_from_the_landing_point_only():
     exact, noisy, shifted = (simulated_ridge(simulation, "landing", 5, SEED) for simulation in SIMULATIONS.values())
     assert 0 <= exact["crosses_ttc_0_at_cm"][0] < 4
     assert -11.5 < shifted["crosses_ttc_0_at_cm"][0] < -8.5

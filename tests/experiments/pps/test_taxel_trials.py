@@ -34,7 +34,7 @@ def straight(taxel: int, aside_m: float, rng: np.random.Generator) -> TouchTrial
     )
 
 
-def test_skin_at_rest_perceives_every_frame_alone() -> None:
+def test_skin_at_rest_perceives_every_frame_alone():
     rng = np.random.default_rng(SEED)
     covs = np.tile(np.diag([0.03, 0.02, 0.01]) ** 2, (31, 1, 1))
     true = replace(straight(3, 0.01, rng), velocities=0.1 * rng.standard_normal((31, 3)), velocity_covs=covs)
@@ -45,7 +45,7 @@ def test_skin_at_rest_perceives_every_frame_alone() -> None:
     np.testing.assert_array_equal(trial.touched, true.touched[:12])
 
 
-def test_a_moving_arm_perceives_its_own_approach_to_a_resting_object() -> None:
+def test_a_moving_arm_perceives_its_own_approach_to_a_resting_object():
     """A left elbow bends at 20°/s: TTC is the distance over its rate of change."""
     joints = np.tile(home(ROBOT), (21, 1))
     joints[:, ROBOT.indices(("left_elbow",))[0]] += np.deg2rad(20) * 0.05 * np.arange(21)
