@@ -162,7 +162,7 @@ def test_fixed_cameras(tmp_path, capsys, scene, advice):
 def test_cameras_at_an_impossible_distance_are_refused(tmp_path, baseline_m, refused):
     words = drawn(tmp_path, 40.0, still, baseline_m=-baseline_m)
     line = refused("track", *words, "--out", tmp_path / "out")
-    assert "c.yml: the cameras are" in line or "c.yml: T is 0" in line
+    assert "c.yml: T is " in line
 
 
 LEFT = {"frames": 20, "motion_left": 5}
