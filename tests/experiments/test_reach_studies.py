@@ -13,7 +13,7 @@ ROBOT = load_icub()
 NAN = np.nan
 
 
-def test_scores_of_a_known_map() -> None:
+def test_scores_of_a_known_map():
     """Four reachable of which one is missed, one unreachable of which none is; R is off by 0.1 where it is known."""
     yes = np.array([True, True, True, False, False])
     degree = np.array([0.9, 0.8, 0.7, 0.4, 0.2])
@@ -23,7 +23,7 @@ def test_scores_of_a_known_map() -> None:
 
 
 @pytest.mark.parametrize("deviation", DEVIATIONS)
-def test_the_eyes_of_the_deviating_head_meet_at_the_deviating_hand(deviation: str) -> None:
+def test_the_eyes_of_the_deviating_head_meet_at_the_deviating_hand(deviation):
     bend, head = DEVIATIONS[deviation]
     babbled = samples(deviation, 300, np.random.default_rng(1))
     arm = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm")

@@ -49,7 +49,7 @@ def triggers() -> dict[str, Method]:
 
 
 @pytest.mark.parametrize("name", [trigger.DEFAULT, "LK residual grid (R)", "DIS ultrafast − ego", "MOG2"])
-def test_triggers_detect_the_start_of_a_motion_and_nothing_before(name: str, triggers: dict[str, Method]) -> None:
+def test_triggers_detect_the_start_of_a_motion_and_nothing_before(name, triggers):
     values = triggers[name](moving_square(5, 5), 0)
     assert max(values["delay"]) <= 3
     assert len(values["ms"]) == 2 * (trigger.STARTS + trigger.AFTER)
@@ -58,7 +58,7 @@ def test_triggers_detect_the_start_of_a_motion_and_nothing_before(name: str, tri
     assert len(quiet["alarm"]) == 2 * trigger.AFTER
 
 
-def test_image_trackers_on_a_square_that_jumps() -> None:
+def test_image_trackers_on_a_square_that_jumps():
     """The marker blob searches everywhere; KCF only nearby."""
     rng = np.random.default_rng(0)
     images = []
@@ -78,7 +78,7 @@ def test_image_trackers_on_a_square_that_jumps() -> None:
     assert np.mean(particles["held"][:5]) == 1
 
 
-def test_triangulation_is_nearer_to_a_textured_ball_than_disparity() -> None:
+def test_triangulation_is_nearer_to_a_textured_ball_than_disparity():
     pairs = stereo._pairs("textured ball", "rendered", SEED)
     assert len(pairs) > 10
     values = {name: method(pairs, SEED) for name, method in stereo.methods().items()}
@@ -111,7 +111,7 @@ def approach(seed: int, noise: float = 1.0) -> Measurements:
     )
 
 
-def test_without_adaptation_both_filters_agree() -> None:
+def test_without_adaptation_both_filters_agree():
     data = approach(5)
     params = replace(data.params(), adaptation_rate=0)
     belief = data.first(params)
@@ -120,7 +120,7 @@ def test_without_adaptation_both_filters_agree() -> None:
         np.testing.assert_allclose(state, belief.mean, atol=1e-9)
 
 
-def test_the_quadratic_programme_keeps_limits_alone_and_least_squares_only_behind_the_last_stage() -> None:
+def test_the_quadratic_programme_keeps_limits_alone_and_least_squares_only_behind_the_last_stage():
     numbers = arm.run(Stages(seed=SEED, n_movements=4))
     for scenario, cells in numbers["cells"].items():
         ours = cells[arm.OURS]

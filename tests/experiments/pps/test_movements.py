@@ -1,12 +1,10 @@
 """Movements of R's sessions against geometry, as exact trials, rendered, and measured by miscalibrated robots."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.experiments.pps.movements import AIMED, SessionName, movements
+from pps_vision.experiments.pps.movements import AIMED, movements
 from pps_vision.experiments.pps.robot_errors import MiscalibratedRobot, errors_from
 from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials
 from pps_vision.robot.icub import load_icub
@@ -21,7 +19,7 @@ def rng(k: int = 0) -> np.random.Generator:
 
 
 @pytest.mark.parametrize("name", ["motor", "inner", "outer", "palm"])
-def test_a_trial_ends_in_its_touch(name: SessionName) -> None:
+def test_a_trial_ends_in_its_touch(name):
     part, _ = AIMED[name]
     on_part = np.array([taxel.startswith(part) for taxel in SKIN.taxel_ids])
     for trial in exact_trials(name, 2, SEED):
@@ -38,7 +36,7 @@ def test_a_trial_ends_in_its_touch(name: SessionName) -> None:
             np.testing.assert_allclose(trial.positions, tips, atol=1e-12)
 
 
-def test_a_rendered_trial_is_tracked_and_read_again(tmp_path: Path) -> None:
+def test_a_rendered_trial_is_tracked_and_read_again(tmp_path):
     (movement,) = movements("inner", 1, SEED)
     (trial,) = rendered_trials("inner", 1, SEED, tmp_path)
     errors = np.linalg.norm(trial.positions - movement.trial.positions, axis=1)
@@ -51,7 +49,7 @@ def test_a_rendered_trial_is_tracked_and_read_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("by_eyes", [True, False])
-def test_without_errors_the_measurement_is_the_truth(by_eyes: bool) -> None:
+def test_without_errors_the_measurement_is_the_truth(by_eyes):
     (trial,) = exact_trials("motor", 1, SEED)
     for source in (errors_from(), errors_from("cameras")):
         measured = MiscalibratedRobot.draw(source, rng()).observe(trial, by_eyes, rng())
