@@ -34,7 +34,7 @@ def later(*tracks: Track3D) -> list[Track3D]:
     return [track(0.01 * k, 1.0) for k in range(FRAMES)] + list(tracks)
 
 
-def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted() -> None:
+def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted():
     rows = [truth(0.01 * k, -1.0) for k in range(20)]
     at_m = -1.0
     tracks = later(
@@ -50,7 +50,7 @@ def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted() -> None:
 
 
 @pytest.mark.parametrize(("late_s", "counts"), [(0.018, True), (-0.022, False)])
-def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s: float, counts: bool) -> None:
+def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s, counts):
     """An object at 2 m/s that is where it is said to be; of three rows of truth the nearest counts."""
     rows = [truth(0.45, 7.0), truth(0.5 + late_s, 2.0 * late_s, 2.0), truth(0.9, 7.0)]
     errors = errors_against(rows, later(track(0.5, 0.001)))
@@ -62,7 +62,7 @@ def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s
         assert np.isnan(errors["position_rms_mm"])
 
 
-def test_the_objects_size_is_the_median_where_it_is_tracked() -> None:
+def test_the_objects_size_is_the_median_where_it_is_tracked():
     """Radii of 30, 31 and 40 mm with standard deviations of 1 mm; predictions do not count."""
     numbers = PathStatistics()
     for radius_m in (0.04, 0.03, 0.031):
@@ -82,7 +82,7 @@ def recorded(*stamps_s: tuple[float, float]) -> TrackedRecording:
     return TrackedRecording(Recording("made up", pairs, (40, 30), []), TrackerParams())
 
 
-def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last() -> None:
+def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last():
     warned: list[str] = []
     cameras = CameraStatistics(warned.append)
     for k, (turn, rate) in enumerate(((0.0, 0.0), (0.05, 0.02), (0.03, 0.04))):
@@ -93,7 +93,7 @@ def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last(
     assert warned == ["the cameras move although declared fixed, at 0.50 s; only their rotation is compensated"]
 
 
-def test_the_headline_says_what_is_known() -> None:
+def test_the_headline_says_what_is_known():
     """3 mm off where it is tracked, 5 mm where it is predicted."""
     run = recorded((0.0, 0.0))
     run.stopwatch.ms["total"].extend([2.0, 3.0, 10.0])
