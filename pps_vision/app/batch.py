@@ -36,6 +36,7 @@ LEARN_TABLE: Mapping[str, type] = {
     **{"name": str, "status": str, "samples": int, "touched_taxels": int},
     **{"version": str, "reason": str},
 }
+_TABLES = {"track": TRACK_TABLE, "learn": LEARN_TABLE}
 SETTINGS = "settings.json"
 MEMORY = "memory.npz"
 _OWN = (SETTINGS, MEMORY, SUMMARY, BATCH, "batch.parquet", REPORT)
@@ -68,11 +69,6 @@ class Task:
     options: tuple[str, ...]
     out: Path
 
-    @property
-    def table(self) -> Mapping[str, type]:
-        """Columns of the table of results."""
-        return TRACK_TABLE if self.command == "track" else LEARN_TABLE
-
     def result(self, job: Job) -> Path:
         """The output of the command for a recording: a folder, or a memory."""
         return self.out / (job.name if self.command == "track" else f"{job.name}.npz")
@@ -84,7 +80,7 @@ class Task:
 
     def row(self, job: Job, reason: str) -> dict[str, object]:
         """The row of a recording; `reason`: of its failure, or ""."""
-        row: dict[str, object] = dict.fromkeys(self.table) | {"name": job.name}
+        row: dict[str, object] = dict.fromkeys(_TABLES[self.command]) | {"name": job.name}
         if reason:
             return row | {"status": "failed", "reason": f"{job.row}: {reason}" if job.row else reason}
         if self.command == "learn":
@@ -205,10 +201,10 @@ def run_batch(
             _add_up([task.result(job) for job, row in zip(jobs, rows, strict=True) if row["status"] == "done"], out)
         with whole_file(out / BATCH) as partial:
             filled = (["" if value is None else value for value in row.values()] for row in rows)
-            write_table(partial, tuple(task.table), filled)
+            write_table(partial, tuple(_TABLES[task.command]), filled)
         if parquet:
             with whole_file(out / "batch.parquet") as partial:
-                write_parquet(partial, task.table, rows)
+                write_parquet(partial, _TABLES[task.command], rows)
     return rows
 
 

@@ -78,7 +78,8 @@ def diagnose(
 
 def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) -> Iterator[str]:
     """Faults of the images, the calibration and the joints, independent of the object."""
-    frames = _some_frames(recording)
+    chosen = np.unique(np.linspace(0, len(recording) - 1, _SAMPLED).astype(int))
+    frames = list(replace(recording, pairs=tuple(recording.pairs[k] for k in chosen)))
     if not frames:
         return
     if all(np.array_equal(frame.left, frame.right) for frame in frames):
@@ -96,8 +97,10 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         baseline = float(np.linalg.norm(view.right.center - view.left.center))
         yield from exchanged(frames, recording.rig)
         if not _BASELINE_M[0] <= baseline <= _BASELINE_M[1]:
-            units = _units(recording, baseline)
-            yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{units}"
+            low, high = _USUAL_BASELINE_M
+            apart_m = {unit: baseline / recording.unit_m * unit for unit in _UNITS_M}
+            units = [f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
+            yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{''.join(units)}"
     if turn_deg[0] > 0:
         yield (
             f"cameras that rest, or a recording with joints: the cameras move although declared fixed, by up to "
@@ -117,13 +120,6 @@ def length(metres: float) -> str:
     """A length in words, in m or mm, without an exponent."""
     value, unit = (metres, "m") if metres >= 1 else (1000 * metres, "mm")
     return f"{np.format_float_positional(value, 4, fractional=False, trim='-')} {unit}"
-
-
-def _units(recording: Recording, baseline_m: float) -> str:
-    """The calibration units that would make the baseline usual, as a clause."""
-    low, high = _USUAL_BASELINE_M
-    apart_m = {unit: baseline_m / recording.unit_m * unit for unit in _UNITS_M}
-    return "".join(f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high)
 
 
 def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
@@ -226,12 +222,6 @@ def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> I
 
 def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
     return {reason: count for reason, count in counts.items() if reason.startswith("rejected by ")}
-
-
-def _some_frames(recording: Recording) -> list[StereoFrame]:
-    """A few frames, spread over the recording."""
-    chosen = np.unique(np.linspace(0, len(recording) - 1, _SAMPLED).astype(int))
-    return list(replace(recording, pairs=tuple(recording.pairs[k] for k in chosen)))
 
 
 def _successive_frames(recording: Recording) -> list[tuple[StereoFrame, StereoFrame]]:

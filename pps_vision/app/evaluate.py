@@ -131,7 +131,9 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
             problem += f" (stamps {_span(moved)}; of the truth {_span(truth)})"
         raise InputError(track.name, f"{problem}; expected at least {_FEWEST}")
     distance_mm = 1000 * np.linalg.norm(error, axis=1)
-    nees = _nees(error, cov)
+    stated = np.all(np.isfinite(cov), axis=(1, 2))
+    stated[stated] = np.all(np.linalg.eigvalsh(cov[stated]) > 0, axis=1)
+    nees = np.einsum("ni,ni->n", error[stated], np.linalg.solve(cov[stated], error[stated][..., None])[..., 0])
     bias = 1000 * error.mean(axis=0)
     return Score(
         track.name,
@@ -169,11 +171,9 @@ def errors_of(track: Path3D, truth: Path3D, align: bool = False) -> tuple[Array,
     stamps = track.stamps_s[at]
     position = track.position[at]
     cov = track.cov[at]
-    true = (
-        np.stack([np.interp(stamps, truth.stamps_s, column) for column in truth.position.T], axis=1)
-        if at.any()
-        else position
-    )
+    true = position
+    if at.any():
+        true = np.stack([np.interp(stamps, truth.stamps_s, column) for column in truth.position.T], axis=1)
     if align and len(position) >= _FEWEST:
         R, t = rigid_alignment(position, true)
         position = position @ R.T + t
@@ -207,10 +207,3 @@ def _lag_s(track: Path3D, truth: Path3D, align: bool) -> float:
     bounds = (best - _LAG_STEP_S, best + _LAG_STEP_S)
     optimum = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6})
     return float(optimum.x) if np.isfinite(optimum.fun) else best
-
-
-def _nees(error: Array, cov: Array) -> Array:
-    """Normalised squared errors where a covariance is stated that can be one."""
-    stated = np.all(np.isfinite(cov), axis=(1, 2))
-    stated[stated] = np.all(np.linalg.eigvalsh(cov[stated]) > 0, axis=1)
-    return np.einsum("ni,ni->n", error[stated], np.linalg.solve(cov[stated], error[stated][..., None])[..., 0])

@@ -8,7 +8,6 @@ from pps_vision.app.progress import progress
 from pps_vision.errors import InputError
 from pps_vision.recordings.tables import Box
 from pps_vision.recordings.video import ImageSequence
-from pps_vision.types import Image
 from tracking.image_tracker import ImageTrackerParams
 from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTracker, TrackerName
 
@@ -28,18 +27,14 @@ def track_boxes(
             continue
         if sequence.problems:
             raise InputError("track2d", f"--init is the box in that image: {sequence.problems[0]}")
-        tracker = _start(name, image, init, seed, report)
         rows.append((number, init, 1.0))
+        if name == "csrt":
+            tracker = CsrtTracker(image, init)
+            continue
+        tracker = ColorTracker(image, init, ImageTrackerParams(), np.random.default_rng(seed))
+        if tracker.similarity > MAX_SIMILARITY:
+            report(
+                f"warning: the object's colours and those of its surroundings are alike (similarity "
+                f"{tracker.similarity:.2f} > {MAX_SIMILARITY:g}), so it may be lost; try --tracker csrt"
+            )
     return rows
-
-
-def _start(name: TrackerName, image: Image, init: Box, seed: int, report: Callable[[str], None]) -> BoxTracker:
-    if name == "csrt":
-        return CsrtTracker(image, init)
-    tracker = ColorTracker(image, init, ImageTrackerParams(), np.random.default_rng(seed))
-    if tracker.similarity > MAX_SIMILARITY:
-        report(
-            f"warning: the object's colours and those of its surroundings are alike (similarity "
-            f"{tracker.similarity:.2f} > {MAX_SIMILARITY:g}), so it may be lost; try --tracker csrt"
-        )
-    return tracker

@@ -80,7 +80,8 @@ def depth_space(scene: ArmScene, numbers: ControllerParams) -> Controller:
         center = (track.position - T[:3, 3]) @ T[:3, :3]
         surface = center + max(track.radius_m, 0.001) * sphere
         surface = surface[(surface - center) @ center < 0]
-        away = taxels[:, None] - _occupied(surface, taxels[:, 2])
+        stretched = np.maximum(taxels[:, 2, None] / surface[None, :, 2], 1.0)  # or farther along their rays
+        away = taxels[:, None] - surface[None] * stretched[:, :, None]
         distance = np.linalg.norm(away, axis=2)
         nearest = distance.min(axis=1)
         strength = 1 / (1 + np.exp(np.minimum((2 * nearest / range_m - 1) * _SHAPE, 50.0)))
@@ -154,12 +155,6 @@ def nearest_rates(wanted: Array, room: tuple[Array, Array], rows: Array, most: A
     if x is None:
         raise RuntimeError(f"no rates for {wanted}, limits {room}, rows {rows.tolist()} of at most {most}")
     return np.clip(x[:k], *room)
-
-
-def _occupied(surface: Array, depths: Array) -> Array:
-    """Points (n, m, 3) occupied by surface points (m, 3) at depths (n,): themselves, or farther along their ray."""
-    stretched = np.maximum(depths[:, None] / surface[None, :, 2], 1.0)
-    return surface[None] * stretched[:, :, None]
 
 
 def _unit(vector: Array) -> Array:

@@ -350,18 +350,13 @@ def _pass(aim: Aim) -> Path:
     out = in_cap(aim.rng, normals[aim.taxel])
     sideways = rotation_to(out)[:, :2] @ _unit(aim.rng.standard_normal(2))
     start = taxels[aim.taxel] + 2 * out - START_M[1] * sideways
-    start = start - out * _lowered(start, out, sideways, taxels, aim.radius_m + distance)
+    d = taxels - start
+    aside = d @ np.cross(out, sideways)
+    reach = aim.radius_m + distance
+    near = np.abs(aside) < reach
+    start = start - out * np.min(-(d[near] @ out) - np.sqrt(reach**2 - aside[near] ** 2))  # lowered until it is near
     length = 2 * START_M[1]
     return Recede(start, start + length * sideways, aim.speed_m_s), length / aim.speed_m_s + 0.3, np.inf
-
-
-def _lowered(start: Array, out: Array, sideways: Array, taxels: Array, reach: float) -> float:
-    """Distance by which a line along `sideways` can be moved against `out` until it is within `reach` of a taxel."""
-    across = np.cross(out, sideways)
-    d = taxels - start
-    aside = d @ across
-    near = np.abs(aside) < reach
-    return float(np.min(-(d[near] @ out) - np.sqrt(reach**2 - aside[near] ** 2)))
 
 
 def _pose(T: Array) -> coal.Transform3s:

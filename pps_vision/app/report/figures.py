@@ -16,7 +16,7 @@ from pps_vision.app.report.page import shade
 from pps_vision.app.simulation import EpisodeLog
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, Reachability, ReachStatus
+from pps_vision.types import Array, ReachStatus
 
 Range = tuple[float, float]
 
@@ -87,7 +87,11 @@ def episodes(logs: Sequence[EpisodeLog], threshold: float) -> Figure:
             activity.plot(t, log.activations[:, i], color=color, lw=1)
         speed.plot(t, 100 * log.speed_m_s, color="tab:blue", lw=1.4)
         for axis in reach:
-            _draw_reachability(axis, t, log.reachability)
+            axis.plot(t, [reach.degree for reach in log.reachability], color=_INK, lw=1.4)
+            status = np.array([reach.status for reach in log.reachability])
+            shade(axis, t, status == ReachStatus.REACHABLE, "tab:green")
+            shade(axis, t, status == ReachStatus.UNREACHABLE, "0.6")
+            axis.axhline(0.5, color=_INK, lw=1, ls="--")
         for axis in (gap, activity, speed, *reach):
             shade(axis, t, log.touched.any(axis=1), "tab:red")
             axis.grid(alpha=0.25)
@@ -171,12 +175,3 @@ def _ranges(memory: PPSMemory) -> tuple[Range, Range]:
     """Of D in m and TTC in s."""
     ttc = memory.params.ttc_range_s
     return memory.params.distance_range_m, ttc if np.isfinite(ttc).all() else (0.0, 3.0)
-
-
-def _draw_reachability(axis: Axes, t: Array, reachability: Sequence[Reachability]) -> None:
-    """The degree of reachability over time, on green where reachable, on grey where not."""
-    axis.plot(t, [reach.degree for reach in reachability], color=_INK, lw=1.4)
-    status = np.array([reach.status for reach in reachability])
-    shade(axis, t, status == ReachStatus.REACHABLE, "tab:green")
-    shade(axis, t, status == ReachStatus.UNREACHABLE, "0.6")
-    axis.axhline(0.5, color=_INK, lw=1, ls="--")

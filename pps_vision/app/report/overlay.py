@@ -10,7 +10,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import ArrayLike
 
-from pps_vision.geometry.camera import Camera, StereoView, View
+from pps_vision.geometry.camera import StereoView
 from pps_vision.types import Array, Detection2D, Image, Status, StereoFrame, Track3D
 
 _STATUS_RGB = {
@@ -72,20 +72,29 @@ def draw_pair(
     scale: int = 2,
 ) -> Image:
     """Both eyes side by side, enlarged: the detection (ring), the track (cross), taxels by activation."""
+    color = _STATUS_RGB[track.status]
     sides: list[Image] = []
     for name, image, eye in (("left", frame.left, view.left), ("right", frame.right, view.right)):
         size = (image.shape[1] * scale, image.shape[0] * scale)
         canvas: Image = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC).astype(np.uint8, copy=False)
         if taxels_root is not None and activations is not None:
-            _draw_taxels(canvas, eye, taxels_root, activations, scale)
+            for pixel, a in zip(eye.project(taxels_root), activations, strict=True):
+                if eye.camera.contains(pixel):  # the larger and the redder, the likelier a touch
+                    radius = round(scale * (1.2 + 3 * float(np.clip(a, 0, 1))) * 2**_SHIFT)
+                    cv2.circle(canvas, _at(pixel, scale), radius, _taxel_rgb(float(a)), -1, cv2.LINE_AA, _SHIFT)
         for detection in detections:
-            if detection.camera == name:
-                _draw_detection(canvas, eye.camera, detection, _STATUS_RGB[track.status], scale)
-        if track.is_known:
-            _cross(canvas, eye.project(track.position), _STATUS_RGB[track.status], scale)
+            if detection.camera == name and np.all(np.isfinite(detection.center_px)):
+                radius = round(eye.camera.focal_px * np.tan(detection.angular_radius_rad) * scale * 2**_SHIFT)
+                if 0 < radius < 2**20:
+                    cv2.circle(canvas, _at(detection.center_px, scale), radius, color, 2, cv2.LINE_AA, _SHIFT)
+        if track.is_known and np.all(np.abs(pixel := eye.project(track.position)) < 2**20):
+            u, v = _at(pixel, scale)
+            arm = round(3.5 * scale * 2**_SHIFT)
+            for du, dv in ((arm, 0), (0, arm)):
+                cv2.line(canvas, (u - du, v - dv), (u + du, v + dv), color, 1, cv2.LINE_AA, _SHIFT)
         sides.append(canvas)
     pair = np.concatenate(sides, axis=1)
-    _write(pair, f"{track.status.value}   {frame.stamp_s:7.2f} s", (8, 20), _STATUS_RGB[track.status])
+    _write(pair, f"{track.status.value}   {frame.stamp_s:7.2f} s", (8, 20), color)
     for line, caption in enumerate(captions, start=1):
         _write(pair, caption, (8, 20 + 18 * line), (255, 255, 255))
     return pair
@@ -95,30 +104,6 @@ def _at(pixel: ArrayLike, scale: int) -> tuple[int, int]:
     """Sub-pixel canvas coordinates of an image pixel, for cv2's shifted drawing."""
     u, v = (np.asarray(pixel, dtype=float) + 0.5) * scale - 0.5
     return round(u * 2**_SHIFT), round(v * 2**_SHIFT)
-
-
-def _cross(canvas: Image, pixel: Array, color: tuple[int, int, int], scale: int) -> None:
-    if np.all(np.abs(pixel) < 2**20):
-        u, v = _at(pixel, scale)
-        arm = round(3.5 * scale * 2**_SHIFT)
-        for du, dv in ((arm, 0), (0, arm)):
-            cv2.line(canvas, (u - du, v - dv), (u + du, v + dv), color, 1, cv2.LINE_AA, _SHIFT)
-
-
-def _draw_detection(
-    canvas: Image, camera: Camera, detection: Detection2D, color: tuple[int, int, int], scale: int
-) -> None:
-    radius = round(camera.focal_px * np.tan(detection.angular_radius_rad) * scale * 2**_SHIFT)
-    if np.all(np.isfinite(detection.center_px)) and 0 < radius < 2**20:
-        cv2.circle(canvas, _at(detection.center_px, scale), radius, color, 2, cv2.LINE_AA, _SHIFT)
-
-
-def _draw_taxels(canvas: Image, eye: View, taxels_root: Array, activations: Array, scale: int) -> None:
-    """A dot per taxel: the larger and the redder, the likelier a touch."""
-    for pixel, a in zip(eye.project(taxels_root), activations, strict=True):
-        if eye.camera.contains(pixel):
-            radius = round(scale * (1.2 + 3 * float(np.clip(a, 0, 1))) * 2**_SHIFT)
-            cv2.circle(canvas, _at(pixel, scale), radius, _taxel_rgb(float(a)), -1, cv2.LINE_AA, _SHIFT)
 
 
 def _taxel_rgb(activation: float) -> tuple[int, int, int]:
