@@ -23,6 +23,7 @@ from pps_vision.experiments.pps.taxel_trials import Session, Trial, perceive, tr
 from pps_vision.experiments.study import Part, interval, mean, median, percent
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.se3 import move_points
+from pps_vision.types import Array
 
 _COLUMNS = ("minutes", "trials", "samples", "samples_of_shown_taxel")
 PAPER: dict[SessionName, tuple[int, int, int, int]] = {
@@ -44,11 +45,6 @@ FIG9_TRIALS = (1, 4, 53)
 _RESAMPLINGS = 200  # bootstrap samples of the trials
 
 PAPER_OFFSETS_MM: dict[SessionName, float] = {"inner": 21.1, "outer": 17.3, "palm": 11.6}  # R Fig 8
-OFFSET_METHODS = {
-    "positive": "positive samples, time left",
-    "frequency": "weights f (R)",
-    "perceived_ttc": "TTC as perceived",
-}
 MIN_TOUCHES = 5
 LAST_MOMENTS = MemoryParams(distance_range_m=(-0.15, 0.20), ttc_range_s=(-0.025, 0.225), bins=(140, 5))
 """The last 0.2 s, before which hands slow down; samples come every 50 ms, in the middle of a TTC bin."""
@@ -151,7 +147,7 @@ def tabulate_landscapes(numbers: dict[str, Any]) -> Table:
 
 
 def taxel_offsets(study: "PpsSessions") -> dict[str, Any]:
-    """Return, by part, the mean offsets, and by method the error; 95 % intervals over miscalibrated robots.
+    """Return, by part, the mean offsets, and the error of the estimates; 95 % intervals over miscalibrated robots.
 
     TTC is the time left to the touch, known afterwards. TTC as perceived before (R eq. 2) cannot show an error along
     the approach, which shifts D and TTC equally.
@@ -159,38 +155,31 @@ def taxel_offsets(study: "PpsSessions") -> dict[str, Any]:
     robots = [{part: _robot_offsets(study, part, k) for part in PAPER_OFFSETS_MM} for k in range(study.n)]
     parts = {
         part: {
-            "found_mm": interval([robot[part]["positive"] for robot in robots]),
-            "true_mm": mean(np.concatenate([robot[part]["true"] for robot in robots])),
+            "found_mm": interval([robot[part][0] for robot in robots]),
+            "true_mm": mean(np.concatenate([robot[part][1] for robot in robots])),
             "paper_mm": paper_mm,
         }
         for part, paper_mm in PAPER_OFFSETS_MM.items()
     }
-    methods = {}
-    for method in OFFSET_METHODS:
-        errors = [np.concatenate([abs(mm[method] - mm["true"]) for mm in robot.values()]) for robot in robots]
-        methods[method] = {
-            "error_median_mm": interval(errors, median),
-            "within_3_mm_percent": interval([robot <= 3 for robot in errors], percent),
-        }
-    return {"taxels": sum(map(len, errors)), "parts": parts, "methods": methods}
+    errors = [np.concatenate([abs(found - true) for found, true in robot.values()]) for robot in robots]
+    return {
+        "taxels": sum(map(len, errors)),
+        "parts": parts,
+        "error_median_mm": interval(errors, median),
+        "within_3_mm_percent": interval([robot <= 3 for robot in errors], percent),
+    }
 
 
-def _robot_offsets(study: "PpsSessions", part: SessionName, k: int) -> dict[str, Any]:
-    """True and estimated offsets in mm of the taxels that robot k's session touches often enough."""
+def _robot_offsets(study: "PpsSessions", part: SessionName, k: int) -> Array:
+    """Estimated and true offsets in mm (2, n) of the taxels that robot k's session touches often enough."""
     rng = np.random.default_rng((study.seed, k))
     robot = MiscalibratedRobot.draw(ErrorSources(), rng)
     exact = exact_trials(part, study.size(TRIALS[part]), study.seed)
     session = Session.of(part, [robot.observe(_end(t), True, rng) for t in exact], robot.model, robot.skin)
-    memory = count_by_time_left(session.trials)
-    positive = offsets(memory)
+    estimates = offsets(count_by_time_left(session.trials))
     at_touch = np.array([np.where(trial.touched, perceive(trial)[0][-1], np.nan) for trial in session.trials])
-    enough = (np.isfinite(at_touch).sum(axis=0) >= MIN_TOUCHES) & np.isfinite(positive)
-    return {
-        "true": 1000 * np.nanmean(at_touch[:, enough], axis=0),
-        "positive": 1000 * positive[enough],
-        "frequency": 1000 * offsets(memory, memory.frequency)[enough],
-        "perceived_ttc": 1000 * offsets(train_memory(session.trials))[enough],
-    }
+    enough = (np.isfinite(at_touch).sum(axis=0) >= MIN_TOUCHES) & np.isfinite(estimates)
+    return 1000 * np.array([estimates[enough], np.nanmean(at_touch[:, enough], axis=0)])
 
 
 def _end(trial: TouchTrial) -> TouchTrial:
@@ -221,15 +210,6 @@ def draw_offsets(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def tabulate_offsets(numbers: dict[str, Any]) -> Table:
-    """Return the error of each method."""
-    rows = [
-        [OFFSET_METHODS[method], estimate(errors["error_median_mm"]), estimate(errors["within_3_mm_percent"])]
-        for method, errors in numbers["methods"].items()
-    ]
-    return Table([f"{numbers['taxels']} taxels", "median error (mm)", "within 3 mm (%)"], rows)
-
-
 @dataclass(frozen=True)
 class PpsSessions(SessionStudy):
     """Landscapes: the map of the taxel with the most samples after each of R's sessions.
@@ -241,7 +221,7 @@ class PpsSessions(SessionStudy):
     SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.05}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "landscapes": Part(landscapes, draw_landscapes, tabulate_landscapes),
-        "offsets": Part(taxel_offsets, draw_offsets, tabulate_offsets),
+        "offsets": Part(taxel_offsets, draw_offsets),
     }
 
     n: int = 5  # miscalibrated robots

@@ -14,7 +14,7 @@ from control.lean import LeanParams, LeanStatus
 from learning.pps.memory import PPSMemory
 from learning.reach.labels import ReachOracle
 from learning.reach.lattice import isotropic
-from learning.reach.map import ReachableMap, TrackReachability
+from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits
 from learning.reach.training import train_reachable_map
 from pps_vision.app.simulation import (
@@ -30,11 +30,10 @@ from pps_vision.app.simulation import (
 from pps_vision.experiments.reach_truth import closed_form, map_params
 from pps_vision.experiments.study import NOISE_SIGMA, Part, PartsStudy, SampledStudy, Values, interval, percent
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.experiments.timing import timed
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, Mask, ReachStatus, Status, Track3D
+from pps_vision.types import Array, Mask, ReachStatus
 from rendering.motions import Linear
 
 _DEG = np.pi / 180
@@ -44,8 +43,6 @@ _LENGTH_M = (0.10, 0.30)
 _LOOP_GAZE = GazeLimits(pitch_rad=(-80 * _DEG, 40 * _DEG))  # J's, with the pitch that the eyes' tilt adds
 # ends of paths; the eyes lag behind nearer objects
 _PATH_GAZE = GazeLimits((-50 * _DEG, 50 * _DEG), (-75 * _DEG, 35 * _DEG), (5 * _DEG, 17 * _DEG))
-_N_TIMED = 1000
-_MAX_FP = 1e-3
 _VERDICTS = {"right": "asked at the track", "right_at_true_position": "asked at the true position"}
 
 _LEAN_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's neck
@@ -59,7 +56,7 @@ _TOUCH_M = 0.01
 
 
 def _run_loop(study: "ReachInLoop") -> dict[str, Any]:
-    """Return the share of frames judged rightly (%, with the interval over runs), and processor times.
+    """Return the share of frames judged rightly (%, with the interval over runs).
 
     A ball crosses the left hand's workspace in front of the rendered eyes, which track and fixate it while the arm
     rests.  The truth is closed-form inverse kinematics at the ball's true position.
@@ -73,8 +70,7 @@ def _run_loop(study: "ReachInLoop") -> dict[str, Any]:
             episode = crossing(scene, k % 2 == 0, np.random.default_rng((study.seed, k)))
             log = log_of(scene, episode, simulate(scene, episode, pipeline.step, avoid=False), avoid=False)
             runs.append(judge(scene.robot, learned, log))
-        ms = _frame_ms(scene.robot, learned, np.random.default_rng((study.seed, study.n)))
-    return {**{name: interval([run[name] for run in runs], percent) for name in _VERDICTS}, "ms": ms}
+    return {name: interval([run[name] for run in runs], percent) for name in _VERDICTS}
 
 
 def crossing(scene: SimulationScene, reachable: bool, rng: np.random.Generator) -> Episode:
@@ -105,35 +101,18 @@ def judge(robot: Robot, learned: ReachableMap, log: EpisodeLog) -> Values:
 
     A position that no gaze within the map's limits fixates counts as unreachable.
     """
-    tracked = [k for k, answer in enumerate(log.reachability) if answer.status != ReachStatus.UNKNOWN]
-    verdict = np.array([log.reachability[k].is_reachable for k in tracked], dtype=bool)
+    tracked = np.array([answer.status != ReachStatus.UNKNOWN for answer in log.reachability])
+    verdict = np.array([answer.is_reachable for answer in log.reachability])[tracked]
     points = log.truth_m[tracked]
     gaze = GazeModel(robot).gaze(points, _LOOP_GAZE)
     reachable = np.isfinite(closed_form(robot, "left").solve(points)[:, 0]) & np.isfinite(gaze[:, 0])
-    return {
-        "right": verdict == reachable,
-        "right_at_true_position": (learned.query(gaze).probability > 0.5) == reachable,
-    }
-
-
-def _frame_ms(robot: Robot, learned: ReachableMap, rng: np.random.Generator) -> list[float]:
-    """Quartiles of the processor time (ms) per frame, over 1000 positions."""
-    answer = TrackReachability(robot, learned, _MAX_FP)
-    q = np.zeros(robot.n_joints)
-    q[robot.indices(robot.names.torso)] = 0.2
-    ms = []
-    for point in GazeModel(robot).points(rng.uniform(_LOOP_GAZE.lower, _LOOP_GAZE.upper, (_N_TIMED, 3))):
-        track = Track3D(0.0, np.vstack([point, np.zeros((3, 3))]), np.eye(12), 0.03, 1e-4, Status.TRACKING)
-        ms.append(timed(partial(answer, q, track))[1])
-    quartiles: list[float] = np.percentile(ms, (25, 50, 75)).tolist()
-    return quartiles
+    at_truth = learned.query(gaze).probability > 0.5
+    return {"right": verdict == reachable, "right_at_true_position": at_truth == reachable}
 
 
 def _loop_table(numbers: dict[str, Any]) -> Table:
-    """Return the share of frames judged rightly, and the processor time per frame."""
-    rows = [[f"frames judged rightly, {label} (%)", estimate(numbers[name], 4)] for name, label in _VERDICTS.items()]
-    rows.append(["processor time per frame (ms)", f"{numbers['ms'][1]:.2g}"])
-    return Table(["map in the loop", "mean (95 % interval) or median"], rows)
+    """Return the share of frames judged rightly."""
+    return Table(["frames judged rightly (%)", ""], [[v, estimate(numbers[name], 4)] for name, v in _VERDICTS.items()])
 
 
 class Attempt(NamedTuple):
@@ -183,8 +162,9 @@ def can_be_reached(robot: Robot, points: Array) -> Mask:
     arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)
     torso = robot.indices(robot.names.torso)
     axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, _TORSO_STEP_RAD) for i in torso]
-    q = np.zeros((np.prod([len(axis) for axis in axes]), robot.n_joints))
-    q[:, torso] = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(torso))
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(torso))
+    q = np.zeros((len(grid), robot.n_joints))
+    q[:, torso] = grid
 
     def is_reached(point: Array) -> bool:
         upright = model.to_upright(q, point)
@@ -221,41 +201,39 @@ def _run_lean(study: "ReachInLoop") -> dict[str, Any]:
     touched = [row for row in attempts if row.is_touched]
     refused = np.array([row.status == "out of reach" for row in attempts])
     reacting = [lean_once(point, compensates=False) for point in points[possible][: max(study.n_objects // 8, 1)]]
+    quantiles = {
+        "fixation_error_deg": [row.fixation_deg for row in touched],
+        "fixation_error_reacting_deg": [row.fixation_deg for row in reacting],
+        "seconds": [row.seconds for row in touched],
+    }
     return {
         "objects": study.n_objects,
         "reachable_with_torso": int(possible.sum()),
         "touched": len(touched),
         "refused_rightly": int((refused & ~possible).sum()),
         "refused_wrongly": int((refused & possible).sum()),
-        "fixation_error_deg": _quantiles([row.fixation_deg for row in touched]),
-        "fixation_error_reacting_deg": _quantiles([row.fixation_deg for row in reacting]),
-        "seconds": _quantiles([row.seconds for row in touched]),
+        **{name: np.quantile(v or [np.nan], (0.5, 0.95, 1.0)).tolist() for name, v in quantiles.items()},
     }
 
 
-def _quantiles(values: list[float]) -> list[float]:
-    """Median, 95 % quantile and maximum."""
-    return np.quantile(values, (0.5, 0.95, 1.0)).tolist() if values else [np.nan] * 3
-
-
-_COUNTS = {
-    "objects that the upright robot does not reach": "objects",
-    "reachable with the torso": "reachable_with_torso",
+_LEAN_ROWS = {
+    "objects": "objects that the upright robot does not reach",
+    "reachable_with_torso": "reachable with the torso",
     "touched": "touched",
-    "unreachable and refused": "refused_rightly",
-    "reachable and refused": "refused_wrongly",
-}
-_QUANTILES = {
-    "fixation error (°)": "fixation_error_deg",
-    "fixation error, head only reacting (°)": "fixation_error_reacting_deg",
-    "time (s)": "seconds",
+    "refused_rightly": "unreachable and refused",
+    "refused_wrongly": "reachable and refused",
+    "fixation_error_deg": "fixation error (°)",
+    "fixation_error_reacting_deg": "fixation error, head only reacting (°)",
+    "seconds": "time (s)",
 }
 
 
 def _lean_table(numbers: dict[str, Any]) -> Table:
     """Return the counts, and the quantiles over the objects touched."""
-    rows = [[name, str(numbers[key]), "", ""] for name, key in _COUNTS.items()]
-    rows += [[name, *(estimate([value]) for value in numbers[key])] for name, key in _QUANTILES.items()]
+    rows = []
+    for key, name in _LEAN_ROWS.items():
+        value = numbers[key]
+        rows.append([name, *([f"{x:.3g}" for x in value] if isinstance(value, list) else [str(value), "", ""])])
     return Table(["leaning", "number or median", "95 %", "maximum"], rows)
 
 

@@ -35,27 +35,19 @@ def orthogonal_line(x: ArrayLike, y: ArrayLike, weights: ArrayLike) -> tuple[flo
 
 def bin_centers(params: MemoryParams) -> tuple[Array, Array]:
     """Return D in m and TTC in s (D bins, TTC bins) of the bins' centres."""
-    (d0, d1), (t0, t1) = params.distance_range_m, params.ttc_range_s
-    n_distance, n_ttc = params.bins
-    distance = d0 + (np.arange(n_distance) + 0.5) * (d1 - d0) / n_distance
-    ttc = t0 + (np.arange(n_ttc) + 0.5) * (t1 - t0) / n_ttc
-    D, TTC = np.meshgrid(distance, ttc, indexing="ij")
+    ranges = zip((params.distance_range_m, params.ttc_range_s), params.bins, strict=True)
+    D, TTC = np.meshgrid(*(low + (np.arange(n) + 0.5) * (high - low) / n for (low, high), n in ranges), indexing="ij")
     return D, TTC
 
 
-def offsets(memory: PPSMemory, weights: Array | None = None) -> Array:
+def offsets(memory: PPSMemory) -> Array:
     """Return the distance (n,) m at which each taxel's line crosses TTC = 0; NaN without a line.
 
     Without errors this is the radius of the object (R, "Analysis of the systematic errors"). Distances are in metres
     and times in seconds: nearly all scatter is then along the distance, as in the data.
-
-    Args:
-        memory: Map of n taxels.
-        weights: (n, D bins, TTC bins) of the bins (default: their positive samples; R: `memory.frequency`).
     """
     D, TTC = bin_centers(memory.params)
-    taxels = memory.counts[..., 0] if weights is None else weights
-    return np.array([orthogonal_line(D, TTC, taxel)[0] for taxel in taxels])
+    return np.array([orthogonal_line(D, TTC, positive)[0] for positive in memory.counts[..., 0]])
 
 
 def ridge_width(counts: Counts) -> float:

@@ -21,7 +21,7 @@ from pps_vision.types import Array, Mask
 HORIZON_S = 0.15  # A prediction uses samples up to this time before a trial's end
 FOREARM = "left_forearm"
 _SAMPLE_PERIOD_S = 0.1  # the released positions and velocities are resampled
-_ARRAYS = ("position_m", "velocity_m_s", "offsets", "outcome")
+_SAMPLES = ("position_m", "velocity_m_s")
 _EPS_S = 1e-6
 
 
@@ -38,21 +38,18 @@ class Trial:
 
 
 def load_trials(path: Path) -> tuple[Trial, ...]:
-    """Read a file of the authors' trials; samples that are not finite become NaN.
+    """Read a file of the authors' trials.
 
     The rows of `position_m` and `velocity_m_s` (m, 3) follow each other by trial and taxel; pair k has the rows
     `offsets[k]` to `offsets[k + 1]`. `outcome` (trials, taxels) is 1 (touched) or -1.
     """
-    data = read_arrays(path, "trials", _ARRAYS)
-    outcome = data["outcome"]
-    offsets = data["offsets"].astype(np.int64)
-    n_taxels = outcome.shape[1]
+    data = read_arrays(path, "trials", (*_SAMPLES, "offsets", "outcome"))
+    is_touched = data["outcome"].astype(int) > 0
+    n_taxels = is_touched.shape[1]
+    ends = data["offsets"].astype(int)[n_taxels:-1:n_taxels]
     trials = []
-    is_touch = outcome.astype(int) > 0
-    for touched, start, end in zip(is_touch, offsets[:-1:n_taxels], offsets[n_taxels::n_taxels], strict=True):
-        samples = np.stack([data[name][start:end] for name in _ARRAYS[:2]]).astype(np.float64)
-        samples[~np.isfinite(samples)] = np.nan
-        d_m, v_m_s = samples.reshape(2, n_taxels, -1, 3).swapaxes(1, 2)
+    for touched, *samples in zip(is_touched, *(np.split(data[name], ends) for name in _SAMPLES), strict=True):
+        d_m, v_m_s = (values.astype(float).reshape(n_taxels, -1, 3).swapaxes(0, 1) for values in samples)
         trials.append(Trial(_SAMPLE_PERIOD_S * np.arange(len(d_m)), d_m, v_m_s, touched))
     return tuple(trials)
 
@@ -99,12 +96,12 @@ def perceive(trial: Trial) -> tuple[Array, Array]:
 
 def at_horizon(trials: Sequence[Trial]) -> tuple[Array, Array]:
     """Return D and TTC (trials, n) of the last sample known at the horizon; NaN without one."""
-    samples = np.full((2, len(trials), len(trials[0].touched)), np.nan)
+    D, TTC = np.full((2, len(trials), len(trials[0].touched)), np.nan)
     for k, trial in enumerate(trials):
-        mask = known_at_horizon(trial.stamps_s)
-        if mask.any():
-            samples[:, k] = [values[mask][-1] for values in perceive(trial)]
-    return samples[0], samples[1]
+        known = np.flatnonzero(known_at_horizon(trial.stamps_s))
+        if len(known):
+            D[k], TTC[k] = (values[known[-1]] for values in perceive(trial))
+    return D, TTC
 
 
 def train_memory(trials: Sequence[Trial], params: MemoryParams | None = None) -> PPSMemory:
