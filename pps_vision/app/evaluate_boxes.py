@@ -75,6 +75,9 @@ def read_boxes(file: Path, first_px: int | None = None) -> Boxes:
                 raise ValueError(f"frame {frame:g}, track {track:g}")
         except ValueError as error:
             raise InputError(file, f"{error}; expected {_EXPECTED}", line) from None
+        if len(box) == 8:
+            corners = np.reshape(box, (4, 2))
+            box = [*corners.min(axis=0), *np.ptp(corners, axis=0)]
         if not np.all(np.isfinite(box)) or min(box[2:]) <= 0:
             continue
         if int(track) in frames[int(frame)]:
@@ -86,27 +89,16 @@ def read_boxes(file: Path, first_px: int | None = None) -> Boxes:
 
 
 def _rows(file: Path) -> tuple[list[tuple[int, list[str]]], int]:
-    """Rows of frame, track, x, y, w, h, and the coordinate of the first pixel that is usual in this form."""
+    """Rows of frame, track, x, y, w, h (or the 8 numbers of a polygon), and the first pixel's usual coordinate."""
     split = [(line, re.split(r"[,\s]+", row.strip())) for line, row in enumerate(read_lines(file, _EXPECTED), start=1)]
     split = [(line, fields) for line, fields in split if fields != [""]]
     counts = {len(fields) for _, fields in split}
     if counts <= {4, 8}:
-        boxes = [(line, [str(k), "1", *_box(file, line, row)]) for k, (line, row) in enumerate(split, start=1)]
+        boxes = [(line, [str(k), "1", *row]) for k, (line, row) in enumerate(split, start=1)]
         return boxes, int(counts == {4})
     if short := [line for line, fields in split if len(fields) < 6]:
         raise InputError(file, f"fewer than 6 numbers; expected {_EXPECTED}", short[0])
     return [(line, fields[:6]) for line, fields in split], 1
-
-
-def _box(file: Path, line: int, row: list[str]) -> list[str]:
-    """The box of a row of 4 numbers, or that around a polygon of 8."""
-    if len(row) == 4:
-        return row
-    try:
-        corners = np.reshape([number(field) for field in row], (4, 2))
-    except ValueError as error:
-        raise InputError(file, f"{error}; expected {_EXPECTED}", line) from None
-    return [repr(float(value)) for value in (*corners.min(axis=0), *np.ptp(corners, axis=0))]
 
 
 def overlaps(boxes: Array, others: Array) -> Array:

@@ -202,13 +202,9 @@ class Pipeline:
         probability = activation_by(params.receptive_field, learned.memory, track, taxels)
         activation = Activation(stamp_s, self.skin.taxel_ids, probability)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
-        inputs = _ControlInput(
-            posture=self._posture_at_effect(posture, stamp_s),
-            track=track,
-            activation=activation,
-            touched=touched,
-            is_reachable=reachability is not None and reachability.is_reachable,
-        )
+        is_reachable = reachability is not None and reachability.is_reachable
+        at_effect = self._posture_at_effect(posture, stamp_s)
+        inputs = _ControlInput(at_effect, track, activation, touched, is_reachable)
         leaning, torso_command = self._lean(state.leaning, inputs)
         arms, responses = self._move_arms(state.arms, leaning, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)

@@ -50,6 +50,7 @@ _TRAINED_WITH: tuple[StimulusName, ...] = ("ball", "cube")
 REACH_M = {"approach": TOUCH_RADIUS_M - 0.003, "recede": TOUCH_RADIUS_M + 0.010}
 """Smallest distance from the object's surface to the nearest taxel's centre: an approach touches, a receding object
 does not."""
+_TITLES = {"approach": "approaching", "recede": "receding", "static": "at rest", "near_miss": "stopping short"}
 _NEAR_MISS_M = (0.04, 0.16)  # from the object's surface to the nearest taxel's centre at the end of a near miss
 _REST_M = (0.12, 0.15)  # distance from the taxel of a static object
 _CONTACT_FRAMES = 14  # a training episode ends 0.7 s after the touch, so that the withdrawal is not learned
@@ -153,14 +154,12 @@ class EpisodeLog:
 
 
 @contextmanager
-def open_scene(
-    noise_sigma: float, seed: int, setup: RobotSetup | None = None, side: Side | None = None
-) -> Iterator[SimulationScene]:
+def open_scene(noise_sigma: float, seed: int, setup: RobotSetup | None = None) -> Iterator[SimulationScene]:
     """A robot, by default the iCub with the skin of its left forearm and palm; `noise_sigma` of the pixels in grey
-    levels of 255; the `side` of the arm that avoids, by default the setup's."""
+    levels of 255."""
     setup = setup or icub_setup(icub_skin(("left_forearm", "left_palm")))
     with Eyes(setup.robot, setup.rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=noise_sigma)) as eyes:
-        yield SimulationScene(setup, eyes, np.random.default_rng(seed), side or setup.side)
+        yield SimulationScene(setup, eyes, np.random.default_rng(seed), setup.side)
 
 
 def new_pipeline(
@@ -290,23 +289,19 @@ def make_episode(
         visit = make_approach(rng, aim, speed_m_s)
         motion: Motion = visit
         seconds = visit.contact_s
-        title = "stopping short"
         if kind == "approach":
             seconds = 2 * visit.contact_s + visit.dwell_s + 0.5
-            title = "approaching"
         elif kind == "recede":
             motion = Recede(visit.end, visit.start, speed_m_s)
             seconds = visit.contact_s + 0.5
-            title = "receding"
         elif kind == "static":
             away = (visit.start - point) / np.linalg.norm(visit.start - point)
             end = point + rng.uniform(*_REST_M) * away
             motion = Recede(end - 0.05 * away, end, speed_m_s)
             seconds = 5.0
-            title = "at rest"
         begins_touching = touched_taxels(taxels, motion(0.0)[0], radius).any()
         if not begins_touching and can_follow(scene.robot, scene.rig, q_home, motion, seconds):
-            return Episode(f"{stimulus} {title}", stimulus, motion, seconds)
+            return Episode(f"{stimulus} {_TITLES[kind]}", stimulus, motion, seconds)
     problem = f"no {kind} about {taxel} stays in view of both eyes"
     raise InputError("episode", f"{problem}; expected a taxel that they see at home")
 

@@ -13,8 +13,7 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
-from pps_vision.app.demo import demo
-from pps_vision.app.demo_encounters import demo_encounters
+from pps_vision.app.demo import demo, demo_encounters
 from pps_vision.app.simulation import SimulationScene
 
 

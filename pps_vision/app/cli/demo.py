@@ -25,10 +25,8 @@ class Demo:
 
     def run(self) -> None:
         """Train, run the episodes, and write the report."""
+        from pps_vision.app.demo import demo, demo_encounters
+
         if self.encounters is not None:
-            from pps_vision.app.demo_encounters import demo_encounters
-
             return demo_encounters(self.out, self.encounters, self.noise, self.seed)
-        from pps_vision.app.demo import demo
-
         demo(self.out, self.trials, self.noise, self.seed)

@@ -236,19 +236,9 @@ def draw_one(
             until_s = min(seconds, contact_s)
             shown = scene.shows(q_start, motion, radius, until_s)
             if shown and can_follow(scene.robot, scene.rig, q_start, motion, until_s, 3):
+                path_of_object = motion, seconds, contact_s
                 return Encounter(
-                    number=number,
-                    condition=condition,
-                    side=side,
-                    part=part,
-                    taxel=taxel,
-                    stimulus=stimulus,
-                    radius_m=radius,
-                    speed_m_s=speed_m_s,
-                    motion=motion,
-                    seconds=seconds,
-                    contact_s=contact_s,
-                    q_rad=q_start,
+                    number, condition, side, part, taxel, stimulus, radius, speed_m_s, *path_of_object, q_start
                 )
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -142,17 +142,9 @@ def simulate_encounter(
     """
     skin = scene.skins[encounter.side]
     arm = scene.arm(encounter.side)
-    arm_scene = ArmScene(
-        robot=scene.robot,
-        skin=skin,
-        side=encounter.side,
-        home_rad=encounter.q_rad,
-        self_collision=scene.self_collision,
-        of_distance=memories.of_distance,
-        behaviour="reach" if encounter.condition == "reach" else "avoid",
-        reachability=reachability,
-    )
-    act = new_controller(arm_scene)
+    behaviour: Literal["avoid", "reach"] = "reach" if encounter.condition == "reach" else "avoid"
+    robot = scene.robot, skin, encounter.side, encounter.q_rad, scene.self_collision
+    act = new_controller(ArmScene(*robot, memories.of_distance, behaviour, reachability))
     monitor = EncounterMonitor(scene, encounter)
     q = encounter.q_rad
     posture = scene.robot.at(q)
