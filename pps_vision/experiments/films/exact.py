@@ -6,6 +6,7 @@ It draws the scene of `rendering` (its room, lamps and robot), to compare the re
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from pps_vision.experiments.films.raycast import ball_row, cylinder_row, first_hits, panel_row
 from pps_vision.geometry.camera import View
@@ -95,14 +96,7 @@ def _solids(robot: Robot, state: SceneState, radius_m: float, color: Color) -> I
 
 def _texture(uv: Array) -> Array:
     """(n, 3) bilinear samples at places (n, 2), of which v counts from the last row's lower edge up."""
-    picture = atlas()
+    picture = np.asarray(atlas(), dtype=float)
     height, width = picture.shape[:2]
-    x = width * uv[:, 0] - 0.5
-    y = height * (1 - uv[:, 1]) - 0.5
-    left = np.floor(x).astype(int)
-    top = np.floor(y).astype(int)
-    a = (x - left)[:, None]
-    b = (y - top)[:, None]
-    upper = (1 - a) * picture[top, left] + a * picture[top, left + 1]
-    lower = (1 - a) * picture[top + 1, left] + a * picture[top + 1, left + 1]
-    return (1 - b) * upper + b * lower
+    places = [height * (1 - uv[:, 1]) - 0.5, width * uv[:, 0] - 0.5]
+    return np.column_stack([map_coordinates(channel, places, order=1) for channel in np.moveaxis(picture, 2, 0)])

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from pps_vision.experiments.films.caster import (
     INSTANTS,
@@ -115,22 +116,14 @@ class RenderedFilm(Film):
         )
         return SceneState(q_rad, ball.position, ball.velocity, dq_rad_s, ball.rotation, props=tuple(props))
 
-    def __iter__(self) -> Iterator[StereoFrame]:
-        """Yield the frames in the order of their stamps."""
-        ball, *props = (_meshes(solid) for solid in self.all_solids(0.0))
-        rng = np.random.default_rng((self.seed, 1))
-        tape = noise_tape(rng)
+    def _lights(self) -> Iterator[list[NDArray[np.float32]]]:
+        ball, *props = (meshes(solid) for solid in self.all_solids(0.0))
         stimulus = Stimulus("ball", self.scene.radius_m, ball)
         sensor = Sensor(blur_s=self.scene.shutter_s)
         with Eyes(load_icub(), self._true_rig, stimulus, "none", sensor, tuple(props)) as eyes:
             for t in self.stamps_s.tolist():
                 drawn = eyes.render(self._state(t), t)
-                left, right = (
-                    self.scene.sensor.expose(image.astype(np.float32), self.gain(eye, t), rng, tape)
-                    for eye, image in enumerate((drawn.left, drawn.right))
-                )
-                joints = self.joints(t)
-                yield StereoFrame(left, right, t, t, joints, joints)
+                yield [image.astype(np.float32) for image in (drawn.left, drawn.right)]
 
 
 def can_render(scene: FilmScene) -> bool:
@@ -138,8 +131,8 @@ def can_render(scene: FilmScene) -> bool:
     return scene.shape == "ball" and scene.pattern in _FINENESS
 
 
-def _meshes(solid: Solid) -> tuple[Part, ...]:
-    """Meshes of a solid, about its centre."""
+def meshes(solid: Solid) -> tuple[Part, ...]:
+    """Return the meshes of a solid, about its centre."""
     color = _unit_color(solid.paint.color)
     if isinstance(solid, Panel):
         return (board(2 * float(np.linalg.norm(solid.right)), 2 * float(np.linalg.norm(solid.down)), color),)

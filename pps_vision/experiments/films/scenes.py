@@ -12,6 +12,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pps_vision.experiments.baselines.image_trackers import BoxPx
 from pps_vision.experiments.films.caster import (
@@ -34,7 +35,7 @@ from pps_vision.experiments.study import DATA
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import icub_rig, load_icub
-from pps_vision.types import Array, Image, StereoFrame, Truth
+from pps_vision.types import Array, StereoFrame, Truth
 
 TimedPath = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
 VISIBLE_SHARE = 0.5  # an eye sees the object if this share of its image is visible
@@ -333,20 +334,24 @@ class Film:
 
     def __iter__(self) -> Iterator[StereoFrame]:
         """Yield the frames in the order of their stamps."""
-        casters = [RayCaster(lens, self.scene.background, self.data) for lens in self._lenses]
         rng = np.random.default_rng((self.seed, 1))
         tape = noise_tape(rng)
-        for t in self.stamps_s.tolist():
-            left, right = (self._image(caster, eye, t, rng, tape) for eye, caster in enumerate(casters))
+        for t, lights in zip(self.stamps_s.tolist(), self._lights(), strict=True):
+            sensor = self.scene.sensor
+            left, right = (sensor.expose(light, self.gain(eye, t), rng, tape) for eye, light in enumerate(lights))
             joints = self.joints(t)
             yield StereoFrame(left, right, t, t, joints, joints)
 
-    def _image(self, caster: RayCaster, eye: int, t: float, rng: np.random.Generator, tape: Array) -> Image:
+    def _lights(self) -> Iterator[list[NDArray[np.float32]]]:
+        """The light (h, w, 3) on both sensors for each stamp."""
+        casters = [RayCaster(lens, self.scene.background, self.data) for lens in self._lenses]
         n = INSTANTS if self.scene.shutter_s > 0 else 1
-        instants = t + self.scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
-        poses = [self.eye_poses(instant)[eye] for instant in instants]
-        light = caster.light(poses, [self.solids(instant) for instant in instants], self.static)
-        return self.scene.sensor.expose(light, self.gain(eye, t), rng, tape)
+        for t in self.stamps_s:
+            instants = t + self.scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
+            solids = [self.solids(instant) for instant in instants]
+            poses = zip(*(self.eye_poses(instant) for instant in instants), strict=True)
+            pairs = zip(casters, poses, strict=True)
+            yield [caster.light(list(of_eye), solids, self.static) for caster, of_eye in pairs]
 
     def gain(self, eye: int, t_s: float) -> float:
         """Return the factor of an eye's (0 left, 1 right) levels: drift of the gain, and the light's flicker."""

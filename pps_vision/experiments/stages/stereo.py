@@ -5,16 +5,18 @@ disparity map is given the ball's direction.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import trimesh
 
 from pps_vision.experiments.baselines.stereo_pipelines import intersection
 from pps_vision.experiments.charts import cells_chart
+from pps_vision.experiments.films.caster import Ball, Paint
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
+from pps_vision.experiments.films.rendered import meshes
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, SceneSource, Values, compare, percent, rms
@@ -25,10 +27,10 @@ from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Detection2D, Image, StereoFrame
 from rendering.motions import Circle
 from rendering.sensor import Sensor
-from rendering.shapes import Part
-from rendering.stimuli import RED, Stimulus, make_stimulus
+from rendering.stimuli import RED, make_stimulus
 
 BALL_M = 0.035
+_PATCHED = Paint((255 * RED[0], 255 * RED[1], 255 * RED[2]), "chequered", (127 * RED[0], 255 * RED[1], 255 * RED[2]), 5)
 OURS = "covariance (ours)"
 BASELINES = ("midpoint", "linear (OpenCV)", "whole BM")
 _SECONDS = 1.5
@@ -63,7 +65,9 @@ def _pairs(ball: str, source: SceneSource, seed: int) -> list[Pair]:
     plane = np.linalg.qr(rng.standard_normal((3, 3)))[0][:2]
     center = EYES_M + _DISTANCE_M * np.array([-1.0, *rng.uniform(-0.1, 0.1, 2)])
     states = watching(Circle(center, plane, 0.03, 0.1), _SECONDS, follow(load_icub()))
-    stimulus = make_stimulus("ball", BALL_M) if ball == "plain ball" else patched_ball(BALL_M)
+    stimulus = make_stimulus("ball", BALL_M)
+    if ball == "textured ball":
+        stimulus = replace(stimulus, parts=meshes(Ball(np.zeros(3), BALL_M, _PATCHED)))
     recording = film(states, stimulus, source, Sensor(noise_sigma=NOISE_SIGMA), seed)
     return list(detected_pairs(recording, seed))
 
@@ -152,15 +156,3 @@ def _run(method: Callable[[Pair], Array | None], recording: list[Pair], seed: in
     pairs = zip(points, recording, strict=True)
     error_mm = [1000 * float(np.linalg.norm(p - pair.p)) for p, pair in pairs if p is not None]
     return {"error_mm": error_mm, "found": [p is not None for p in points], "ms": ms}
-
-
-def patched_ball(radius_m: float) -> Stimulus:
-    """Return a red ball with every other patch of its surface half as bright."""
-    mesh: Any = trimesh.creation.icosphere(4, radius_m)
-    middle = mesh.triangles_center / radius_m
-    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
-    height = np.arcsin(np.clip(middle[:, 2], -1, 1))
-    dark = (np.floor(azimuth * 5 / np.pi) + np.floor(height * 5 / np.pi)) % 2 > 0
-    plain, patches = mesh.submesh([np.flatnonzero(~dark), np.flatnonzero(dark)], repair=False)
-    r, g, b = RED
-    return Stimulus("ball", radius_m, (Part(plain, RED), Part(patches, (0.5 * r, g, b))))
