@@ -15,10 +15,9 @@ from pps_vision.app.encounters.encounter import TRIALS, SessionName
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.charts import bars, panels
-from pps_vision.experiments.pps.movements import true_robot
 from pps_vision.experiments.pps.ridges import FINE, landscape_chart, offsets, ridge_width
 from pps_vision.experiments.pps.robot_errors import ErrorSources, MiscalibratedRobot
-from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
+from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials, true_robot
 from pps_vision.experiments.pps.taxel_trials import Session, Trial, perceive, train_memory
 from pps_vision.experiments.study import Part, interval, mean, median, percent
 from pps_vision.experiments.tables import Table, estimate

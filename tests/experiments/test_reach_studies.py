@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from learning.reach.map import MapPrediction
-from pps_vision.experiments.reach_kinematics.deviations import DEVIATIONS, samples
+from pps_vision.experiments.reach_kinematics import DEVIATIONS, samples
 from pps_vision.experiments.reach_truth import scores
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub

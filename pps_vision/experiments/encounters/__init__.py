@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pps_vision.experiments.encounters import controllers, sessions
-from pps_vision.experiments.encounters.parameters import EncountersParameters
+from pps_vision.experiments.encounters.controllers import EncountersParameters
 from pps_vision.experiments.study import Part
 
 

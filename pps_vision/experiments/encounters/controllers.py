@@ -1,10 +1,14 @@
 """Every controller on the same encounters, ours with rendering too, and the random search for their parameters."""
 
+import hashlib
 import operator
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
 from operator import itemgetter
+from pathlib import Path
+from tempfile import gettempdir
 from typing import Any, get_args
 
 import numpy as np
@@ -40,19 +44,14 @@ from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import learn
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.encounters.parameters import (
-    MIN_SELF_DISTANCE_MM,
-    SLOW_M_S,
-    EncountersParameters,
-    counts,
-    rate,
-    unfinished_folder,
-)
-from pps_vision.experiments.study import NOISE_SIGMA, interval, median
+from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy, code_digest, interval, median, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.atomic_write import whole_file, write_json
 from pps_vision.types import Array
 
+SLOW_M_S = 0.15  # largest speed of the objects that approached R's robot
+MIN_SELF_DISTANCE_MM = 20.0  # self-collision distance that no encounter may come below
+_HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
 _LOGARITHMIC = "gain"  # parameter drawn logarithmically
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _FAST_BANDS_M_S = np.linspace(*FAST_M_S, 4)
@@ -71,6 +70,45 @@ _CONTROLLERS = {
 }
 _IS_MET: dict[str, Callable[[float, float], bool]] = {"≥ ": operator.ge, "> ": operator.gt, "": operator.eq}
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class EncountersParameters(PartsStudy):
+    """Fields of `Encounters`."""
+
+    seed: int = 0  # seed of encounters and training
+    n: int = 1500
+    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a tenth of `reach`
+    and of through at 30–60 cm/s."""
+    n_rendered: int = 20
+    """Rendered encounters of each of stop, press and through; six tenths as many of each harmless kind."""
+    n_tuning: int = 12  # the same of the search for parameters
+    draws: int = 30  # parameters tried for each controller
+    tuning_seed: int = 9783  # seed of the search; not `seed`, which is that of the encounters that count
+    avoidance_min: float = 20.0  # length of the sessions of avoidance
+    reaching_min: float = 10.0  # length of the session of reaching
+    share: float = 1.0  # share of R's numbers of training approaches (Table 5), and of the sessions' lengths
+    controller: str = ""
+    """A further controller, "MODULE:FUNCTION" (`pps_vision.app.encounters.controllers`)."""
+    json: Path | None = None  # file for a row of every encounter of the part `controllers`
+    workers: int = 2  # parallel processes
+
+
+def counts(n: int) -> dict[Condition, int]:
+    """Return the number of encounters of each condition but `reach` in a tuning or rendered run."""
+    return dict.fromkeys(HAZARDS, n) | dict.fromkeys(HARMLESS, ceil(_HARMLESS * n))
+
+
+def rate(rows: Rows, is_counted: Callable[[dict[str, Any]], bool]) -> list[float]:
+    """Return the percentage of rows that count, with Wilson's 95 % interval; NaN of none."""
+    return percent_of(sum(map(is_counted, rows)), len(rows))
+
+
+def unfinished_folder(study: EncountersParameters, part: str) -> Path:
+    """Return the temporary folder of a part's finished encounters, by the study's parameters and all code."""
+    parameters = {name: value for name, value in vars(study).items() if name not in ("parts", "workers", "json")}
+    digest = hashlib.sha256(f"{part} {parameters}".encode() + code_digest())
+    return Path(gettempdir()) / f"pps-vision-{digest.hexdigest()[:16]}"
 
 
 def run(study: EncountersParameters) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side, can_follow
 from pps_vision.experiments.charts import panels
-from pps_vision.experiments.encounters.parameters import EncountersParameters
+from pps_vision.experiments.encounters.controllers import EncountersParameters
 from pps_vision.experiments.study import percent_of
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.model import Robot

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from learning.pps.joint_offsets import TouchTrial, joint_offsets
-from pps_vision.experiments.pps.movements import true_robot
+from pps_vision.experiments.pps.session_trials import true_robot
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.geometry.triangulation import midpoint

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.experiments.pps.movements import AIMED, movements
 from pps_vision.experiments.pps.robot_errors import MiscalibratedRobot, errors_from
-from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials
+from pps_vision.experiments.pps.session_trials import AIMED, exact_trials, movements, rendered_trials
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
 

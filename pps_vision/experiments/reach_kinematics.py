@@ -1,0 +1,295 @@
+"""Forward models arm → gaze, also of robots that are no chain of ideal joints; our iCub beside the official ones."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pinocchio as pin
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from learning.reach.babbling import Babbled, babble, random_arms
+from learning.reach.forward_model import RevoluteArm
+from pps_vision.experiments import charts
+from pps_vision.experiments.baselines import jamone
+from pps_vision.experiments.baselines.lwpr import LWPR
+from pps_vision.experiments.baselines.regressors import ArmToGaze, ForwardModel, gaussian_process, quintic_spline
+from pps_vision.experiments.reach_truth import N_TEST, first, gaze_rmse_deg
+from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval
+from pps_vision.experiments.tables import Table
+from pps_vision.experiments.timing import timed, timed_steps
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, GazeModel
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
+from pps_vision.types import Array
+
+_N_TRIED = 20_000
+_N_FIXATED_OF_J = 4400
+_N_QUERIES = 50  # timed one by one
+MODELS: dict[str, Callable[[], ForwardModel]] = {
+    "model of revolute joints": RevoluteArm,
+    "Gaussian process": lambda: ArmToGaze(gaussian_process()),
+    "LWPR, each sample once": lambda: ArmToGaze(LWPR(4, 3, jamone.ARM_PARAMS)),
+    "quintic spline (SciPy)": lambda: ArmToGaze(quintic_spline()),
+}
+_DEFAULT = "model of revolute joints"
+_BASELINES = [name for name in MODELS if name != _DEFAULT]
+
+
+def _forward_model(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by model a row for every number of samples, on 700 other postures: means over sets of postures."""
+    robot = load_icub()
+    repetitions: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in MODELS}
+    for seed in tqdm(study.seeds, desc="sets of postures", disable=None):
+        rng = np.random.default_rng(seed)
+        train = babble(robot, "right", _N_TRIED, rng)
+        test = first(babble(robot, "right", 4 * N_TEST, rng), N_TEST)
+        ends = zip((0, *study.sizes), study.sizes, strict=False)
+        batches = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
+        for name, make in MODELS.items():
+            repetitions[name].append(learn_and_time(make(), batches, test))
+    models = {name: [_mean_row(rows) for rows in zip(*sets, strict=True)] for name, sets in repetitions.items()}
+    return {"samples": study.sizes, "methods": models}
+
+
+def learn_and_time(model: ForwardModel, batches: list[Babbled], test: Babbled) -> list[dict[str, Any]]:
+    """Return after each batch the RMSE (degrees), and the processor times of a query and of the update per sample.
+
+    `ms` holds the quartiles of queries of one posture.
+    """
+    rows = []
+    for batch in batches:
+        _, learning_ms = timed(partial(model.learn, batch.arm_rad, batch.gaze_rad))
+        _, fitting_ms = timed(partial(model, test.arm_rad[:1]))  # some models are fitted at their first query
+        _, query_ms = timed_steps(model, test.arm_rad[:_N_QUERIES, None])
+        rows.append(
+            {
+                "rmse_deg": gaze_rmse_deg(model, test)[0],
+                "update_ms": (learning_ms + fitting_ms) / len(batch.arm_rad),
+                "ms": np.percentile(query_ms, (25, 50, 75)).tolist(),
+            }
+        )
+    return rows
+
+
+def _mean_row(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Means of the same row of several sets of postures, and the 95 % interval of the RMSE."""
+    means = {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
+    return {**means, "rmse_deg": interval([[row["rmse_deg"]] for row in rows])}
+
+
+def _forward_model_chart(numbers: dict[str, Any]) -> Figure:
+    """Draw error over samples; time of a query and of an update against the error with all samples."""
+    models = numbers["methods"]
+    figure, (curves, query, update) = charts.panels(3, width=5.2)
+    rmse = "gaze RMSE (°)"
+    series = {name: [row["rmse_deg"] for row in rows] for name, rows in models.items()}
+    charts.curves(curves, numbers["samples"], series, "fixated postures learned from", rmse)
+    curves.plot(_N_FIXATED_OF_J, jamone.PUBLISHED["forward_model_deg"], "k*", ms=10, label="J's LWPR")
+    curves.set(xscale="log", yscale="log", title="arm → gaze, learned by babbling (J Fig 2)")
+    curves.legend(fontsize=7, loc=(0.4, 0.15))
+    last = {name: rows[-1] for name, rows in models.items()}
+    charts.speed_error(query, last, "rmse_deg", _BASELINES, _DEFAULT, "query of one posture (ms)", rmse)
+    updates = {name: {**row, "ms": [row["update_ms"]] * 3} for name, row in last.items()}
+    charts.speed_error(update, updates, "rmse_deg", _BASELINES, _DEFAULT, "update (ms per sample)", rmse)
+    query.legend(fontsize=7)
+    return figure
+
+
+NOISES_DEG = (0.0, 1.0)
+_MIN_FIXATED = 0.2  # lower bound of the share of arm postures that can be fixated
+_LIMITS = GazeLimits()
+_SAG_RAD = np.deg2rad(2)
+_LEVER_M = 0.05
+_TEETH = 8
+_GEAR_RAD = np.deg2rad(0.5)
+_CROSS_TALK = 0.015
+_TILT_RAD = np.deg2rad(5)
+_PRECISE = IKParams(tolerance=1e-9, max_steps=40)
+_H = 1e-6  # rad, of finite differences
+
+Bend = Callable[[Chain, Array], Array]  # arm and encoders (N, 4) rad to the true joint angles
+
+
+def _ideal(_: Chain, q: Array) -> Array:
+    return q
+
+
+def _sag(arm: Chain, q: Array) -> Array:
+    """Gravity turns the joints by up to 2°, nearly that with the hand 5 cm to the side of the joint."""
+    levers = arm.positions(q)[1][:, 2]  # ∂height/∂joint: torque of a weight in the hand
+    return np.asarray(q - _SAG_RAD * np.tanh(levers / _LEVER_M))
+
+
+def _gears(_: Chain, q: Array) -> Array:
+    """Gears err by 0.5° eight times per turn."""
+    return q + _GEAR_RAD * np.sin(_TEETH * q)
+
+
+def _cross_talk(_: Chain, q: Array) -> Array:
+    """Each joint moves with 1.5 % of the next one, and with 1.5 % of its square."""
+    following = np.roll(q, -1, axis=1)
+    return q + _CROSS_TALK * (following + following**2)
+
+
+def _head(yaw_first: bool = False, tilt_rad: float = 0.0) -> GazeModel:
+    """The iCub's head with its neck's axes exchanged, or its yaw axis tilted sideways."""
+    model = GazeModel(load_icub())
+    for name in ("_left", "_right"):
+        eye: Chain = getattr(model, name)
+        tilt = Rotation.from_rotvec(tilt_rad * eye.T_root_frame[:3, 2]).as_matrix()
+        v, w = np.split(eye.screws[0], 2)
+        tilted = tilt @ w
+        screws = np.concatenate([[[*np.cross(np.cross(w, v), tilted), *tilted]], eye.screws[1:]])
+        setattr(model, name, replace(eye, screws=screws, order=(0, 1, 2) if yaw_first else eye.order))
+    return model
+
+
+DEVIATIONS: dict[str, tuple[Bend, Callable[[], GazeModel]]] = {
+    "none": (_ideal, _head),
+    "sag of up to 2°": (_sag, _head),
+    "gears, 0.5° sin 8q": (_gears, _head),
+    "cross-talk, 1.5 %": (_cross_talk, _head),
+    "neck yaw below pitch": (_ideal, partial(_head, yaw_first=True)),
+    "neck yaw axis tilted by 5°": (_ideal, partial(_head, tilt_rad=_TILT_RAD)),
+    "all of these": (
+        lambda arm, q: _sag(arm, _gears(arm, _cross_talk(arm, q))),
+        partial(_head, yaw_first=True, tilt_rad=_TILT_RAD),
+    ),
+}
+_STRUCTURES: dict[str, Callable[[], ForwardModel]] = {
+    "structure and process (default)": RevoluteArm,
+    "structure alone": partial(RevoluteArm, corrected=False),
+    "Gaussian process alone": lambda: ArmToGaze(gaussian_process()),
+}
+
+
+def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
+    """Return encoders of the arm and gaze of up to `n` fixated postures of a robot with a deviation."""
+    bend, make_head = DEVIATIONS[deviation]
+    head = make_head()
+    robot = load_icub()
+    chain = robot.chain(robot.names.arm("right")[:4], "right_palm")
+    arm = random_arms(n, rng)
+    hand = chain.positions(bend(chain, arm))[0]
+
+    def fixated(gaze: Array) -> tuple[Array, Array]:
+        shifted = np.concatenate([gaze, *(gaze + _H * axis for axis in np.eye(3))])
+        point, *moved = head.points(shifted).reshape(4, -1, 3)
+        return point, (np.stack(moved, axis=2) - point[:, :, None]) / _H
+
+    starts = np.clip(np.nan_to_num(GazeModel(robot).gaze(hand), nan=0.5), _LIMITS.lower, _LIMITS.upper)[None]
+    solution = solve_ik(fixated, hand, starts, _LIMITS.lower, _LIMITS.upper, _PRECISE)
+    return Babbled(arm[solution.converged], solution.q_rad[solution.converged], n)
+
+
+def _deviations(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by noise, deviation and model the RMSE (°) with its interval.
+
+    Of the deviations only the order of the neck's axes is in the class of the structure, and none in that of the
+    process.
+    """
+    noises: dict[str, dict[str, Any]] = {f"{noise_deg:g}": {} for noise_deg in NOISES_DEG}
+    for noise_deg, deviation in tqdm(list(product(NOISES_DEG, DEVIATIONS)), desc="deviations", disable=None):
+        errors: dict[str, list[list[float]]] = {model: [] for model in _STRUCTURES}
+        for seed in study.seeds:
+            rng = np.random.default_rng(seed)
+            train, test = (first(samples(deviation, int(n / _MIN_FIXATED), rng), n) for n in (study.sizes[-1], N_TEST))
+            noise = np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
+            gaze = np.clip(train.gaze_rad + noise, _LIMITS.lower, _LIMITS.upper)
+            for name, make in _STRUCTURES.items():
+                model = make()
+                model.learn(train.arm_rad, gaze)
+                errors[name].append([gaze_rmse_deg(model, test)[0]])
+        noises[f"{noise_deg:g}"][deviation] = {name: {"rmse_deg": interval(e)} for name, e in errors.items()}
+    return {"noises": noises}
+
+
+def _deviations_table(numbers: dict[str, Any]) -> Table:
+    """Return the errors by deviation without noise, and of the default with noise."""
+    exact, noisy = numbers["noises"].values()
+    default = next(iter(_STRUCTURES))
+    rows = []
+    for deviation, models in exact.items():
+        errors = [models[name]["rmse_deg"][0] for name in _STRUCTURES] + [noisy[deviation][default]["rmse_deg"][0]]
+        rows.append([deviation, *(f"{error:.2g}" for error in errors)])
+    noise = list(numbers["noises"])[1]
+    return Table(["gaze RMSE (°)", *_STRUCTURES, f"default, noise {noise}°"], rows)
+
+
+def _official_icub(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by model the differences of the joints of torso, neck and left arm; the right arm mirrors the left one."""
+    import icub_models
+
+    return {"models": {name: _compare_joints(icub_models.get_model_file(name)) for name in study.official_models}}
+
+
+def _compare_joints(urdf: Path) -> list[dict[str, Any]]:
+    """Angle between a joint's official axis and ours, distance of our joint's origin from the official axis, limits."""
+    official = pin.buildModelFromUrdf(str(urdf))
+    ours = load_icub().model
+    rows = []
+    for joint in ours.names[1:]:
+        name = joint.replace("left_", "l_").replace("prosupination", "prosup")
+        if joint.startswith("right_") or not official.existJointName(name):
+            continue
+        (v, w), _, limits_deg = _joint(official, name)
+        (_, our_w), our_origin, our_limits_deg = _joint(ours, joint)
+        rows.append(
+            {
+                "joint": joint,
+                "angle_deg": float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(w, our_w)), w @ our_w))),
+                "offset_m": float(np.linalg.norm(np.cross(our_origin - np.cross(w, v), w))),  # w × v is on the axis
+                "limits_deg": limits_deg,
+                "our_limits_deg": our_limits_deg,
+            }
+        )
+    return rows
+
+
+def _joint(model: pin.Model, name: str) -> tuple[list[Array], Array, list[float]]:
+    """Screw [v, ω] of a joint in the root frame, all joints at 0, its origin (3,), and its limits in degrees."""
+    data = model.createData()
+    i = model.getJointId(name)
+    screw = pin.computeJointJacobians(model, data, pin.neutral(model))[:, i - 1]
+    limits = np.rad2deg([model.lowerPositionLimit[i - 1], model.upperPositionLimit[i - 1]])
+    return np.split(screw, 2), data.oMi[i].translation.copy(), limits.tolist()
+
+
+def _official_icub_table(numbers: dict[str, Any]) -> Table:
+    """Return distances in mm and limits in degrees, and the largest angle between axes."""
+    models = numbers["models"]
+    rows = []
+    for joints in zip(*models.values(), strict=True):
+        cells = [joints[0]["joint"].replace("_", " "), "{:.0f} to {:.0f}".format(*joints[0]["our_limits_deg"])]
+        for row in joints:
+            cells += [f"{1000 * row['offset_m']:.1f}", "{:.0f} to {:.0f}".format(*row["limits_deg"])]
+        rows.append(cells)
+    largest = max(row["angle_deg"] for joints in models.values() for row in joints)
+    rows.append(["largest angle between axes (°)", "", f"{largest:.3f}", *[""] * (2 * len(models) - 1)])
+    columns = [f"{name}: {column}" for name in models for column in ("axis (mm)", "limits (°)")]
+    return Table(["joint", "our limits (°)", *columns], rows)
+
+
+@dataclass(frozen=True)
+class ReachKinematics(SampledStudy, PartsStudy):
+    """Kinematics behind the reachable-space map."""
+
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "forward_model": Part(_forward_model, _forward_model_chart),
+        "deviations": Part(_deviations, table=_deviations_table),
+        "official_icub": Part(_official_icub, table=_official_icub_table),
+    }
+    SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200)}
+
+    n: int = 3  # sets of babbled postures, each with its own test set
+    sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, 4400)
+    """Fixated postures after which each forward model is judged; of robots with deviations, the last one only."""
+    official_models: tuple[str, ...] = ("iCubLisboa01", "iCubGazeboV2_5")
+    """Official iCub models: of version 1, as ours, and of version 2.5."""
