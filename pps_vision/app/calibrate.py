@@ -193,9 +193,8 @@ def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], li
             continue
         detections = [board.find(image) for image in images if not isinstance(image, Problem)]
         if missing := [file.title for file, corners in zip(pair, detections, strict=True) if not corners]:
-            skipped.append(
-                f"{' and '.join(missing)}: no board found; expected all of a chessboard, or part of a charuco"
-            )
+            expected = "all of a chessboard, or part of a charuco"
+            skipped.append(f"{' and '.join(missing)}: no board found; expected {expected}")
             continue
         common = sorted(detections[0].keys() & detections[1].keys())
         if len(common) < _FEWEST_CORNERS:
@@ -242,16 +241,10 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
         in_left = view.corners @ np.array(cv2.Rodrigues(turn)[0], dtype=float).T + np.array(shift, dtype=float).ravel()
         in_right = in_left @ R.T + T.ravel()
         residuals.append((view.left_px - _projected(in_left, KL, DL), view.right_px - _projected(in_right, KR, DR)))
-    return StereoCalibration(
-        image_size,
-        np.stack([KL, KR]),
-        np.stack([DL.ravel()[:5], DR.ravel()[:5]]),
-        R,
-        T.ravel(),
-        np.array([single[5].ravel()[0] for single in singles]),
-        tuple(views),
-        tuple(residuals),
-    )
+    D = np.stack([DL.ravel()[:5], DR.ravel()[:5]])
+    focal_std_px = np.array([single[5].ravel()[0] for single in singles])
+    K = np.stack([KL, KR])
+    return StereoCalibration(image_size, K, D, R, T.ravel(), focal_std_px, tuple(views), tuple(residuals))
 
 
 def _largest_turn_deg(rotations: Array) -> float:

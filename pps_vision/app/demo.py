@@ -16,7 +16,7 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app import versions
-from pps_vision.app.encounters.encounter import HAZARDS, Encounter, EncounterScene, draw
+from pps_vision.app.encounters.encounter import HAZARDS, EncounterScene, draw
 from pps_vision.app.encounters.rendered import open_encounter
 from pps_vision.app.encounters.training import learn
 from pps_vision.app.progress import progress
@@ -93,7 +93,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
             f"A simulated iCub with rendered eye views of 320×240 pixels, pixel noise σ = {noise:g}/255, seed {seed}. "
             "The skin was trained with a ball and a cube. The octopus is new.",
             page.video(folder / "demo.mp4"),
-            _sections(scene, command, trials, memory, logs, numbers, stopwatch),
+            _sections(scene, command, trials, memory, logs, stopwatch),
         )
     for log in logs:
         touched = "touched" if log.was_touched else "not touched"
@@ -179,16 +179,10 @@ def _cell(value: object) -> str:
 
 
 def _sections(
-    scene: SimulationScene,
-    command: str,
-    trials: int,
-    memory: PPSMemory,
-    logs: list[EpisodeLog],
-    numbers: dict[str, dict[str, object]],
-    stopwatch: Stopwatch,
+    scene: SimulationScene, command: str, trials: int, memory: PPSMemory, logs: list[EpisodeLog], stopwatch: Stopwatch
 ) -> Sequence[page.Section]:
     """Sections of the report."""
-    rows = [[title, *(_cell(row[key]) for key in _COLUMNS)] for title, row in numbers.items()]
+    rows = [[log.title, *(_cell(_numbers(log)[key]) for key in _COLUMNS)] for log in logs]
     timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
     is_tracked = np.isfinite(logs[1].track_m).all(axis=1)
     cov = logs[1].track_std_m[is_tracked, None] ** 2 * np.eye(3)
@@ -261,18 +255,10 @@ class DemoEncounter:
     """A rendered encounter without and with avoidance."""
 
     title: str
-    logs: tuple[EpisodeLog, EpisodeLog]
+    logs: tuple[EpisodeLog, EpisodeLog]  # without and with avoidance
     video: Path
-
-    @property
-    def is_touched(self) -> bool:
-        """Whether a taxel was touched in spite of avoidance."""
-        return self.logs[1].was_touched
-
-    @property
-    def left_m(self) -> float:
-        """Smallest distance that was left until a touch, with avoidance."""
-        return float(self.logs[1].surface_gap_m.min()) - TOUCH_RADIUS_M
+    is_touched: bool  # whether a taxel was touched in spite of avoidance
+    left_m: float  # smallest distance that was left until a touch, with avoidance
 
 
 def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1.0) -> None:
@@ -301,7 +287,10 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             (off, images_off), (on, images_on) = runs
             video = Path(videos) / f"{k}.mp4"
             write_side_by_side(video, (images_off, images_on))
-            encounters.append(DemoEncounter(_title(encounter), (off, on), video))
+            speed = f"{100 * encounter.speed_m_s:.0f} cm/s, {encounter.side} {encounter.part}"
+            title = f"{encounter.condition} {encounter.number}: {encounter.stimulus}, {speed}"
+            left_m = float(on.surface_gap_m.min()) - TOUCH_RADIUS_M
+            encounters.append(DemoEncounter(title, (off, on), video, on.was_touched, left_m))
         rows = [{"encounter": e.title, "touched": e.is_touched, "left_mm": 1000 * e.left_m} for e in encounters]
         settings = {"versions": versions.versions(), "seed": seed, "noise_grey_levels": noise}
         write_json(folder / SUMMARY, {**settings, "encounters": rows})
@@ -315,11 +304,6 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             _encounter_sections(encounters),
         )
     print(f"{touched} of {n} touched → {out / REPORT}")
-
-
-def _title(encounter: Encounter) -> str:
-    speed = f"{100 * encounter.speed_m_s:.0f} cm/s"
-    return f"{encounter.condition} {encounter.number}: {encounter.stimulus}, {speed}, {encounter.side} {encounter.part}"
 
 
 def chosen(encounters: Sequence[DemoEncounter]) -> list[tuple[str, DemoEncounter]]:

@@ -164,11 +164,8 @@ def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
         true = truth.frames.get(frame, {})
         tracked = track.frames.get(frame, {})
         n += len(true)
-        matched = {
-            name: last[name]
-            for name in true
-            if last.get(name) in tracked and overlaps(true[name], tracked[last[name]])[0, 0] >= _MATCHED
-        }
+        followed = {name: last[name] for name in true if last.get(name) in tracked}
+        matched = {a: b for a, b in followed.items() if overlaps(true[a], tracked[b])[0, 0] >= _MATCHED}
         names = [name for name in true if name not in matched]
         others = [name for name in tracked if name not in matched.values()]
         iou = overlaps(_stack(true, names), _stack(tracked, others))

@@ -86,17 +86,8 @@ def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> 
         track = tracker.step(frame).track
         touched = touched_at(recording.touches, frame.stamp_s, skin)
         if touched.any() and not is_counted and track.is_known:
-            trials.append(
-                TouchTrial(
-                    np.array([frame.stamp_s]),
-                    joints_of(frame)[None],
-                    track.position[None],
-                    track.velocity[None],
-                    track.cov[None, 3:6, 3:6],
-                    np.array([track.radius_m]),
-                    touched,
-                )
-            )
+            state = track.position[None], track.velocity[None], track.cov[None, 3:6, 3:6], np.array([track.radius_m])
+            trials.append(TouchTrial(np.array([frame.stamp_s]), joints_of(frame)[None], *state, touched))
         is_counted = bool(touched.any()) and (is_counted or track.is_known)
     return trials
 

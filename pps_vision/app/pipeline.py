@@ -276,8 +276,8 @@ class Pipeline:
     def _arm(self, params: AvoidanceParams | ReachingParams) -> _Arm:
         n = len(self.robot.names.arm(params.side))
         if len(params.home_arm_rad) != n:
-            message = f"home_arm_rad {params.home_arm_rad}; expected the {n} joints of the {params.side} arm"
-            raise InputError("pipeline", message)
+            expected = f"the {n} joints of the {params.side} arm"
+            raise InputError("pipeline", f"home_arm_rad {params.home_arm_rad}; expected {expected}")
         skin = self.skin.on_arm(self.robot, params.side)
         on_arm = np.isin(self.skin.taxel_ids, skin.taxel_ids)
         return _Arm(params, skin, on_arm, BareLinks(self.robot, skin, params.side))
@@ -322,15 +322,10 @@ class Pipeline:
             params = arm.params
             if leaning is not None:
                 params = replace(params, miss_distance_m=np.inf, min_approach_m=0.0)
+            activations = self._arm_activations(arm, leaning, inputs)
+            body = self._self_collision, arm.bare_links
             arm_input = ArmInput(
-                inputs.track.stamp_s,
-                inputs.posture,
-                arm.skin,
-                self._arm_activations(arm, leaning, inputs),
-                inputs.track,
-                self.params.hold_s,
-                self._self_collision,
-                arm.bare_links,
+                inputs.track.stamp_s, inputs.posture, arm.skin, activations, inputs.track, self.params.hold_s, *body
             )
             if isinstance(params, ReachingParams):
                 state, response = reaching.step(params, state, arm_input, inputs.is_reachable)

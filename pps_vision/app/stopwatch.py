@@ -26,10 +26,8 @@ class Stopwatch:
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Median and quartiles of ms, and the number of runs, of every stage."""
-        return {
-            stage: dict(
-                zip(("q25_ms", "median_ms", "q75_ms"), map(float, np.percentile(ms, (25, 50, 75))), strict=True),
-                runs=len(ms),
-            )
-            for stage, ms in self.ms.items()
-        }
+        summary: dict[str, dict[str, float]] = {}
+        for stage, ms in self.ms.items():
+            q25_ms, median_ms, q75_ms = map(float, np.percentile(ms, (25, 50, 75)))
+            summary[stage] = {"q25_ms": q25_ms, "median_ms": median_ms, "q75_ms": q75_ms, "runs": len(ms)}
+        return summary

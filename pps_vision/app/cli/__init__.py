@@ -70,8 +70,5 @@ def _refuse_python_control() -> None:
     """Raise InputError if python-control is installed, whose top-level package `control` hides ours."""
     for folder in filter(Path.is_dir, map(Path, sys.path)):
         if next(folder.glob("control-*.*-info"), None):  # importlib.metadata takes 60 ms to load
-            raise InputError(
-                folder,
-                "python-control is installed here and hides our package `control`; give pps-vision an environment of "
-                "its own",
-            )
+            reason = "python-control is installed here and hides our package `control`"
+            raise InputError(folder, f"{reason}; give pps-vision an environment of its own")

@@ -28,8 +28,7 @@ class Joints(RecordingOptions):
         touches: list[TouchTrial] = []
         with whole_file(self.out, self.inputs) as partial:
             used = self.use_each(
-                "joints",
-                lambda recording: touches.extend(tracked_touches(recording, skin, self.mode, self.seed)),
+                "joints", lambda recording: touches.extend(tracked_touches(recording, skin, self.mode, self.seed))
             )
             learned = joint_offsets(robot, icub_rig(robot), skin, touches)
             n = len(learned.before_m)

@@ -179,13 +179,9 @@ class RecordingOptions:
         bugs: list[Exception] = []
         for folder in progress(self.recordings, desc=command, unit="recording"):
             try:
+                calib = self.calib or ()
                 recording = open_recording(
-                    folder,
-                    calib=[self.calib] if self.calib else (),
-                    joints=joints,
-                    taxels=self.taxels,
-                    max_skew_s=self.max_skew_s,
-                    robot=robot,
+                    folder, calib=calib, joints=joints, taxels=self.taxels, max_skew_s=self.max_skew_s, robot=robot
                 )
                 try:
                     use(recording)

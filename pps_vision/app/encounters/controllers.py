@@ -81,20 +81,12 @@ def ours(scene: ArmScene, resting: int = 0, numbers: ControllerParams | None = N
     params_of = ReachingParams if scene.behaviour == "reach" else AvoidanceParams
     params = params_of(home, scene.side, radius_m=RADIUS_M, arm=ArmParams(resting=resting))
     params = replace(params, **(numbers or {}))  # type: ignore[arg-type]
-    bare_links = BareLinks(scene.robot, scene.skin, scene.side)
+    body = scene.self_collision, BareLinks(scene.robot, scene.skin, scene.side)
     state = ArmState()
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal state
-        arm = ArmInput(
-            track.stamp_s,
-            posture,
-            scene.skin,
-            activations,
-            track,
-            self_collision=scene.self_collision,
-            bare_links=bare_links,
-        )
+        arm = ArmInput(track.stamp_s, posture, scene.skin, activations, track, MAX_HOLD_S, *body)
         if isinstance(params, ReachingParams):
             may_reach = scene.reachability is None or scene.reachability(posture.q_rad, track).is_reachable
             state, response = reaching.step(params, state, arm, may_reach)

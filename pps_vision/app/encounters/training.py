@@ -10,15 +10,7 @@ from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.receptive_field import ReceptiveField, perceive
-from pps_vision.app.encounters.encounter import (
-    OBJECTS,
-    SESSIONS,
-    TRIALS,
-    Encounter,
-    EncounterScene,
-    approach,
-    draw_one,
-)
+from pps_vision.app.encounters.encounter import OBJECTS, SESSIONS, TRIALS, Encounter, EncounterScene, approach, draw_one
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
 from pps_vision.robot.skin import touched_taxels

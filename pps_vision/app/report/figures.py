@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -40,16 +41,9 @@ def draw_landscape(
 ) -> AxesImage:
     """Draw a `landscape`; `ranges` of D in m and TTC in s."""
     (d0, d1), (t0, t1) = ranges
-    return axis.imshow(
-        np.asarray(expected).T,
-        origin="lower",
-        aspect="auto",
-        extent=(100 * d0, 100 * d1, t0, t1),
-        vmin=0,
-        vmax=1,
-        cmap="magma",
-        interpolation="bilinear" if smooth else None,
-    )
+    style: dict[str, Any] = {"vmin": 0, "vmax": 1, "cmap": "magma", "interpolation": "bilinear" if smooth else None}
+    extent = (100 * d0, 100 * d1, t0, t1)
+    return axis.imshow(np.asarray(expected).T, origin="lower", aspect="auto", extent=extent, **style)
 
 
 def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure:
@@ -149,7 +143,7 @@ def reachable_space(reachable_map: ReachableMap, robot: Robot) -> Figure:
         if axis is axes[-1]:
             label = f"degree of reachability R ({reachable_map.measure}; reachable above 0.5)"
             figure.colorbar(image, ax=axes, label=label, shrink=0.8)
-    who = {"both": "both hands at once"}.get(reachable_map.side, f"the {reachable_map.side} hand")
+    who = "both hands at once" if reachable_map.side == "both" else f"the {reachable_map.side} hand"
     if reachable_map.end_point != "palm":
         who = f"taxel {reachable_map.end_point}"
     figure.suptitle(f"Reachability of the fixated point by {who}; line: the border", fontsize=10)

@@ -284,13 +284,10 @@ def write_batch_report(folder: Path) -> None:
     for row in rows:
         if row["status"] != "failed":
             warned += [f"{row['name']}: {text}" for text in _warnings_of(_read_summary(folder / row["name"]))]
+    text = "One dot for each recording, the first on top; a cross: it failed."
     sections = [
         ("Recordings", "", _batch_table(folder, rows, columns)),
-        (
-            "Tracked share and time",
-            "One dot for each recording, the first on top; a cross: it failed.",
-            page.image(_batch_figure(rows)),
-        ),
+        ("Tracked share and time", text, page.image(_batch_figure(rows))),
     ]
     if (folder / SUMMARY).is_file():
         sections.append(("To repeat it", "", _repeat_batch(folder / SUMMARY)))
