@@ -168,17 +168,20 @@ def curves(axis: Axes, x: ArrayLike, series: Mapping[str, Sequence[Any]], xlabel
     axis.grid(alpha=0.25, which="both")
 
 
-def bars(axis: Axes, groups: Sequence[str], series: Mapping[str, Sequence[Any]], label: str) -> None:
-    """Draw one bar for each series in each group, with intervals."""
-    width = 0.8 / len(series)
+def bar_chart(groups: Sequence[str], series: Mapping[str, Sequence[Any]], label: str, width: float) -> Figure:
+    """Return a figure with one bar for each series in each group, with intervals."""
+    figure, (axis,) = panels(1, width=width)
+    bar_width = 0.8 / len(series)
     for k, (name, values) in enumerate(series.items()):
-        at = np.arange(len(groups)) + width * (k - (len(series) - 1) / 2)
+        at = np.arange(len(groups)) + bar_width * (k - (len(series) - 1) / 2)
         value, low, high = intervals(values)
-        axis.bar(at, value, width, label=name)
+        axis.bar(at, value, bar_width, label=name)
         axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="none", ecolor=_INK, capsize=2)
     axis.set_xticks(range(len(groups)), list(groups), rotation=30, ha="right")
     axis.set_ylabel(label)
     axis.grid(alpha=0.25, axis="y")
+    axis.legend(fontsize=8, ncols=2)
+    return figure
 
 
 def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:

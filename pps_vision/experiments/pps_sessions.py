@@ -14,7 +14,7 @@ from learning.pps.memory import Counts, MemoryParams, PPSMemory, count_samples
 from pps_vision.app.encounters.encounter import TRIALS, SessionName
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map
-from pps_vision.experiments.charts import bars, panels
+from pps_vision.experiments.charts import bar_chart
 from pps_vision.experiments.pps.ridges import FINE, landscape_chart, offsets, ridge_width
 from pps_vision.experiments.pps.robot_errors import ErrorSources, MiscalibratedRobot
 from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials, true_robot
@@ -200,13 +200,10 @@ def count_by_time_left(trials: Sequence[Trial]) -> PPSMemory:
 
 def draw_offsets(numbers: dict[str, Any]) -> Figure:
     """Draw the mean offset of each part: estimated, true, and R's on the robot."""
-    figure, (axis,) = panels(1, width=5.6)
     parts = numbers["parts"]
     labels = {"found_mm": "estimated (95 % over robots)", "true_mm": "true", "paper_mm": "R, on the robot"}
     series = {label: [part[key] for part in parts.values()] for key, label in labels.items()}
-    bars(axis, list(parts), series, "mean offset to the object's centre (mm)")
-    axis.legend(fontsize=8)
-    return figure
+    return bar_chart(list(parts), series, "mean offset to the object's centre (mm)", 5.6)
 
 
 @dataclass(frozen=True)

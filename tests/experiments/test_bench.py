@@ -20,13 +20,12 @@ More of it.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
-from pps_vision.experiments.charts import panels, bars
+from pps_vision.experiments.charts import bar_chart
 from pps_vision.experiments.study import Part, PartsStudy, Study
 from pps_vision.experiments.tables import Table
 
 def draw(numbers):
-    figure, (axis,) = panels(1)
-    bars(axis, ["a"], {"third": [numbers["third"]]}, "third")
+    figure = bar_chart(["a"], {"third": [numbers["third"]]}, "third", 4.0)
     return {"": figure, "other": figure}
 
 def tabulate(numbers):

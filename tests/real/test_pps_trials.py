@@ -5,8 +5,15 @@ import pytest
 from data import shared_data
 
 from learning.pps.memory import MemoryParams, PPSMemory
-from pps_vision.experiments.pps.predictors import by_base_rate, by_shrunk_map, in_blocks, outcomes
-from pps_vision.experiments.pps.scores import auroc, brier, brier_gain
+from pps_vision.experiments.pps.predictors import (
+    auroc,
+    brier,
+    brier_gain,
+    by_base_rate,
+    by_shrunk_map,
+    in_blocks,
+    outcomes,
+)
 from pps_vision.experiments.pps.taxel_trials import load_trials
 
 

@@ -91,12 +91,9 @@ def session(
         t += encounter.seconds
     paths = {side: [_path(scene.robot, side, log) for log in logs[side]] for side in logs}
     return {
-        "minutes": t / 60,
         "approaches": len(results),
-        "answered": sum(result.commands > 0 for result in results),
         "touched": sum(result.touched for result in results),
         "by the part aimed at": sum(result.touched_part == result.part for result in results),
-        "limits left": sum(bool(result.faults) for result in results),
         "arms": {side: ranges(scene, side, logs[side]) for side in logs},
         "paths_mm": paths if controller == WRIST_AT_REST else {},
         "frames": {side: [_shown(log) for log in logs[side][:_SHOWN]] for side in logs},

@@ -1,4 +1,4 @@
-"""Predictors of touch: the base rate, and maps of D and TTC.
+"""Predictors of touch, and scores of predicted probabilities: discrimination, Brier score, calibration.
 
 A `Predictor` learns from training trials and returns the probability (trials, taxels) that each test trial touches each
 taxel, from the samples known at the horizon.
@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
+from scipy.stats import rankdata, sem
 from sklearn.isotonic import IsotonicRegression
 
 from learning.pps.memory import MemoryParams, activation, smoothed
-from pps_vision.experiments.pps.scores import brier
 from pps_vision.experiments.pps.taxel_trials import Trial, at_horizon, known_at_horizon, perceive, train_memory
 from pps_vision.types import Array, Mask
 
@@ -21,6 +22,7 @@ Predictor = Callable[[Trials, Trials], Array]  # training trials, test trials â†
 
 PRIORS = (1.0, 10.0, 100.0, 1000.0, 1e9)
 _FOLDS = 8
+_BINS = 10  # reliability diagram
 _AUTHORS = MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75)  # parameters of the authors' code
 
 
@@ -103,3 +105,39 @@ def _held_out(predictor: Predictor, trials: Trials, folds: Sequence[NDArray[np.i
         others = [trial for k, trial in enumerate(trials) if k not in fold]
         p[fold] = predictor(others, [trials[k] for k in fold])
     return p
+
+
+def auroc(outcome: ArrayLike, score: ArrayLike) -> float:
+    """Return the area under the receiver operating characteristic; NaN where all outcomes are equal.
+
+    It is the share of pairs of a positive and a negative outcome in which the positive scores higher; ties count half.
+    """
+    is_positive = np.asarray(outcome, dtype=bool).ravel()
+    n = np.count_nonzero(is_positive)
+    if n in (0, len(is_positive)):
+        return np.nan
+    return float((rankdata(score)[is_positive].mean() - (n + 1) / 2) / (len(is_positive) - n))
+
+
+def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
+    """Return the mean squared difference between predicted probability and outcome (0 or 1)."""
+    return float(np.mean((np.asarray(probability, dtype=float) - np.asarray(outcome, dtype=float)) ** 2))
+
+
+def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike) -> tuple[float, float, float]:
+    """Return the Brier score of the reference less that of the prediction, with its 95 % interval.
+
+    The arguments are (units, values of each unit); the interval is Student's t of the paired differences of two or more
+    independent units.
+    """
+    y, p, q = (np.asarray(values, dtype=float) for values in (outcome, probability, reference))
+    gains = np.mean((q - y) ** 2 - (p - y) ** 2, axis=1)
+    half = float(stdtrit(len(gains) - 1, 0.975) * sem(gains))
+    return float(gains.mean()), float(gains.mean()) - half, float(gains.mean()) + half
+
+
+def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike) -> float:
+    """Return the mean distance between predicted probability and share of positives in its bin (ten equal bins)."""
+    p = np.asarray(probability, dtype=float).ravel()
+    index = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
+    return float(np.abs(np.bincount(index, weights=p - np.ravel(outcome))).sum() / len(p))

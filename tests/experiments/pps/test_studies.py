@@ -9,7 +9,11 @@ from pps_vision.experiments.pps_taxel import SIMULATIONS, simulated_ridge
 from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import read_numbers
 
-PARTS = {"pps_taxel": ("monte_carlo", "single_touch"), "pps_sessions": ("offsets",), "pps_errors": ("compensation",)}
+PARTS = {
+    "pps_taxel": ("monte_carlo", "single_touch"),
+    "pps_sessions": ("offsets",),
+    "pps_prediction": ("compensation",),
+}
 
 
 @pytest.mark.parametrize("name", PARTS)
