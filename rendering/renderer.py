@@ -55,9 +55,8 @@ class Renderer:
         try:
             self._api: Any = import_module("pyrender")
         except (ImportError, AttributeError, OSError) as error:
-            raise ImportError(
-                f"rendering needs OpenGL on EGL ({error}); install Debian's libegl1 and libgl1"
-            ) from error
+            install = "install Debian's libegl1 and libgl1"
+            raise ImportError(f"rendering needs OpenGL on EGL ({error}); {install}") from error
         try:
             self._screen = self._api.OffscreenRenderer(1, 1)
         except Exception as error:  # EGL errors, AssertionError or IndexError, depending on what is missing
@@ -109,7 +108,11 @@ class Renderer:
 
     def _arrange(self, nodes: Iterable[Node], view: View, lighting: Lighting) -> None:
         """Show `nodes` and nothing else, from `view`."""
-        self._remove_released()
+        while self._released:
+            removed, _ = self._uploaded.pop(self._released.pop(), (None, b""))
+            if removed is not None:
+                self._scene.remove_node(removed)
+                self._visible = [shown for shown in self._visible if shown is not removed]
         for shown in self._visible:
             shown.mesh.is_visible = False
         self._visible = [self._place(node, lighting) for node in nodes]
@@ -138,13 +141,6 @@ class Renderer:
             self._uploaded[node] = shown, key
         self._scene.set_pose(shown, node.T_root_node @ transform(translation=_center(node.surface)))
         return shown
-
-    def _remove_released(self) -> None:
-        while self._released:
-            removed, _ = self._uploaded.pop(self._released.pop(), (None, b""))
-            if removed is not None:
-                self._scene.remove_node(removed)
-                self._visible = [shown for shown in self._visible if shown is not removed]
 
     def _mesh(self, surface: Surface, light: Array | None) -> Any:
         """Return pyrender's mesh with `light` (n,) in its vertex colours; None: shaded by pyrender."""

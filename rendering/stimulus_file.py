@@ -25,14 +25,8 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
     Its centre, the origin of the stimulus, is the centroid of its convex hull's volume; its radius that of the sphere
     whose silhouette is, over all directions, as large as the hull's: √(hull surface / 4π), by Cauchy's theorem.
 
-    Args:
-        file: Mesh file.
-        unit: Unit of its coordinates.
-        radius_m: Radius to scale it to; None leaves its size.
-
-    Raises:
-        InputError: The file cannot be read, or holds no mesh, numbers that are not finite, no volume, or an object of
-            implausible size.
+    It is scaled to `radius_m`, if given.  InputError if the file cannot be read, or holds no mesh, numbers that are not
+    finite, no volume, or an object of implausible size.
     """
     if file.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(file, f"expected a mesh file ({', '.join(MESH_SUFFIXES)})")

@@ -73,11 +73,6 @@ class Task:
         """The output of the command for a recording: a folder, or a memory."""
         return self.out / (job.name if self.command == "track" else f"{job.name}.npz")
 
-    def is_done(self, job: Job) -> bool:
-        """Whether a recording is finished."""
-        result = self.result(job)
-        return (result / SUMMARY).exists() if self.command == "track" else result.exists()
-
     def row(self, job: Job, reason: str) -> dict[str, object]:
         """The row of a recording; `reason`: of its failure, or ""."""
         row: dict[str, object] = dict.fromkeys(_TABLES[self.command]) | {"name": job.name}
@@ -275,9 +270,10 @@ def _do(job: Job, task: Task) -> str:
 
 
 def _do_once(job: Job, task: Task) -> str:
-    if task.is_done(job):
+    result = task.result(job)
+    if (result / SUMMARY if task.command == "track" else result).exists():
         return ""
-    words = [task.command, *job.rec, *task.options, *job.options, "--out", str(task.result(job))]
+    words = [task.command, *job.rec, *task.options, *job.options, "--out", str(result)]
     stdin, our_end = os.pipe()
     try:
         process = subprocess.run(

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -13,6 +14,9 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.tables import COVARIANCE, column_names, covariances, numbers, read_table
 from pps_vision.recordings.text import read_lines
 from pps_vision.types import Array, Mask, Status, Track3D, Truth
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _BRIDGED = 1.5  # times the median interval: a longer one is a gap, across which nothing is interpolated
 _LAG_S = 0.5  # search range
@@ -114,13 +118,9 @@ def path_of_truth(name: str, truth: Sequence[Truth]) -> Path3D:
 def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = False) -> Score:
     """Score a path; InputError if fewer than three of its positions have a truth.
 
-    The truth is interpolated between its rows to the track's stamps, but not across its gaps.
-
-    Args:
-        track: The path to score.
-        truth: The true path.
-        lag: Estimate by how much the track's stamps are late (within 0.5 s), and correct it.
-        align: Rotate and shift the track onto the truth (least squares, without scale) first.
+    The truth is interpolated between its rows to the track's stamps, but not across its gaps. `lag`: estimate by how
+    much the track's stamps are late (within 0.5 s), and correct it; `align`: rotate and shift the track onto the truth
+    (least squares, without scale) first.
     """
     lag_s = _lag_s(track, truth, align) if lag else 0.0
     moved = replace(track, stamps_s=track.stamps_s - lag_s)
@@ -207,3 +207,23 @@ def _lag_s(track: Path3D, truth: Path3D, align: bool) -> float:
     bounds = (best - _LAG_STEP_S, best + _LAG_STEP_S)
     optimum = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6})
     return float(optimum.x) if np.isfinite(optimum.fun) else best
+
+
+def path_errors(paths: Sequence[Path3D], truth: Path3D, scores: Sequence[Score], align: bool) -> "Figure":
+    """Distance to the truth over time, and the share of positions within a distance."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    over_time, share = figure.subplots(1, 2, width_ratios=(2, 1))
+    for path, score in zip(paths, scores, strict=True):
+        stamps, error, _ = errors_of(replace(path, stamps_s=path.stamps_s - score.lag_s), truth, align)
+        distance_mm = 1000 * np.linalg.norm(error, axis=1)
+        name = f"{path.name}: RMSE {score.rmse_mm:.2f} mm"
+        over_time.plot(stamps - truth.stamps_s[0], distance_mm, ".-", ms=3, lw=0.8, label=name)
+        share.plot(np.sort(distance_mm), np.arange(1, len(distance_mm) + 1) / len(distance_mm))
+    over_time.set(xlabel="time (s)", ylabel="3D error (mm)", ylim=(0, None))
+    share.set(xlabel="3D error (mm)", ylabel="share of positions", ylim=(0, 1), xlim=(0, None))
+    over_time.legend(fontsize=7)
+    for axis in (over_time, share):
+        axis.grid(alpha=0.25)
+    return figure

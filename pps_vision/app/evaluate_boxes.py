@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -18,6 +19,9 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.tables import BOXES, column_names, read_table
 from pps_vision.recordings.text import number, read_lines
 from pps_vision.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OVERLAPS = np.linspace(0, 1, 21)
 """Thresholds of the success curve."""
@@ -182,3 +186,22 @@ def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
 
 def _stack(boxes: Mapping[int, Array], names: Sequence[int]) -> Array:
     return np.reshape([boxes[name] for name in names], (-1, 4))
+
+
+def box_curves(tracks: Sequence[Boxes], truth: Boxes) -> "Figure":
+    """Success and precision curves (Wu et al. 2013)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    of_overlap, of_distance = figure.subplots(1, 2, sharey=True)
+    for boxes in tracks:
+        iou, distance_px = per_frame(boxes, truth)
+        of_overlap.plot(OVERLAPS, success(iou), label=f"{boxes.name}: area {np.mean(success(iou)):.3f}")
+        within = precision(distance_px)
+        of_distance.plot(DISTANCES_PX, within, label=f"{boxes.name}: {within[20]:.3f} at 20 px")
+    of_overlap.set(xlabel="overlap threshold", ylabel="share of frames above it (success)", ylim=(0, 1), xlim=(0, 1))
+    of_distance.set(xlabel="distance of the centres (px)", ylabel="share of frames within it (precision)", xlim=(0, 50))
+    for axis in (of_overlap, of_distance):
+        axis.grid(alpha=0.25)
+        axis.legend(fontsize=7)
+    return figure

@@ -27,13 +27,8 @@ class TagPath:
 def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, dictionary: str) -> TagPath:
     """Triangulate the corners of a tag in every pair that shows it in both images; InputError if there is none.
 
-    Args:
-        recording: The recording.
-        number: Number of the tag.
-        side_m: Side of its black square, m.
-        offset_m: (3,) from the tag's centre to the point that is wanted, in the tag's frame: x to its right, y to its
-            top, z out of it.
-        dictionary: Name of the tag's dictionary in OpenCV, without DICT_.
+    `side_m`: of its black square; `offset_m` (3,): from the tag's centre to the point that is wanted, in the tag's
+    frame: x to its right, y to its top, z out of it; `dictionary`: its name in OpenCV, without DICT_.
     """
     rig = recording.calibrated()
     if not hasattr(cv2.aruco, f"DICT_{dictionary}"):

@@ -54,14 +54,11 @@ class TrackFiles:
 
     `steps` writes the causal results of each pair and yields the tracker's steps; `add` writes the path, which may be
     smoothed and come later.
-
-    Attributes:
-        reached: Number of pairs by reachability.
     """
 
     def __init__(self, folder: Path, run: TrackedRecording, extras: Extras) -> None:
         """InputError if an extra needs a package that is not installed."""
-        self.reached: Counter[ReachStatus] = Counter()
+        self.reached: Counter[ReachStatus] = Counter()  # number of pairs by reachability
         self._folder = folder
         self._run = run
         self._extras = extras
@@ -185,10 +182,9 @@ def headline(run: TrackedRecording, path: PathStatistics) -> str:
     parts = [f"{n_tracked} of {path.frames} pairs tracked", f"median {median_ms:.1f} ms a pair"]
     if run.recording.truth:
         errors = path.errors()
-        rms_mm = errors["position_rms_mm"]
-        rms_all_mm = errors["position_rms_all_mm"]
-        if np.isfinite(rms_all_mm):
-            parts += [f"3D RMS {rms_mm:.2f} mm where tracked", f"{rms_all_mm:.2f} mm with predicted positions"]
+        if np.isfinite(rms_all_mm := errors["position_rms_all_mm"]):
+            parts.append(f"3D RMS {errors['position_rms_mm']:.2f} mm where tracked")
+            parts.append(f"{rms_all_mm:.2f} mm with predicted positions")
     if n_tracked:
         size_mm = {name: f"{1000 * value:.3g}" for name, value in path.diameter().items()}
         interval = f"{size_mm['low_95_m']}–{size_mm['high_95_m']}"

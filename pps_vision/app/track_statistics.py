@@ -43,16 +43,11 @@ class CameraStatistics:
 
 
 class PathStatistics:
-    """Counts and errors of a path, and the object's size; `add` keeps 40 bytes of each track.
-
-    Attributes:
-        frames: Number of tracks.
-        status: Number of tracks by status.
-    """
+    """Counts and errors of a path, and the object's size; `add` keeps 40 bytes of each track."""
 
     def __init__(self, truth: Sequence[Truth] = ()) -> None:
-        self.frames = 0
-        self.status = Counter[Status]()
+        self.frames = 0  # number of tracks
+        self.status = Counter[Status]()  # number of tracks by status
         self._truth = sorted(truth, key=lambda row: row.stamp_s)
         self._truth_stamps_s = np.array([row.stamp_s for row in self._truth])
         self._tracking_errors = array("d")  # alternately position and velocity errors

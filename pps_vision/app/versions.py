@@ -6,13 +6,11 @@ import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
-"""Dependencies of tracking."""
-
 
 def versions() -> dict[str, str]:
     """Version of this package, of Python, and of the packages that tracking computes with."""
-    return {name: version(name) for name in ("pps-vision", *PACKAGES)} | {"python": platform.python_version()}
+    packages = ("pps-vision", "numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
+    return {name: version(name) for name in packages} | {"python": platform.python_version()}
 
 
 def machine(commit_name: str) -> dict[str, str]:

@@ -36,8 +36,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     not writable) or should not be (this process runs in it, as the shell that has started it), it is filled file by
     file; the next run with the same output finishes this if it was interrupted.
 
-    Raises:
-        InputError: On entering: `folder` is refused (see above) or cannot be written.
+    InputError on entering if `folder` is refused (see above) or cannot be written.
     """
     final = _resolved(folder)
     if final.exists() and not final.is_dir():
@@ -66,8 +65,7 @@ def whole_file(file: Path, inputs: Iterable[Path | None] = ()) -> Iterator[Path]
     An older file is replaced, unless it is one of `inputs` or lies in one of them.  The temporary file has the same
     name, since writers choose a format by its suffix.
 
-    Raises:
-        InputError: On entering: `file` is refused (see above) or cannot be written.
+    InputError on entering if `file` is refused (see above) or cannot be written.
     """
     final = _resolved(file)
     if final.is_dir():

@@ -52,11 +52,8 @@ _EYES = ("left_eye", "right_eye")
 
 
 def robot_setup(file: Path | None = None, urdf: Path | None = None, skin: Path | None = None) -> RobotSetup:
-    """The robot that `file` (robot.toml) describes, by default the iCub, with another URDF or skin if given.
-
-    Raises:
-        InputError: Names the file, the line and the value that cannot be used.
-    """
+    """The robot that `file` (robot.toml) describes, by default the iCub, with another URDF or skin if given;
+    InputError names the file, the line and the value that cannot be used."""
     if file is not None:
         return read_robot(file, urdf, skin)
     if urdf is not None:

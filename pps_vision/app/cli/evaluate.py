@@ -58,9 +58,8 @@ class Evaluate:
 
                 save(draw(), partial)
         if self.json:
-            print(
-                json.dumps(plain([score | {"version": __version__} for score in scores]), indent=2, ensure_ascii=False)
-            )
+            content = plain([score | {"version": __version__} for score in scores])
+            print(json.dumps(content, indent=2, ensure_ascii=False))
             return
         columns = list(scores[0])
         rows = [columns, *([_text(score[key]) for key in columns] for score in scores)]
@@ -71,17 +70,11 @@ class Evaluate:
     def _score(self) -> "tuple[list[dict[str, object]], Callable[[], Figure]]":
         """Return the rows of the table, and a function that draws the figure."""
         if self.boxes:
-            from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
+            from pps_vision.app.evaluate_boxes import box_curves, evaluate_boxes, read_boxes
 
             *tracks, truth = (read_boxes(file, self.first_px) for file in self.files)
-
-            def draw_boxes() -> "Figure":
-                from pps_vision.app.report.errors import box_curves
-
-                return box_curves(tracks, truth)
-
-            return [asdict(evaluate_boxes(track, truth)) for track in tracks], draw_boxes
-        from pps_vision.app.evaluate import evaluate, read_path
+            return [asdict(evaluate_boxes(track, truth)) for track in tracks], lambda: box_curves(tracks, truth)
+        from pps_vision.app.evaluate import evaluate, path_errors, read_path
 
         *paths, true_path = (read_path(file, self.fps) for file in self.files)
         for path in (*paths, true_path):
@@ -89,13 +82,7 @@ class Evaluate:
                 lines = f"{'from ' * (n > 1)}line {path.missing[0]}"
                 print(f"{n} row{'s' * (n > 1)} of {path.name} without a position ({lines})", file=sys.stderr)
         scores = [evaluate(path, true_path, self.lag, self.align) for path in paths]
-
-        def draw_paths() -> "Figure":
-            from pps_vision.app.report.errors import path_errors
-
-            return path_errors(paths, true_path, scores, self.align)
-
-        return [asdict(score) for score in scores], draw_paths
+        return [asdict(score) for score in scores], lambda: path_errors(paths, true_path, scores, self.align)
 
 
 def _text(value: object) -> str:

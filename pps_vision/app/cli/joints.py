@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pps_vision.app.cli.options import RecordingOptions
+from pps_vision.app.cli.options import RecordingOptions, raise_bugs
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Joints(RecordingOptions):
         robot, skin = load_icub(), icub_skin()
         touches: list[TouchTrial] = []
         with whole_file(self.out, self.inputs) as partial:
-            used = self.use_each(
+            _, bugs = self.use_each(
                 "joints", lambda recording: touches.extend(tracked_touches(recording, skin, self.mode, self.seed))
             )
             learned = joint_offsets(robot, icub_rig(robot), skin, touches)
@@ -41,4 +41,4 @@ class Joints(RecordingOptions):
         print(
             f"{n} touches, seen {without_mm:.0f} mm from where they were felt, {with_mm:.0f} with offsets → {self.out}"
         )
-        used.raise_bugs()
+        raise_bugs(bugs)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pps_vision.app.cli.options import RecordingOptions, RobotOptions
+from pps_vision.app.cli.options import RecordingOptions, RobotOptions, raise_bugs
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording
@@ -45,9 +45,9 @@ class Learn(RobotOptions, RecordingOptions):
                 memory = load_memory(self.into)
                 check_memory(memory, setup.skin, self.into)
             initial_memory = memory
-            used = self.use_each("learn", use, self.joints, setup)
+            n_used, bugs = self.use_each("learn", use, self.joints, setup)
             save_memory(partial, memory)
         if memory is initial_memory:
             print("nothing learned: no recording has a touch by a tracked object", file=sys.stderr)
-        print(f"{used.n} of {len(self.recordings)} recordings learned → {self.out}")
-        used.raise_bugs()
+        print(f"{n_used} of {len(self.recordings)} recordings learned → {self.out}")
+        raise_bugs(bugs)

@@ -165,10 +165,11 @@ class RecordingOptions:
         use: "Callable[[Recording], None]",
         joints: Path | None = None,
         robot: "RobotSetup | None" = None,
-    ) -> "Used":
+    ) -> tuple[int, list[Exception]]:
         """Open and use every recording and print skipped rows and images; a failure does not stop the others.
 
-        InputError if no recording is usable, ExceptionGroup if that is because of a bug.
+        Returns the number of used recordings and the bugs that prevented others, for `raise_bugs` after the result is
+        written. InputError if no recording is usable, ExceptionGroup if that is because of a bug.
         """
         from pps_vision.app.progress import progress
         from pps_vision.recordings.open import open_recording
@@ -194,25 +195,18 @@ class RecordingOptions:
             except Exception as error:
                 error.add_note(f"while using {folder}")
                 bugs.append(error)
-        used = Used(len(self.recordings) - len(skipped) - len(bugs), bugs)
-        if not used.n:
-            used.raise_bugs()
-            n = len(self.recordings)
+        n = len(self.recordings)
+        n_used = n - len(skipped) - len(bugs)
+        if not n_used:
+            raise_bugs(bugs)
             raise skipped[0] if n == 1 else InputError(command, f"none of {n} recordings is usable")
-        return used
+        return n_used, bugs
 
 
-@dataclass(frozen=True)
-class Used:
-    """Number of used recordings, and the bugs that prevented others."""
-
-    n: int
-    bugs: list[Exception]
-
-    def raise_bugs(self) -> None:
-        """Raise the bugs with their tracebacks; call it after the result of the others is written."""
-        if self.bugs:
-            raise ExceptionGroup("bugs of pps-vision; the recordings are left out", self.bugs)
+def raise_bugs(bugs: list[Exception]) -> None:
+    """Raise the bugs, if any, with their tracebacks."""
+    if bugs:
+        raise ExceptionGroup("bugs of pps-vision; the recordings are left out", bugs)
 
 
 def print_skipped(problems: Iterable[object], warnings: Iterable[str] = ()) -> None:

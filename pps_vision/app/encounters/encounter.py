@@ -38,6 +38,7 @@ Condition = Literal[
 ]
 HAZARDS: tuple[Condition, ...] = ("stop", "press", "through")
 HARMLESS: tuple[Condition, ...] = tuple(c for c in get_args(Condition) if c.startswith("harmless"))
+"""In these nothing should be commanded."""
 OBJECTS: tuple[StimulusName, ...] = ("ball", "cube", "octopus", "marker")
 """The memory is learned from the first two; the others are unseen."""
 SPEED_M_S = (0.05, 0.30)
@@ -96,11 +97,6 @@ class Encounter:
     seconds: float  # length of the encounter
     contact_s: float  # when it would touch the arm at rest; inf if it would not
     q_rad: Array  # (n_joints,) the robot at the start, its eyes on the object
-
-    @property
-    def is_harmless(self) -> bool:
-        """Whether nothing should be commanded."""
-        return self.condition in HARMLESS
 
     @property
     def own_motion(self) -> OwnMotion:
@@ -274,11 +270,7 @@ def draw_posture(scene: EncounterScene, side: Side, part: Part, rng: np.random.G
 def would_touch(start: Array, velocity: Array, taxels: Array, radius_m: float) -> float:
     """Return the time at which a ball that moves straight first touches one of the taxels (n, 3) at rest, else inf.
 
-    Args:
-        start: (3,) m, its centre at time 0.
-        velocity: (3,) m/s.
-        taxels: (n, 3) m.
-        radius_m: Its radius; it touches a taxel where its surface is within `TOUCH_RADIUS_M` of the centre.
+    Its centre is at `start` (3,) at time 0; it touches at `TOUCH_RADIUS_M` from its surface to a taxel's centre.
     """
     d = start - taxels
     reach = radius_m + TOUCH_RADIUS_M

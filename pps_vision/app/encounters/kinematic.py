@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
-from pps_vision.app.encounters.encounter import Encounter, EncounterScene
+from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene
 from pps_vision.app.encounters.training import FIELD, Memories
 from pps_vision.app.pipeline import Taxels, activation_by
 from pps_vision.app.simulation import PERIOD_S, own_rate
@@ -142,6 +142,7 @@ def simulate_encounter(
     """
     skin = scene.skins[encounter.side]
     arm = scene.arm(encounter.side)
+    is_harmless = encounter.condition in HARMLESS
     behaviour: Literal["avoid", "reach"] = "reach" if encounter.condition == "reach" else "avoid"
     robot = scene.robot, skin, encounter.side, encounter.q_rad, scene.self_collision
     act = new_controller(ArmScene(*robot, memories.of_distance, behaviour, reachability))
@@ -181,7 +182,7 @@ def simulate_encounter(
             gap = np.linalg.norm(taxels - encounter.motion(t + PERIOD_S)[0], axis=1) - encounter.radius_m
             speed = float(np.linalg.norm(velocities[activations.argmax()]))
             frames.append(FrameLog(t, q, gap, activations, speed, bool((gap <= TOUCH_RADIUS_M).any())))
-        elif monitor.touched_part or (encounter.is_harmless and t > monitor.first_command_s + _AFTER_COMMAND_S):
+        elif monitor.touched_part or (is_harmless and t > monitor.first_command_s + _AFTER_COMMAND_S):
             break
     return monitor.result(name)
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -73,12 +74,9 @@ def run_suite(
         for first in range(0, n, _PART)
     ]
     files = [folder / f"{task.condition} {task.first}.json" for task in tasks]
-    show = {"desc": "encounters", "unit": "part", "total": len(tasks), "disable": None}
-    if workers == 1:
-        parts = list(tqdm(map(_run, tasks, files), **show))
-    else:
-        with worker_pool(workers) as pool:
-            parts = list(tqdm(pool.map(_run, tasks, files), **show))
+    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
+        rows_of_tasks = (pool.map if pool else map)(_run, tasks, files)
+        parts = list(tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(tasks), disable=None))
     shutil.rmtree(folder)
     _memories.cache_clear()
     _maps.cache_clear()

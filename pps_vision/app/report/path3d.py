@@ -48,13 +48,8 @@ draw();})();
 
 
 def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
-    """Return lines (color, points (n ≥ 1, 3) in m; NaN is a gap) and the 95 % ellipsoids of positions, as HTML.
-
-    Args:
-        lines: One or more; the first is drawn thicker.
-        at: (m, 3) positions with a covariance.
-        cov: (m, 3, 3) m².
-    """
+    """Return one line or more (color, points (n ≥ 1, 3) in m; NaN is a gap; the first is drawn thicker) and the 95 %
+    ellipsoids of positions `at` (m, 3) with covariances (m, 3, 3) in m², as HTML."""
     shown = [(color, points[:: -(-len(points) // _MOST_POINTS)]) for color, points in lines]
     finite = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown])
     if not len(finite):
