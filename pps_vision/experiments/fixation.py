@@ -4,8 +4,9 @@ Kinematic, 20 Hz: the true point is projected into both eyes with pixel noise, t
 controllers get the filter's track, and their commands, limited as all are, take effect late.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -76,25 +77,22 @@ AXES: Mapping[Axis, tuple[str, Mapping[float, Condition]]] = {
 class Method:
     """A gaze controller and its inputs."""
 
-    params: FixationParams | NeckAndEyesParams  # J IV.1, or six joints
+    step: Callable[..., JointVelocity]  # J IV.1, or six joints
     compensates: bool = True  # whether target and posture are predicted to the time at which the command takes effect
     knows_motion: bool = False  # whether the true motion at that time is given in place of the filter's track
 
-    def command(
-        self, posture: Posture, p: Array, v: Array, stamp_s: float, last: JointVelocity | None
-    ) -> JointVelocity:
-        """Return the command for a target."""
-        if isinstance(self.params, NeckAndEyesParams):
-            return neck_and_eyes.step(self.params, posture, p, v, MAX_HOLD_S, stamp_s, last)
-        return fixation.step(self.params, posture, p, v, MAX_HOLD_S, stamp_s)
+
+def _j(posture: Posture, p: Array, v: Array, hold_s: float, stamp_s: float, _: JointVelocity | None) -> JointVelocity:
+    return fixation.step(FixationParams(), posture, p, v, hold_s, stamp_s)
 
 
+_six = partial(neck_and_eyes.step, NeckAndEyesParams())
 METHODS = {
-    "J IV.1": Method(FixationParams()),
-    "six joints": Method(NeckAndEyesParams()),
-    "six joints, motion known": Method(NeckAndEyesParams(), knows_motion=True),
-    "J IV.1, latency ignored": Method(FixationParams(), compensates=False),
-    "six joints, latency ignored": Method(NeckAndEyesParams(), compensates=False),
+    "J IV.1": Method(_j),
+    "six joints": Method(_six),
+    "six joints, motion known": Method(_six, knows_motion=True),
+    "J IV.1, latency ignored": Method(_j, compensates=False),
+    "six joints, latency ignored": Method(_six, compensates=False),
 }
 _CONTROLLERS = ("J IV.1", "six joints")
 _FOLLOWING = (*_CONTROLLERS, "six joints, motion known")
@@ -127,7 +125,7 @@ class Head:
             then = self.robot.at(posture_after(q, commands, t, t + latency_s, latency_s) if method.compensates else q)
             target = self._target(method, belief, motion, t, latency_s)
             rest = JointVelocity(t, np.zeros(self.robot.n_joints), MAX_HOLD_S)
-            wanted = rest if target is None else method.command(then, *target, t, last)
+            wanted = rest if target is None else method.step(then, *target, MAX_HOLD_S, t, last)
             commands.append(limits.limit(LimitParams(), self.self_collision, then, wanted, last, last_q))
             last_q = then.q_rad
             commands = commands[-12:]
@@ -250,7 +248,6 @@ class Fixation(SampledStudy):
             runs.append(errors[int(1.0 / _DT_S) * 2 :])
         return {
             "rms_deg": interval([[rms(run)] for run in runs], median),
-            "worst_deg": interval([[run.max()] for run in runs], median),
             "near_percent": interval([run <= _NEAR_DEG for run in runs], percent),
         }
 

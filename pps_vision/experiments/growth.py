@@ -140,11 +140,31 @@ class Growth(SampledStudy):
         return {"sizes": list(self.pairs), "ms": ms, "memory_mb": memory_mb[: len(self.pairs)]}  # of the first turn
 
     def _skin(self, taxels: int) -> dict[str, Call]:
-        body = _body(taxels, np.random.default_rng(self.seed))
+        """A ball approaches the first taxel of eight cylindrical limbs, 30 cm long, 10 cm thick and 40 cm apart."""
+        rng = np.random.default_rng(self.seed)
+        limb = np.arange(taxels) * _LIMBS // taxels
+        angle = rng.uniform(0, 2 * np.pi, taxels)
+        height = rng.uniform(-0.15, 0.15, taxels)
+        normals = np.stack([np.cos(angle), np.sin(angle), np.zeros(taxels)], axis=1)
+        positions = 0.05 * normals + np.stack([0.4 * limb, np.zeros(taxels), height], axis=1)
+        ids = tuple(f"limb{k}:{i}" for i, k in enumerate(limb))
+        params = MemoryParams()
+        memory = PPSMemory(ids, limb, rng.integers(0, 50, (taxels, *params.bins, 2)), params)
+        velocity = -0.08 * normals[0]
+        path = positions[0] - 0.05 * np.arange(_SAMPLES, 0, -1)[:, None] * velocity
+        perceived = partial(perceive, _FIELD, positions, normals)
+        buffer = EventBuffer()
+        for k, p in enumerate(path):
+            D, TTC = perceived(p, velocity)
+            buffer = push(buffer, TaxelEvents(0.05 * k, ids, D, TTC, np.zeros(taxels, bool)))
         touched = np.arange(taxels) == 0
+
+        def activations() -> Array:
+            return activation(memory, *perceived(path[_SAMPLES // 2], velocity, _RADIUS_M, _COV))
+
         return {
-            "one stimulus": partial(timed_runs, partial(_activations, body), _RUNS),
-            "3 s learned": partial(timed_runs, partial(learn, body.memory, _buffer_at_touch(body), touched), _RUNS),
+            "one stimulus": partial(timed_runs, activations, _RUNS),
+            "3 s learned": partial(timed_runs, partial(learn, memory, buffer, touched), _RUNS),
         }
 
     def _map(self, labels: int) -> dict[str, Call]:
@@ -164,17 +184,6 @@ class Growth(SampledStudy):
             axis.set(xscale="log", yscale="log")
             axis.legend(fontsize=7, title="exponent", title_fontsize=7)
         return figure
-
-
-@dataclass(frozen=True)
-class _Body:
-    """Taxels of eight cylindrical limbs 30 cm long and 10 cm thick, and a ball that approaches the first taxel."""
-
-    positions: Array
-    normals: Array
-    memory: PPSMemory
-    ball: Array  # (60, 3) m, its path
-    velocity: Array
 
 
 def exponent(sizes: Sequence[float], ms: Sequence[Sequence[float]]) -> float:
@@ -206,34 +215,3 @@ def to_and_fro(recording: Path, out: Path, pairs: int) -> None:
                 stamp_s = k // len(rows) * period_s + stamps_s[k % len(rows)]
                 file.write(" ".join([f"{k} {stamp_s:.6f}", *values]) + "\n")
     (out / "truth.csv").unlink()
-
-
-def _body(n: int, rng: np.random.Generator) -> _Body:
-    """A body of `n` taxels, uniform on eight limbs 40 cm apart, with random counts in its memory."""
-    limb = np.arange(n) * _LIMBS // n
-    angle = rng.uniform(0, 2 * np.pi, n)
-    height = rng.uniform(-0.15, 0.15, n)
-    normals = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
-    positions = 0.05 * normals + np.stack([0.4 * limb, np.zeros(n), height], axis=1)
-    params = MemoryParams()
-    counts = rng.integers(0, 50, (n, *params.bins, 2))
-    memory = PPSMemory(tuple(f"limb{k}:{i}" for i, k in enumerate(limb)), limb, counts, params)
-    velocity = -0.08 * normals[0]
-    left_s = 0.05 * np.arange(_SAMPLES, 0, -1)
-    return _Body(positions, normals, memory, positions[0] - left_s[:, None] * velocity, velocity)
-
-
-def _activations(body: _Body) -> Array:
-    """Activations (n,) for the ball at the middle of its path."""
-    stimulus = (body.ball[_SAMPLES // 2], body.velocity, _RADIUS_M, _COV)
-    return activation(body.memory, *perceive(_FIELD, body.positions, body.normals, *stimulus))
-
-
-def _buffer_at_touch(body: _Body) -> EventBuffer:
-    """Buffered samples of the whole approach."""
-    buffer = EventBuffer()
-    untouched = np.zeros(len(body.positions), bool)
-    for k, p in enumerate(body.ball):
-        D, TTC = perceive(_FIELD, body.positions, body.normals, p, body.velocity)
-        buffer = push(buffer, TaxelEvents(0.05 * k, body.memory.taxel_ids, D, TTC, untouched))
-    return buffer

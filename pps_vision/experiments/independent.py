@@ -3,9 +3,9 @@
 Right: status tracking and an error below 30 mm; share of the frames from 1 s on (of `start` rest: from 1 s after the
 object first moves) in which both eyes see at least half of the object. False claim: status tracking and an error above
 50 mm; share of all frames. Found after: time from when both eyes see the object move to the first right frame. Median
-error, error of the radius, stated standard deviation (geometric mean of the three axes) and coverage of the 95 %
-ellipsoid: over the judged frames with status tracking. Of two equal balls either may be tracked, but the same one
-throughout. Baselines get the true boxes in the first frame that shows the whole object.
+error, error of the radius and coverage of the 95 % ellipsoid: over the judged frames with status tracking. Of two equal
+balls either may be tracked, but the same one throughout. Baselines get the true boxes in the first frame that shows the
+whole object.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

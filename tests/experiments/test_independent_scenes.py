@@ -175,7 +175,6 @@ def test_scores_count_what_they_say():
         "median_mm": pytest.approx(10),
         "radius_percent": pytest.approx(0, abs=1e-9),
         "covered_percent": 75,  # of eight claims two are 4 and 6 σ off
-        "stated_mm": pytest.approx(10),
     }
     late = [Track3D.unknown(row.stamp_s) for row in film.truth[:7]] + tracks[7:]
     assert score(late, film.truth)["found_s"] == pytest.approx(0.7)

@@ -23,16 +23,13 @@ _SHARES = {"MOSSE": 2.0, "KCF": 1.5, "CSRT": 1.5}
 
 
 def image_tracker(name: ImageTrackerName, image: Image, box: BoxPx) -> ImageTracker:
-    """Return a tracker of the object in the box."""
-    return _camshift(image, box) if name == "CamShift" else _opencv_tracker(name, image, box)
+    """Return a tracker of the object in the box, with OpenCV's default parameters.
 
-
-def _opencv_tracker(name: Literal["MOSSE", "KCF", "CSRT"], image: Image, box: BoxPx) -> ImageTracker:
-    """MOSSE, KCF or CSRT with default parameters, in the interface for boxes of fractions of a pixel.
-
-    Each is given more than the box, because a plain object alone leaves little to correlate with; the object is in the
-    middle of the tracked box.
+    MOSSE, KCF and CSRT take boxes of fractions of a pixel. Each is given more than the box, because a plain object
+    alone leaves little to correlate with; the object is in the middle of the tracked box.
     """
+    if name == "CamShift":
+        return _camshift(image, box)
     share = _SHARES[name]
     code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
     tracker: cv2.legacy.Tracker = getattr(cv2.legacy, f"Tracker{name}").create()

@@ -53,14 +53,14 @@ class SphericalArm:
 
     def solve(self, points: ArrayLike) -> Array:
         """Return (N, 4) a posture that brings the hand to each point (N, 3); NaN where out of reach."""
-        return _in_chunks(self._cheapest_corner, points)
+        return _in_chunks(self._best, points)
 
     def least_effort(self, points: ArrayLike, samples: int = 61) -> tuple[Array, Array]:
         """Return the posture (N, 4) of least M (J IV.5) that reaches each point (N, 3), and M (N,); NaN out of reach.
 
         M is the mean squared deviation of the joints from the middle of their ranges, relative to half a range.
         """
-        q = _in_chunks(lambda chunk: self._refined(chunk, samples), points)
+        q = _in_chunks(lambda chunk: self._best(chunk, samples), points)
         return q, self._effort(q)
 
     def curves(self, points: ArrayLike, samples: int) -> Array:
@@ -80,15 +80,13 @@ class SphericalArm:
         cheapest: Array = np.take_along_axis(q, k[:, None, None], axis=1)[:, 0]
         return cheapest
 
-    def _cheapest_corner(self, points: Array) -> Array:
-        """(N, 4) cheapest of the postures at limits and turning points."""
+    def _best(self, points: Array, samples: int = 0) -> Array:
+        """(N, 4) cheapest of the postures at limits and turning points; with `samples`, the posture of least effort:
+        sampled along each curve, then twice around the best sample."""
         target = points - self.shoulder
-        return self._cheapest(self._postures(target, self._third_joint(target)))
-
-    def _refined(self, points: Array, samples: int) -> Array:
-        """(N, 4) least effort: sampled along each curve, then twice around the best sample."""
-        target = points - self.shoulder
-        best = self._cheapest_corner(points)
+        best = self._cheapest(self._postures(target, self._third_joint(target)))
+        if not samples:
+            return best
         lower = self.lower_rad[2]
         upper = self.upper_rad[2]
         span = upper - lower

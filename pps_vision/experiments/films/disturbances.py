@@ -89,17 +89,14 @@ def jittered(fine: Footage, every: int, std_s: float, rng: np.random.Generator) 
     recording = at_rate(fine, every)
     half_s = 0.45 * float(np.median(np.diff(recording.stamps_s)))
     stamps_s = recording.stamps_s + np.clip(std_s * rng.standard_normal(len(recording.frames)), -half_s, half_s)
-    return _each_frame(
-        _with_joints(recording, _frames_at(fine, stamps_s)),
-        stamps_s.tolist(),
-        lambda frame, stamp_s: replace(frame, stamp_left_s=stamp_s, stamp_right_s=stamp_s),
-    )
+    stale = _with_joints(recording, fine, stamps_s)
+    return _each_frame(stale, stamps_s.tolist(), lambda f, t: replace(f, stamp_left_s=t, stamp_right_s=t))
 
 
 def stale_joints(fine: Footage, every: int, delay_s: float) -> Footage:
     """Make the joints of every frame `delay_s` old."""
     recording = at_rate(fine, every)
-    return _with_joints(recording, _frames_at(fine, recording.stamps_s - delay_s))
+    return _with_joints(recording, fine, recording.stamps_s - delay_s)
 
 
 def right_late(fine: Footage, every: int, delay_s: float) -> Footage:
@@ -132,15 +129,10 @@ def miscalibrated(recording: Footage, share: float, rng: np.random.Generator) ->
     The errors of focal lengths are relative, those of principal points to half the image's size.
     """
 
-    def off(camera: Camera) -> Camera:
+    def off(c: Camera) -> Camera:
         fx, fy, cx, cy = share * rng.choice([-1.0, 1.0], 4)
-        return replace(
-            camera,
-            fx=camera.fx * (1 + fx),
-            fy=camera.fy * (1 + fy),
-            cx=camera.cx + cx * camera.width / 2,
-            cy=camera.cy + cy * camera.height / 2,
-        )
+        center = {"cx": c.cx + cx * c.width / 2, "cy": c.cy + cy * c.height / 2}
+        return replace(c, fx=c.fx * (1 + fx), fy=c.fy * (1 + fy), **center)
 
     rig = recording.rig
     return replace(recording, rig=StereoRig(off(rig.left), off(rig.right), rig.eye_poses))
@@ -172,10 +164,10 @@ def _each_image(recording: Footage, change: Callable[[Image, float], Image]) -> 
     )
 
 
-def _with_joints(recording: Footage, sources: list[StereoFrame]) -> Footage:
+def _with_joints(recording: Footage, fine: Footage, stamps_s: Array) -> Footage:
     return _each_frame(
         recording,
-        sources,
+        _frames_at(fine, stamps_s),
         lambda f, source: replace(f, joints_left_rad=source.joints_left_rad, joints_right_rad=source.joints_right_rad),
     )
 

@@ -134,7 +134,6 @@ def score(tracks: Sequence[Track3D], truth: Sequence[Truth], moves_at_s: float =
     right = moving & claimed & (error < _RIGHT_M)
     radius_error = np.array([abs(t.radius_m / row.radius_m - 1) for t, row in zip(tracks, truth, strict=True)])
     covered = [_is_covered(t, row.position) for t, row, k in zip(tracks, truth, tracked, strict=True) if k]
-    stated_m = [np.linalg.det(t.cov[:3, :3]) ** (1 / 6) for t, k in zip(tracks, tracked, strict=True) if k]
     return {
         "judged": int(judged.sum()),
         "right_percent": percent((claimed & (error < _RIGHT_M))[judged]),
@@ -143,7 +142,6 @@ def score(tracks: Sequence[Track3D], truth: Sequence[Truth], moves_at_s: float =
         "median_mm": 1000 * float(np.median(error[tracked])) if tracked.any() else np.nan,
         "radius_percent": 100 * float(np.median(radius_error[tracked])) if tracked.any() else np.nan,
         "covered_percent": percent(np.array(covered, dtype=bool)),
-        "stated_mm": 1000 * float(np.median(stated_m)) if stated_m else np.nan,
     }
 
 

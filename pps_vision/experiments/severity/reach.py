@@ -34,9 +34,8 @@ _N_SAMPLES = 1500
 _ELBOW = 3
 _STUCK_RAD = np.deg2rad(60)
 _LIMITS = GazeLimits()
-_CONFIDENT = 0.99
 _BREAK = Break("je", jamone.PUBLISHED["je"])
-_METRICS = {"je": Metric("misjudged", percent), "confident_and_wrong": Metric("confident_and_wrong", percent)}
+_METRICS = {"je": Metric("misjudged", percent)}
 _LWPR_ARM = jamone.ARM_PARAMS._replace(init_D=40)  # wider fields than for 4400 samples
 _MAP_PARAMS = MapParams(
     n_babble=20_000,
@@ -133,9 +132,7 @@ def learn_and_judge(learner: str, n_labels: int, data: Training, seed: int) -> V
         prediction = learn_map(partial(_flipped, oracle.label, data.flipped, rng), params, rng)(data.gaze_rad)
     except ValueError:  # of the learners: too few samples, no receptive field that answers, no label beyond the border
         pass
-    wrong = prediction.reachable != data.reachable
-    confident = np.maximum(prediction.probability, 1 - prediction.probability) > _CONFIDENT
-    return {"misjudged": wrong, "confident_and_wrong": wrong[confident]}
+    return {"misjudged": prediction.reachable != data.reachable}
 
 
 def _flipped(label: Oracle, share: float, rng: np.random.Generator, gaze: Array) -> Labels:
@@ -151,7 +148,7 @@ def _flipped(label: Oracle, share: float, rng: np.random.Generator, gaze: Array)
 
 
 def run(study: Any) -> dict[str, Any]:
-    """Return by disturbance the results of `compare_severities`: JE and confident errors (%)."""
+    """Return by disturbance the results of `compare_severities`: JE (%)."""
     methods = {name: partial(learn_and_judge, name, study.n_labels) for name in LEARNERS}
     return {
         name: compare_severities(partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds, _BREAK)

@@ -5,7 +5,7 @@ A marker and a ball, on one processor thread and on a CUDA device where there is
 
 from functools import partial
 from time import perf_counter, process_time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,33 +14,20 @@ from pps_vision.app.track import chunks, torch_device
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving, tracker_params
 from pps_vision.experiments.stages.parameters import StageParameters
-from pps_vision.experiments.study import TURNS, Method, Metric, Values, compare, mean, rms
+from pps_vision.experiments.study import TURNS, Method, Metric, Values, compare, rms
 from pps_vision.types import Array
 from tracking.batch import BatchTracker
 from tracking.tracker import Tracker, TrackerStep
 
 SIZES = (1, 4, 16, 64)
 ALONE = "frame by frame"
-_METRICS = {
-    "error_px": Metric("error_px", rms),
-    "apart_px": Metric("apart_px", lambda values: float(np.max(values)) if len(values) else np.nan),
-    "only_in_one": Metric("only_in_one", mean),
-}
-
-
-class Pairs(NamedTuple):
-    """A recording, the true centres (n, 2, 2) px, and the centres that the tracker detects frame by frame."""
-
-    recording: Footage
-    truth: Array
-    alone: Array
-
-
+_METRICS = {"error_px": Metric("error_px", rms)}
+Pairs = tuple[Footage, Array]  # a recording and the true centres (n, 2, 2) px
 chart = cells_chart("error_px", "RMS error of detections (px)", default=ALONE)
 
 
 def run(study: StageParameters) -> dict[str, Any]:
-    """Return by object and way: time a pair, pixel error, largest distance from the detections frame by frame."""
+    """Return by object and way: time of a pair and pixel error."""
     devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
     methods: dict[str, Method] = {ALONE: partial(_run, "", 1)}
     for device in devices:
@@ -58,23 +45,21 @@ def _pairs(stimulus: str, seconds: float, seed: int) -> Pairs:
     views = [recording.rig.view_of(frame) for frame in recording.frames]
     positions = zip(views, recording.position, strict=True)
     truth = np.array([[view.left.project(p), view.right.project(p)] for view, p in positions])
-    return Pairs(recording, truth, _centers(_steps("", 1, recording, seed)))
+    return recording, truth
 
 
 def _run(device: str, size: int, pairs: Pairs, seed: int) -> Values:
     clock = perf_counter if device == "cuda" else process_time  # a device's work is no processor time
     start = clock()
-    steps = _steps(device, size, pairs.recording, seed)
+    recording, truth = pairs
+    steps = _steps(device, size, recording, seed)
     ms = 1000 * (clock() - start) / len(steps)
-    centers = _centers(steps)
-    error = np.linalg.norm(centers - pairs.truth, axis=-1)
-    apart = np.linalg.norm(centers - pairs.alone, axis=-1)
-    return {
-        "ms": [ms],
-        "error_px": error[np.isfinite(error)],
-        "apart_px": apart[np.isfinite(apart)],
-        "only_in_one": (np.isnan(centers[..., 0]) != np.isnan(pairs.alone[..., 0])).ravel(),
-    }
+    centers = np.full(truth.shape, np.nan)
+    for k, step in enumerate(steps):
+        for detection in step.detections:
+            centers[k, ("left", "right").index(detection.camera)] = detection.center_px
+    error = np.linalg.norm(centers - truth, axis=-1)
+    return {"ms": [ms], "error_px": error[np.isfinite(error)]}
 
 
 def _steps(device: str, size: int, recording: Footage, seed: int) -> list[TrackerStep]:
@@ -89,12 +74,3 @@ def _steps(device: str, size: int, recording: Footage, seed: int) -> list[Tracke
         return [step for chunk in chunks(recording.frames, size) for step in batches.steps(chunk)]
     finally:
         torch.set_num_threads(threads)
-
-
-def _centers(steps: list[TrackerStep]) -> Array:
-    """(n, 2, 2) detected centres in the left and the right image, px; NaN where there is none."""
-    centers = np.full((len(steps), 2, 2), np.nan)
-    for k, step in enumerate(steps):
-        for detection in step.detections:
-            centers[k, ("left", "right").index(detection.camera)] = detection.center_px
-    return centers

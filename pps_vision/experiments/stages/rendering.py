@@ -1,10 +1,9 @@
-"""How finely a scene must be drawn: the renderer's time against the image error and the tracking error.
+"""How finely a scene must be drawn: the renderer's time against the image error.
 
 Balls and markers on paths that the eyes follow, drawn in several ways, beside images cast ray by ray.
 """
 
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,19 +15,16 @@ from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.exact import ray_cast
 from pps_vision.experiments.stages.parameters import StageParameters
-from pps_vision.experiments.study import NOISE_SIGMA, Metric, Values, compare, rms
-from pps_vision.experiments.timing import timed
+from pps_vision.experiments.study import Metric, Values, compare, rms
+from pps_vision.experiments.timing import timed_steps
 from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import icub_rig, icub_setup, load_icub
-from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
 from rendering.names import StimulusName
 from rendering.scene import SceneState
-from rendering.sensor import Sensor, expose
 from rendering.stimuli import make_stimulus
-from tracking.tracker import Tracker, TrackerParams
 
 WAYS = {
     "scale 1, fineness 2": Fidelity(fineness=2),
@@ -40,11 +36,9 @@ WAYS = {
 }
 DEFAULT = "scale 1"
 OBJECTS: tuple[StimulusName, ...] = ("ball", "marker")
-_FPS = 20.0
-_SENSOR = Sensor(noise_sigma=NOISE_SIGMA)
 _MARGIN_PX = 2.0  # around the object, where images are compared
 _RAYS = 5  # of the reference, along a pixel's side
-_METRICS = {"object_error": Metric("object", rms), "error_mm": Metric("error_mm", rms)}
+_METRICS = {"object_error": Metric("object", rms)}
 
 
 class Drawing(NamedTuple):
@@ -58,7 +52,7 @@ chart = cells_chart("object_error", "image error (grey levels)", (), DEFAULT, "t
 
 
 def run(study: StageParameters) -> dict[str, Any]:
-    """Return by object and way to draw: time of a pair, image error (grey levels), tracking error (mm)."""
+    """Return by object and way to draw: time of a pair and image error (grey levels)."""
     cells: dict[str, Any] = {}
     robot = load_icub()
     for stimulus in OBJECTS:
@@ -68,7 +62,7 @@ def run(study: StageParameters) -> dict[str, Any]:
                 shape = make_stimulus(stimulus, fineness=way.fineness)
                 eyes = stack.enter_context(Eyes(robot, icub_rig(robot), shape, fidelity=way))
                 eyes.render(SceneState(np.zeros(robot.n_joints), np.array([-0.4, 0.0, 0.3])), 0.0)  # warms up
-                methods[name] = partial(_errors, stimulus, eyes)
+                methods[name] = partial(_errors, eyes)
             cells |= compare({stimulus: partial(_drawing, stimulus, study.seconds)}, methods, _METRICS, study.seeds)
     return {"cells": cells}
 
@@ -83,17 +77,11 @@ def _drawing(stimulus: StimulusName, seconds: float, seed: int) -> Drawing:
     views = icub_rig(robot).view(states[0].q_rad)
     references = []
     for view in (views.left, views.right):
-        near = _beyond_rim_px(view, _position(states[0]), shape.radius_m) < _MARGIN_PX
+        near = _beyond_rim_px(view, np.asarray(states[0].position), shape.radius_m) < _MARGIN_PX
         image = np.array(ray_cast(robot, view, states[0], *ball, 1))
         image[near] = ray_cast(robot, view, states[0], *ball, _RAYS, near)[near]
         references.append((image, near))
     return Drawing(states, references)
-
-
-def _position(state: SceneState) -> Array:
-    if state.position is None:
-        raise ValueError("a scene without an object; expected one to compare")
-    return state.position
 
 
 def _beyond_rim_px(view: View, p: Array, radius_m: float) -> Array:
@@ -105,23 +93,9 @@ def _beyond_rim_px(view: View, p: Array, radius_m: float) -> Array:
     return beyond
 
 
-def _errors(stimulus: StimulusName, eyes: Eyes, drawing: Drawing, seed: int) -> Values:
-    """Image differences around the object in the first pair, and errors of the triangulation of each noisy pair."""
-    robot = load_icub()
-    params = TrackerParams("marker" if stimulus == "marker" else "generic")
-    tracker = Tracker(params, icub_rig(robot), np.random.default_rng(seed), own_body=Silhouette(robot))
-    difference: list[Array] = []
-    error_mm = []
-    ms = []
-    for k, state in enumerate(drawing.states):
-        frame, frame_ms = timed(partial(eyes.render, state, k / _FPS))
-        ms.append(frame_ms)
-        if k == 0:
-            pairs = zip((frame.left, frame.right), drawing.references, strict=True)
-            difference = [(image.astype(float) - exact)[near].ravel() for image, (exact, near) in pairs]
-        rng = np.random.default_rng((seed, k))
-        left, right = (expose(_SENSOR, image.astype(np.float32), rng) for image in (frame.left, frame.right))
-        observation = tracker.step(replace(frame, left=left, right=right)).observation
-        if observation is not None:
-            error_mm.append(1000 * float(np.linalg.norm(observation.p_root - _position(state))))
-    return {"object": np.concatenate(difference), "error_mm": error_mm, "ms": ms}
+def _errors(eyes: Eyes, drawing: Drawing, seed: int) -> Values:
+    """Image differences around the object in the first pair."""
+    frames, ms = timed_steps(lambda state: eyes.render(state, 0.0), drawing.states)
+    pairs = zip((frames[0].left, frames[0].right), drawing.references, strict=True)
+    difference = [(image.astype(float) - exact)[near].ravel() for image, (exact, near) in pairs]
+    return {"object": np.concatenate(difference), "ms": ms}
