@@ -118,11 +118,9 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     """Run a study, part by part, and write result and charts; skip parts that this commit has measured with the same
     parameters."""
     file = _result(name, out)
-    fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
-    parameters = {
-        key: value.name if isinstance(value, Path) else value for key, value in fields.items() if key != "parts"
-    }
-    setting = {"parameters": plain(parameters), "machine": versions.machine(commit)}
+    fields = {key: value.name if isinstance(value, Path) else value for key, value in asdict(study).items()}
+    fields.pop("parts", None)
+    setting = {"parameters": plain(fields), "machine": versions.machine(commit)}
     again = again or commit.endswith(("dirty", "unknown"))
     results = json.loads(file.read_text()) if file.exists() else {}
     for part, task in (study.tasks() if isinstance(study, PartsStudy) else {"": study.run}).items():
@@ -142,8 +140,8 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
             partial.write_text(_json({"study": name, **numbers}, levels=2 if part else 1) + "\n")
             written = read_numbers(partial)
             _draw(study, name, {part: written[part]} if part else written, out)
-            run = written[part] if part else written
-            skipped = run.get("skipped") or run.get("not_measured")
+        run = written[part] if part else written
+        skipped = run.get("skipped") or run.get("not_measured")
         missing = f"; skipped: {skipped}" if skipped else ""
         print(f"→ {label} ({perf_counter() - start:.0f} s{missing})", flush=True)
 
@@ -163,35 +161,20 @@ def _fill_documents(catalog: Mapping[str, type[Study]], out: Path) -> None:
     If `out` is not the documents' folder, the filled documents are written to it.
     """
     documents = {file: file.read_text() for file in (*sorted(_DOCUMENTS.glob("*.md")), *Path().glob("README.md"))}
-    wanted = [name for text in documents.values() for name in names(text)]
-    shown = [study for study in catalog if any(f"{table}_".startswith(f"{study}_") for table in wanted)]
-    numbers = {study: read_numbers(_result(study, out)) for study in shown if _result(study, out).exists()}
     tables = {_CLAIMS: claims_table(out / "results")}
-    for study, values in numbers.items():
-        own = catalog[study]().tables(values)
-        tables |= {f"{study}_{name}" if name else study: table for name, table in own.items()}
+    for study, cls in catalog.items():
+        if _result(study, out).exists():
+            own = cls().tables(read_numbers(_result(study, out)))
+            tables |= {f"{study}_{name}" if name else study: table for name, table in own.items()}
     for document, text in documents.items():
         for name in names(text):
-            if name not in tables and not _is_unmeasured(name, catalog, numbers):
+            if name != _CLAIMS and not any(f"{name}_".startswith(f"{study}_") for study in catalog):
                 raise InputError(document, f"table {name}; expected the name of a study and of its table")
         target = document if out == _DOCUMENTS else out / document.name
         new = filled(text, {name: markdown(table) for name, table in tables.items()}, document)
         if names(text) and not (target.exists() and target.read_text() == new):
             with whole_file(target) as partial:
                 partial.write_text(new)
-
-
-def _is_unmeasured(table: str, catalog: Mapping[str, type[Study]], numbers: Mapping[str, Any]) -> bool:
-    """Whether a table is of a study without a result, or of a part that was skipped or not run."""
-    studies = [study for study in catalog if f"{table}_".startswith(f"{study}_")]
-    if not studies:
-        return False
-    study = max(studies, key=len)
-    cls = catalog[study]
-    if study not in numbers or not issubclass(cls, PartsStudy):
-        return study not in numbers
-    parts = [part for part in cls.PARTS if f"{table}_".startswith(f"{study}_{part}_")]
-    return any("skipped" in numbers[study].get(part, {"skipped": ""}) for part in parts)
 
 
 def _json(value: Any, levels: int, indent: str = "") -> str:

@@ -36,8 +36,6 @@ from pps_vision.experiments.tables import Table
 from pps_vision.types import Array, Mask
 
 Counts = NDArray[np.int64]
-Path3D = tuple[Array, Array, Mask]
-"""Displacements and velocities (T, n, 3) in the taxels' frames, and the touched taxels (n,)."""
 
 EXACT = Simulation()
 NOISY = replace(EXACT, position_noise_m=0.001, velocity_noise_m_s=0.01)
@@ -130,12 +128,11 @@ def _arrays(file: Path) -> dict[str, NDArray[Any]]:
 
 def count_monte_carlo(data: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     """Return the difference for the Monte Carlo of 500 objects."""
-    paths = []
-    for start, end, outcome in zip(data["offsets"][:-1], data["offsets"][1:], data["outcome"], strict=True):
-        # A second taxel, touched by the misses alone, makes them negative samples of the first.
-        d, v = (np.repeat(data[name][start:end, None], 2, axis=1) for name in ("position_m", "velocity_m_s"))
-        paths.append((d, v, np.array([outcome > 0, outcome <= 0])))
-    return _difference(_count(paths, 2, 3.0)[0], _published(data, ""))
+    # A second taxel, touched by the misses alone, makes them negative samples of the first.
+    samples = (data[name][:, None].repeat(2, axis=1) for name in ("position_m", "velocity_m_s"))
+    paths = (np.split(values, data["offsets"][1:-1]) for values in samples)
+    touched = np.column_stack([data["outcome"] > 0, data["outcome"] <= 0])
+    return _difference(_count(zip(*paths, touched, strict=True), 2, 3.0)[0], _published(data, ""))
 
 
 def count_fig3(data: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -172,8 +169,11 @@ def _published(data: Mapping[str, NDArray[Any]], prefix: str) -> Counts:
     return np.stack([data[f"{prefix}{sign}{suffix}"] for sign in ("positive", "negative")], axis=-1).astype(np.int64)
 
 
-def _count(paths: Iterable[Path3D], n_taxels: int, ttc_max_s: float) -> Counts:
-    """Counts (n, 8, 4, 2) of D and TTC, measured from the last sample, on a body part of n taxels."""
+def _count(paths: Iterable[tuple[Array, Array, Mask]], n_taxels: int, ttc_max_s: float) -> Counts:
+    """Counts (n, 8, 4, 2) of D and TTC, measured from the last sample, on a body part of n taxels.
+
+    A path: displacements and velocities (T, n, 3) in the taxels' frames, and the touched taxels (n,).
+    """
     memory = empty_map(n_taxels, MemoryParams(ttc_range_s=(0.0, ttc_max_s)))
     for d, v, touched in paths:
         memory = count_samples(memory, *from_landing(d, v), touched)
@@ -181,10 +181,10 @@ def _count(paths: Iterable[Path3D], n_taxels: int, ttc_max_s: float) -> Counts:
 
 
 def _difference(ours: Counts, published: Counts) -> dict[str, Any]:
+    n = int(published.sum())
     more = int(np.maximum(ours - published, 0).sum())
     fewer = int(np.maximum(published - ours, 0).sum())
-    percent = round(100 * (more + fewer) / float(published.sum()), 3)
-    return {"l1_percent": percent, "only_ours": more, "only_theirs": fewer, "samples": int(published.sum())}
+    return {"l1_percent": round(100 * (more + fewer) / n, 3), "only_ours": more, "only_theirs": fewer, "samples": n}
 
 
 def published_ridge_cm(data: Mapping[str, NDArray[Any]]) -> dict[str, float]:

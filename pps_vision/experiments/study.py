@@ -6,6 +6,7 @@ from `Study`. `pps-vision bench` finds it there by the module's name; the summar
 
 import hashlib
 import inspect
+import operator
 import os
 import pkgutil
 from abc import ABC, abstractmethod
@@ -47,6 +48,7 @@ _MINIMA = {"seed": 0, "seconds": 0.1, "share": 0.01}
 _SHORT = {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2}  # of every study that has them
 
 
+@dataclass(frozen=True)
 class Study(ABC):
     """Base of the studies, which are frozen dataclasses of parameters.
 
@@ -56,6 +58,8 @@ class Study(ABC):
 
     SHORT: ClassVar[Mapping[str, Any]] = {}
     """Parameters of a short run, which shows that the study works but measures nothing."""
+
+    seed: int = 0  # seed; recordings, robots and simulations count up from it
 
     def __post_init__(self) -> None:
         """Check the parameters: counts (all whole numbers but the seed), seed, seconds and shares."""
@@ -78,7 +82,7 @@ class Study(ABC):
     @classmethod
     def defaults(cls) -> dict[str, Any]:
         """Return the parameters with their defaults."""
-        return {field.name: field.default for field in fields(cls)}  # type: ignore[arg-type]
+        return {field.name: field.default for field in fields(cls)}
 
     @classmethod
     def short(cls) -> dict[str, Any]:
@@ -151,7 +155,7 @@ class PartsStudy(Study):
         return self._by_part("table", numbers)
 
     def _by_part(self, kind: str, numbers: dict[str, Any]) -> dict[str, Any]:
-        """Results of the charts or tables of the measured parts, by "part" or "part_name"."""
+        """Charts or tables of the measured parts, by "part" or "part_name"."""
         results: dict[str, Any] = {}
         for part, functions in self.PARTS.items():
             function = getattr(functions, kind)
@@ -163,14 +167,7 @@ class PartsStudy(Study):
 
 
 @dataclass(frozen=True)
-class SeededStudy(Study):
-    """Base of the studies with a seed."""
-
-    seed: int = 0  # seed; recordings, robots and simulations count up from it
-
-
-@dataclass(frozen=True)
-class SampledStudy(SeededStudy):
+class SampledStudy(Study):
     """Base of the studies that repeat a measurement on independent units."""
 
     n: int = 4  # independent units of each kind: recordings, robots or simulations
@@ -256,13 +253,11 @@ def measure(
         cells: dict[str, list[Values]] = {method: [] for method in methods}
         for seed in tqdm(seeds, desc=scenario, unit="recording", disable=None):
             recording = make(seed)
-            turns = []
-            for _ in range(repeated):
-                runs = {name: timed(partial(run, recording, seed)) for name, run in methods.items()}
-                turns.append({name: {"ms": [ms], **values} for name, (values, ms) in runs.items()})
-            for method, values in turns[0].items():
-                ms = np.concatenate([np.atleast_1d(turn[method]["ms"]) for turn in turns])
-                cells[method].append({**values, "ms": ms})
+            runs = {name: partial(run, recording, seed) for name, run in methods.items()}
+            turns = [{name: timed(run) for name, run in runs.items()} for _ in range(repeated)]
+            for method in methods:
+                ms = [np.atleast_1d(values.get("ms", ms)) for values, ms in (turn[method] for turn in turns)]
+                cells[method].append({**turns[0][method][0], "ms": np.concatenate(ms)})
         measured[scenario] = cells
     return measured
 
@@ -281,10 +276,9 @@ def summarize(
             pooled = np.concatenate([np.atleast_1d(recording["ms"]) for recording in values])
             cell["ms"] = [float(q) for q in np.percentile(pooled, (25, 50, 75))] if len(pooled) else [np.nan] * 3
             if reference is not None:
-                medians = (
-                    [np.median(np.asarray(run["ms"])) for run in runs] for runs in (values, recordings[reference])
-                )
-                cell["ratio"] = interval([[ours / theirs] for ours, theirs in zip(*medians, strict=True)], median)
+                pairs = zip(values, recordings[reference], strict=True)
+                ratios = [[np.divide(*(np.median(np.asarray(run["ms"])) for run in pair))] for pair in pairs]
+                cell["ratio"] = interval(ratios, median)
         for name, metric in metrics.items():
             cell[name] = interval([np.atleast_1d(v.get(metric.values, ())) for v in values], metric.summary)
         summaries[method] = cell
@@ -301,10 +295,8 @@ def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mea
         return [np.nan] * 3
     draws = np.random.default_rng(0).integers(len(arrays), size=(_RESAMPLES, len(arrays)))
     resampled = [summary(np.concatenate([arrays[k] for k in draw])) for draw in draws]
-    value = summary(np.concatenate(arrays))
-    if np.all(np.isnan(resampled)):
-        return [value, np.nan, np.nan]
-    return [value, *map(float, np.nanpercentile(resampled, (2.5, 97.5)))]
+    ends = [np.nan] * 2 if np.all(np.isnan(resampled)) else np.nanpercentile(resampled, (2.5, 97.5)).tolist()
+    return [summary(np.concatenate(arrays)), *ends]
 
 
 def percent_of(counted: int, n: int) -> list[float]:
@@ -345,17 +337,11 @@ def compare_severities(
     by_method: dict[str, dict[str, Any]] = {
         m: {name: [row[m][name] for row in rows] for name in metrics} for m in methods
     }
+    is_within = operator.le if breaks.above else operator.ge
     for cell in by_method.values():
-        cell["breaks_at"] = breaks_at(axis.severities, [value for value, _, _ in cell[breaks.metric]], breaks)
+        pairs = zip(axis.severities, cell[breaks.metric], strict=True)
+        cell["breaks_at"] = next((s for s, (value, _, _) in pairs if not is_within(value, breaks.bound)), None)
     return {"axis": axis.label, "severities": list(axis.severities), "methods": by_method}
-
-
-def breaks_at(severities: Sequence[float], values: Sequence[float], breaks: Break) -> float | None:
-    """Return the first severity past the bound (or without a value); None where there is none."""
-    for severity, value in zip(severities, values, strict=True):
-        if not (value <= breaks.bound if breaks.above else value >= breaks.bound):
-            return severity
-    return None
 
 
 @cache
@@ -364,7 +350,7 @@ def catalogue() -> dict[str, type[Study]]:
     studies = {}
     for info in pkgutil.iter_modules(experiments.__path__, f"{experiments.__name__}."):
         for value in vars(import_module(info.name)).values():
-            is_study = inspect.isclass(value) and issubclass(value, Study) and not inspect.isabstract(value)
+            is_study = inspect.isclass(value) and issubclass(value, Study)
             if is_study and value.__module__ == info.name != __name__:
                 studies[value.name()] = value
     return studies

@@ -60,6 +60,7 @@ def test_the_documents_hold_the_tables_that_follow_from_the_results(study):
     for document in (*DOCS.glob("*.md"), DOCS.parent / "README.md"):
         text = document.read_text()
         assert filled(text, made, document) == text
+        assert {name for name in names(text) if f"{name}_".startswith(f"{study}_")} <= set(made)
 
 
 def test_the_front_holds_what_no_other_beats():

@@ -76,7 +76,6 @@ Row = dict[str, Any]
 class EncountersParameters(PartsStudy):
     """Fields of `Encounters`."""
 
-    seed: int = 0  # seed of encounters and training
     n: int = 1500
     """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a tenth of `reach`
     and of through at 30–60 cm/s."""

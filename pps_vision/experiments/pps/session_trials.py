@@ -21,7 +21,7 @@ from learning.pps.memory import PPSMemory
 from pps_vision.app.encounters.encounter import TRIALS, SessionName, start_posture
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.simulation import can_follow
-from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy, SeededStudy, code_digest
+from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy, code_digest
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
@@ -166,7 +166,7 @@ def _is_in_view(robot: Robot, rig: StereoRig, trial: TouchTrial) -> bool:
 
 
 @dataclass(frozen=True)
-class SessionStudy(PartsStudy, SeededStudy):
+class SessionStudy(PartsStudy):
     """Base of the studies of R's sessions."""
 
     trials: Path = FOLDER  # folder of the rendered trials
