@@ -39,13 +39,7 @@ their names those of both."""
 def read_matrices(file: Path, text: str, cameras: tuple[int, int]) -> Matrices | None:
     """Return the cameras of a calibration of one of these tools, None for any other file; lengths in its own unit.
 
-    Args:
-        file: Where the text is from.
-        text: The content.
-        cameras: Which of KITTI's cameras are left and right.
-
-    Raises:
-        InputError: It is of one of these tools and cannot be used.
+    `cameras`: which of KITTI's are left and right. InputError if it is of one of these tools and cannot be used.
     """
     if text.startswith(("%YAML", "<", "{")) or "opencv-matrix" in text:
         return None

@@ -51,15 +51,14 @@ def read_stereo_calibration(
 ) -> tuple[Camera, Camera, Array]:
     """Left camera, right camera and `T_left_right` of a calibration; the root frame is the left camera's.
 
+    InputError if a file cannot be read, or a matrix is missing or invalid.
+
     Args:
         paths: The files, which together hold the keys above.
         image_size: Width and height of the images, to which the cameras are scaled.
         unit_m: Metres per length unit of the calibration.
         kitti: Which of KITTI's cameras are left and right.
         warnings: Here is noted that the cameras are scaled.
-
-    Raises:
-        InputError: A file cannot be read, or a matrix is missing or invalid.
     """
     return cameras_of([(path, _read(path, kitti)) for path in paths], image_size, unit_m, warnings)
 

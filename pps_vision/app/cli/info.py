@@ -25,7 +25,8 @@ class Info(SourceOptions):
 
         recording = self.open()
         findings = info(recording)
-        command = self.command(with_calib=recording.rig is None)
+        tracking = command_line("track", self, fields(SourceOptions))
+        command = tracking + " --calib FILE" * (recording.rig is None) + " --out path"
         if self.json:
             numbers = asdict(findings) | {"command": command, "versions": versions()}
             print(json.dumps(plain(numbers), indent=2, ensure_ascii=False))
@@ -33,7 +34,3 @@ class Info(SourceOptions):
         print_skipped(recording.problems)
         print(findings)
         print(command)
-
-    def command(self, with_calib: bool) -> str:
-        """Return the command that tracks this recording, with a placeholder for a missing calibration."""
-        return command_line("track", self, fields(SourceOptions)) + " --calib FILE" * with_calib + " --out path"

@@ -49,7 +49,7 @@ class TrainMap(RobotOptions):
 
     def run(self) -> None:
         """Learn, and print the number of problems and the upper bound of the error."""
-        from learning.reach.map import both
+        from learning.reach.map import ReachableMap, both
         from learning.reach.params import MapParams
         from pps_vision.app.progress import progress
         from pps_vision.recordings.atomic_write import whole_file
@@ -70,7 +70,12 @@ class TrainMap(RobotOptions):
         )
         setup = self.setup()
         with whole_file(self.out, [self.into, *self.files]) as partial:
-            into = self._earlier()
+            into = ReachableMap.load(self.into) if self.into else None
+            if into and self.into:
+                options = (self.arm, self.end_point, self.measure, MapParams().gaze_limits)
+                for option, value in zip(options, (into.side, into.end_point, into.measure, into.limits), strict=True):
+                    if option != value:
+                        raise InputError(self.into, f"is a map of {value}; expected one of {option} to continue from")
             maps = [
                 self._learn(setup, side, params, into) for side in progress(sides, desc="reachable space", unit="arm")
             ]
@@ -83,20 +88,6 @@ class TrainMap(RobotOptions):
         )
         if learned.error_bound > self.max_error > 0:
             print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")
-
-    def _earlier(self) -> "ReachableMap | None":
-        """Load the map to continue from, which must be of the same arm, end point, measure and limits."""
-        from learning.reach.map import ReachableMap
-        from learning.reach.params import MapParams
-
-        if self.into is None:
-            return None
-        into = ReachableMap.load(self.into)
-        options = (self.arm, self.end_point, self.measure, MapParams().gaze_limits)
-        for option, value in zip(options, (into.side, into.end_point, into.measure, into.limits), strict=True):
-            if option != value:
-                raise InputError(self.into, f"is a map of {value}; expected one of {option} to continue from")
-        return into
 
     def _learn(
         self, setup: "RobotSetup", side: str, params: "MapParams", into: "ReachableMap | None"

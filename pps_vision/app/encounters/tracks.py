@@ -31,9 +31,8 @@ ERRORS = {
     "cube": TrackError((5.2e-3, 1.2e-3), (0.58e-3, 0.07e-3)),
     "octopus": TrackError((6.1e-3, 3.5e-3), (1.6e-3, 0.22e-3)),
 }
-"""As rendered: 24 encounters with each object of seed 500, measured by `measured_error`; `encounters_rendered` measures
-them again."""
-_MEDIAN_SIZES = (0.6745, 1.1774)  # median length of a normal deviate on a line and in a plane
+"""As rendered: 24 encounters with each object of seed 500. Constant: the median error of an encounter; random: half the
+variance of the difference of successive errors, from its median size."""
 # Share of the stated covariance that the tracker treats as correlated: as rendered, median of cube and octopus.
 _CORRELATED_SHARE = 0.2
 _RADIUS_STD = 0.05  # relative standard deviation of the tracked radius
@@ -73,21 +72,6 @@ def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generat
         else:
             tracks.append(_track(t, belief.mean, belief.cov, belief.correlated_cov, radius))
     return tracks
-
-
-def measured_error(errors: Array, lines_of_sight: Array) -> TrackError:
-    """Return the errors of one encounter: `errors` (T, 3) of successive positions, NaN where there is none, and unit
-    vectors (T, 3) from the eyes to the object.
-
-    Constant: the median error. Random: half the variance of the difference of successive errors, from its median size.
-    """
-    along = np.sum(errors * lines_of_sight, axis=1)
-    across = errors - along[:, None] * lines_of_sight
-    constant = abs(float(np.nanmedian(along))), float(np.linalg.norm(np.nanmedian(across, axis=0))) / np.sqrt(2)
-    steps = np.abs(np.diff(along)), np.linalg.norm(np.diff(across, axis=0), axis=1)
-    medians = [float(np.nanmedian(step)) for step in steps]
-    random = [value / (np.sqrt(2) * size) for value, size in zip(medians, _MEDIAN_SIZES, strict=True)]
-    return TrackError(constant, (random[0], random[1]))
 
 
 def true_track_of(encounter: Encounter) -> Sequence[Track3D]:

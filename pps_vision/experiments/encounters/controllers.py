@@ -306,7 +306,7 @@ def run_rendered(study: EncountersParameters) -> dict[str, Any]:
         memory = memories[encounter.side]
         tracks = track_of(scene, encounter, track_rng(study.seed, condition, number))
         results = {
-            "rendered": render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number).result,
+            "rendered": render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number),
             "without": simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks),
         }
         quantity = "commands" if condition in HARMLESS else "touched"

@@ -17,8 +17,6 @@ def test_a_fast_ball_is_avoided_alike_with_and_without_rendering(scene, memories
     tracks = track_of(scene, encounter, np.random.default_rng(0))
     simulated = simulate_encounter(scene, memories["left"], encounter, OURS, new_controller(OURS), tracks)
     rendered = render_encounter(scene, memories["left"], encounter, 2.0, 5)
-    assert rendered.tracked_share > 0.5
-    assert rendered.error_m < 0.01
-    assert rendered.result.touched == simulated.touched
-    assert rendered.result.commands > 5
-    assert abs(rendered.result.distance_m - simulated.distance_m) < 0.02
+    assert rendered.touched == simulated.touched
+    assert rendered.commands > 5
+    assert abs(rendered.distance_m - simulated.distance_m) < 0.02
