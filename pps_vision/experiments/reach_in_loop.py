@@ -111,7 +111,6 @@ def judge(robot: Robot, learned: ReachableMap, log: EpisodeLog) -> Values:
 
 
 def _loop_table(numbers: dict[str, Any]) -> Table:
-    """Return the share of frames judged rightly."""
     return Table(["frames judged rightly (%)", ""], [[v, estimate(numbers[name], 4)] for name, v in _VERDICTS.items()])
 
 

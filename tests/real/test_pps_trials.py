@@ -5,7 +5,8 @@ import pytest
 from data import shared_data
 
 from learning.pps.memory import MemoryParams, PPSMemory
-from pps_vision.experiments.pps.predictors import (
+from pps_vision.experiments.pps.taxel_trials import load_trials
+from pps_vision.experiments.pps_prediction import (
     auroc,
     brier,
     brier_gain,
@@ -14,7 +15,6 @@ from pps_vision.experiments.pps.predictors import (
     in_blocks,
     outcomes,
 )
-from pps_vision.experiments.pps.taxel_trials import load_trials
 
 
 def test_no_split_of_the_session_in_time_is_predicted_worse_than_by_the_base_rate():

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
-from operator import itemgetter
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, get_args
@@ -98,9 +97,9 @@ def counts(n: int) -> dict[Condition, int]:
     return dict.fromkeys(HAZARDS, n) | dict.fromkeys(HARMLESS, ceil(_HARMLESS * n))
 
 
-def rate(rows: Rows, is_counted: Callable[[dict[str, Any]], bool]) -> list[float]:
-    """Return the percentage of rows that count, with Wilson's 95 % interval; NaN of none."""
-    return percent_of(sum(map(is_counted, rows)), len(rows))
+def rate(rows: Rows, key: str) -> list[float]:
+    """Return the percentage of rows whose `key` is true, with Wilson's 95 % interval; NaN of none."""
+    return percent_of(sum(bool(row[key]) for row in rows), len(rows))
 
 
 def unfinished_folder(study: EncountersParameters, part: str) -> Path:
@@ -124,10 +123,11 @@ def run(study: EncountersParameters) -> dict[str, Any]:
 
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
     """Return the numbers of tables and chart from a row for each encounter and controller."""
+    rows = [row | {"untouched": not row["touched"], "still": not row["commands"]} for row in rows]
     by_name = {name: [row for row in rows if row["controller"] == name] for name in (*names, ASKING)}
     faults = [row for row in rows if row["faults"] or not row["self_distance_m"] * 1000 >= MIN_SELF_DISTANCE_MM]
     return {
-        "encounters": {c: len({row["number"] for row in rows if row["condition"] == c}) for c in (*HAZARDS, *HARMLESS)},
+        "encounters": {c: len(_of_condition(by_name[OURS], c)) for c in (*HAZARDS, *HARMLESS)},
         "controllers": {name: _of_controller(by_name[name], by_name[OURS]) for name in names},
         "reaching": {name: _of_reaching(by_name[name]) for name in REACHING if name in by_name},
         "limits": {
@@ -138,63 +138,52 @@ def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
-    hazards = [row for row in rows if row["condition"] in HAZARDS]
+    hazards = _of_condition(rows, *HAZARDS)
     slow_stop = [row for row in hazards if row["condition"] == "stop" and row["speed_m_s"] <= SLOW_M_S]
     hard = [row for row in hazards if row["condition"] != "stop"]
     equal_n = min(sum(row["condition"] == c for row in hazards) for c in HAZARDS)
     fast = [row for row in hazards if row["speed_m_s"] > SLOW_M_S and row["number"] < equal_n]
     return {
-        "stop, slow": rate(slow_stop, is_untouched),
+        "stop, slow": rate(slow_stop, "untouched"),
         "stop, slow, distance_mm": _quartiles([1000 * row["distance_m"] for row in slow_stop]),
         "stop, slow, lead_s": _quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
-        "untouched": {c: rate(_of_condition(hazards, c), is_untouched) for c in HAZARDS},
+        "untouched": {c: rate(_of_condition(hazards, c), "untouched") for c in HAZARDS},
         "by speed": {c: _by_speed(hazards, c, _BANDS_M_S) for c in HAZARDS},
         "fast through, by speed": _by_speed(rows, "through_fast", _FAST_BANDS_M_S),
-        "press and through": rate(hard, is_untouched),
-        "press and through, beyond ours": _beyond(hard, ours),
-        "fast": rate(fast, is_untouched),
-        "fast, beyond ours": _beyond(fast, ours),
-        "still": {c: rate(_of_condition(rows, c), is_still) for c in HARMLESS},
-        "still, all": rate([row for row in rows if row["condition"] in HARMLESS], is_still),
+        "press and through": rate(hard, "untouched"),
+        "press and through, ours above": _ours_above(hard, ours),
+        "fast": rate(fast, "untouched"),
+        "fast, ours above": _ours_above(fast, ours),
+        "still": {c: rate(_of_condition(rows, c), "still") for c in HARMLESS},
+        "still, all": rate(_of_condition(rows, *HARMLESS), "still"),
     }
 
 
 def _of_reaching(rows: Rows) -> dict[str, Any]:
     """Rates of the objects to reach for that the part aimed at can touch, and of the others."""
     reaches = _of_condition(rows, "reach")
-    reachable = [row for row in reaches if row["reachable"]]
-    unreachable = [row for row in reaches if not row["reachable"]]
+    touched = [row["touched_part"] == row["part"] for row in reaches if row["reachable"]]
+    attempted = [row["commands"] > 0 for row in reaches if not row["reachable"]]
     return {
-        "reachable: by the part aimed at": rate(reachable, lambda row: row["touched_part"] == row["part"]),
-        "out of reach: attempted": rate(unreachable, lambda row: not is_still(row)),
+        "reachable: by the part aimed at": percent_of(sum(touched), len(touched)),
+        "out of reach: attempted": percent_of(sum(attempted), len(attempted)),
     }
 
 
-def _beyond(rows: Rows, ours: Rows) -> list[float]:
-    """Points by which fewer of the same encounters are touched than with ours, with the interval of the paired
-    difference."""
+def _ours_above(rows: Rows, ours: Rows) -> list[float]:
+    """Points by which ours leaves more of the same encounters untouched, with the interval of the paired difference."""
     touched = {(row["condition"], row["number"]): row["touched"] for row in ours}
-    return interval([[100.0 * (touched[row["condition"], row["number"]] - row["touched"])] for row in rows])
+    return interval([[100.0 * (row["touched"] - touched[row["condition"], row["number"]])] for row in rows])
 
 
 def _by_speed(rows: Rows, condition: Condition, bands_m_s: Array) -> list[list[float]]:
-    selected = _of_condition(rows, condition)
-    bands = ([row for row in selected if low <= row["speed_m_s"] < high] for low, high in pairwise(bands_m_s))
-    return [rate(band, is_untouched) for band in bands]
+    rows = _of_condition(rows, condition)
+    bands = ([row for row in rows if low <= row["speed_m_s"] < high] for low, high in pairwise(bands_m_s))
+    return [rate(band, "untouched") for band in bands]
 
 
-def _of_condition(rows: Rows, condition: Condition) -> Rows:
-    return [row for row in rows if row["condition"] == condition]
-
-
-def is_untouched(row: Row) -> bool:
-    """Whether no taxel was touched."""
-    return not row["touched"]
-
-
-def is_still(row: Row) -> bool:
-    """Whether nothing was commanded."""
-    return not row["commands"]
+def _of_condition(rows: Rows, *conditions: Condition) -> Rows:
+    return [row for row in rows if row["condition"] in conditions]
 
 
 def _quartiles(values: Sequence[float]) -> list[float]:
@@ -219,7 +208,6 @@ def chart(numbers: dict[str, Any]) -> Figure:
 
 
 def tables(numbers: dict[str, Any]) -> dict[str, Table]:
-    """Return all controllers, and the goals of ours."""
     rows = [
         [name, *(estimate(cell[key]) for key in _CONTROLLERS.values())] for name, cell in numbers["controllers"].items()
     ]
@@ -233,9 +221,8 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
     """Goals of ours and the measured values; the value, not its interval, meets a goal."""
     cells = numbers["controllers"]
     ours = cells[OURS]
-    above = {name: _above(cells[name]["press and through, beyond ours"]) for name in (*BASELINES, TRUE)}
+    above = {name: cells[name]["press and through, ours above"] for name in (*BASELINES, TRUE)}
     best = min(BASELINES, key=lambda name: above[name][0])
-    fast = _above(cells[TRUE]["fast, beyond ours"])
     limits = numbers["limits"]
     reaching = numbers["reaching"]
     goals: list[tuple[str, str, float, Sequence[float]]] = [
@@ -245,7 +232,7 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
         ("press, through: points above true positions", "≥ ", -3, above[TRUE]),
         ("points above distance only", "≥ ", 15, above["distance only"]),
         (f"points above the best baseline ({best})", "> ", 0, above[best]),
-        ("15–30 cm/s: points above true positions", "≥ ", -5, fast),
+        ("15–30 cm/s: points above true positions", "≥ ", -5, cells[TRUE]["fast, ours above"]),
         ("harmless: no command (%)", "≥ ", 99, ours["still, all"]),
         ("reached by the part aimed at (%)", "≥ ", 98, reaching[OURS]["reachable: by the part aimed at"]),
         ("out of reach, attempted (%)", "", 0, reaching[ASKING]["out of reach: attempted"]),
@@ -256,12 +243,6 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
         [name, f"{sign}{bound:g}".replace("-", "−"), judged(estimate(value), not _IS_MET[sign](value[0], bound))]
         for name, sign, bound, value in goals
     ]
-
-
-def _above(beyond: Sequence[float]) -> list[float]:
-    """Points by which ours is above another controller, from those by which the other is above ours."""
-    value, low, high = beyond
-    return [0.0 - value, 0.0 - high, 0.0 - low]
 
 
 def tune(study: EncountersParameters) -> dict[str, Any]:
@@ -290,9 +271,7 @@ def draw_params(baseline: Baseline, rng: np.random.Generator) -> ControllerParam
 
 def score(rows: Rows) -> float:
     """Return the percentage of approaching objects that touch plus that of harmless ones with a command."""
-    touched = [row["touched"] for row in rows if row["condition"] in HAZARDS]
-    moved = [row["commands"] > 0 for row in rows if row["condition"] in HARMLESS]
-    return float(100 * np.mean(touched) + 100 * np.mean(moved))
+    return rate(_of_condition(rows, *HAZARDS), "touched")[0] + rate(_of_condition(rows, *HARMLESS), "commands")[0]
 
 
 def run_rendered(study: EncountersParameters) -> dict[str, Any]:
@@ -313,13 +292,12 @@ def run_rendered(study: EncountersParameters) -> dict[str, Any]:
         is_good = {name: not getattr(result, quantity) for name, result in results.items()}
         rows.append({"condition": condition, **is_good})
     groups: dict[str, Rows] = {c: _of_condition(rows, c) for c in HAZARDS}
-    groups["all approaching"] = [row for row in rows if row["condition"] in HAZARDS]
-    groups["harmless"] = [row for row in rows if row["condition"] in HARMLESS]
+    groups |= {"all approaching": _of_condition(rows, *HAZARDS), "harmless": _of_condition(rows, *HARMLESS)}
     rates = {
         name: {
             "n": len(group),
-            "rendered": rate(group, itemgetter("rendered")),
-            "without": rate(group, itemgetter("without")),
+            "rendered": rate(group, "rendered"),
+            "without": rate(group, "without"),
             "difference": interval([[100.0 * (row["rendered"] - row["without"])] for row in group]),
         }
         for name, group in groups.items()

@@ -228,7 +228,6 @@ def _paths(numbers: Mapping[str, Any]) -> Figure:
 
 
 def table(numbers: dict[str, Any]) -> Table:
-    """Return the counts of each session."""
     rows = []
     for name in ("avoidance", "reaching", "distance only"):
         cell = numbers[name]

@@ -19,7 +19,7 @@ from pps_vision.experiments.baselines.single_taxel import (
     sample_paths,
 )
 from pps_vision.experiments.charts import severities
-from pps_vision.experiments.pps.predictors import auroc
+from pps_vision.experiments.pps_prediction import auroc
 from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_severities, mean
 from pps_vision.types import Array, Mask
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu, ttest_rel
 
-from pps_vision.experiments.pps.predictors import auroc, brier, brier_gain, expected_calibration_error
+from pps_vision.experiments.pps_prediction import auroc, brier, brier_gain, expected_calibration_error
 
 
 @pytest.mark.parametrize("levels", [3, 1000])
