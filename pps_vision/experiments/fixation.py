@@ -43,8 +43,8 @@ _DT_S = 0.05
 _DEG = np.pi / 180
 _COAST_S = 0.5
 _MOVING: tuple[MotionName, ...] = ("linear", "circle", "figure8", "jerk", "approach")
-_RADIUS_M = 0.03  # of the object
-_NEAREST_M = 0.3  # of an approach to the eyes
+_RADIUS_M = 0.03  # radius of the object
+_NEAREST_M = 0.3  # least distance from the eyes in an approach
 _EYES_DEG = 0.1  # fixation error of settled eyes
 _NECK_DEG = 0.5  # angle of a settled neck from its rest
 _NEAR_DEG = 1.5  # fixation error that counts as near
@@ -62,7 +62,7 @@ class Condition:
 
     speed_m_s: float = 0.3  # speed of the target
     latency_s: float = 0.05  # time from a frame until its command takes effect
-    noise_px: float = 0.02  # of the centre in an image; rendered objects: 3D error before the filter 0.2–0.5 mm
+    noise_px: float = 0.02  # noise of the centre in an image; rendered objects: 3D error before the filter 0.2–0.5 mm
 
 
 AXES: Mapping[Axis, tuple[str, Mapping[float, Condition]]] = {
@@ -122,12 +122,12 @@ class Head:
             t = k * _DT_S
             belief = self._update(belief, q, motion(t)[0], t, condition.noise_px, rng)
             last = commands[-1] if commands else None
-            then = self.robot.at(posture_after(q, commands, t, t + latency_s, latency_s) if method.compensates else q)
+            future = self.robot.at(posture_after(q, commands, t, t + latency_s, latency_s) if method.compensates else q)
             target = self._target(method, belief, motion, t, latency_s)
-            rest = JointVelocity(t, np.zeros(self.robot.n_joints), MAX_HOLD_S)
-            wanted = rest if target is None else method.step(then, *target, MAX_HOLD_S, t, last)
-            commands.append(limits.limit(LimitParams(), self.self_collision, then, wanted, last, last_q))
-            last_q = then.q_rad
+            no_motion = JointVelocity(t, np.zeros(self.robot.n_joints), MAX_HOLD_S)
+            wanted = no_motion if target is None else method.step(future, *target, MAX_HOLD_S, t, last)
+            commands.append(limits.limit(LimitParams(), self.self_collision, future, wanted, last, last_q))
+            last_q = future.q_rad
             commands = commands[-12:]
             for periods in (0.5, 1.0):
                 until_s = t + periods * _DT_S

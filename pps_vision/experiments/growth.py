@@ -37,7 +37,7 @@ from tracking.tracker import Tracker, TrackerParams
 OBJECTS_PX = (10, 25, 60, 143, 200, 400)
 TAXELS = (100, 1000, 10_000, 100_000)
 _DISTANCE_M = 0.6
-_SETTLE_S = 1.0  # of a film of 2 s; the object is tracked by then
+_SETTLE_S = 1.0  # from the start of a film of 2 s, when the object is tracked
 _RUNS = 20  # calls that take less than a frame
 _GREEN: dict[str, Any] = {"color": (30.0, 200.0, 50.0)}
 _GREEN_MARKER = TrackerParams("marker", marker=MarkerParams(127.0))
@@ -55,7 +55,7 @@ Call = Callable[[], Sequence[float]]  # returns one or more processor times (ms)
 class Growth(SampledStudy):
     """Image: films of a ball of the same angular size. Object: a ball 10–400 px across in images of 1280×720.
     Recording: 320×240 pixels, played forwards and backwards; opening it, tracking up to a number of pairs, and memory
-    in use. Skin: a ball near one taxel, perceived by all of them, and learning from 3 s. Map: training with true
+    in use. Skin: perception of a ball near one taxel, and learning from 3 s. Map: training with true
     kinematics, and one query.
 
     The exponent is the slope of log time over log size between the two largest sizes.
@@ -137,7 +137,7 @@ class Growth(SampledStudy):
                         tracking_ms[turn, self.pairs.index(k)] = 1000 * (process_time() - start_s)
                         memory_mb.append(_resident_mb())
         ms = {"opening": opening_ms, "tracking": [quartiles(column) for column in tracking_ms.T]}
-        return {"sizes": list(self.pairs), "ms": ms, "memory_mb": memory_mb[: len(self.pairs)]}  # of the first turn
+        return {"sizes": list(self.pairs), "ms": ms, "memory_mb": memory_mb[: len(self.pairs)]}  # in the first turn
 
     def _skin(self, taxels: int) -> dict[str, Call]:
         """A ball approaches the first taxel of eight cylindrical limbs, 30 cm long, 10 cm thick and 40 cm apart."""
@@ -200,10 +200,7 @@ def _resident_mb() -> float:
 
 
 def to_and_fro(recording: Path, out: Path, pairs: int) -> None:
-    """Write a recording of `pairs` pairs: those of another, forwards and backwards in turn, with rising stamps.
-
-    Images are links to those of the other recording.
-    """
+    """Write a recording that plays another forwards and backwards in turn, with rising stamps; images are links."""
     shutil.copytree(recording, out, copy_function=os.link)
     for log in sorted(recording.rglob("data.log")):
         (out / log.relative_to(recording)).unlink()

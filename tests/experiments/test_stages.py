@@ -104,7 +104,6 @@ def approach(seed: int, noise: float = 1.0) -> Measurements:
         positions=path + noise * STD * rng.standard_normal((41, 3)),
         covs=np.tile(np.diag(STD**2), (41, 1, 1)),
         path=path,
-        velocity=np.tile(velocity, (41, 1)),
         distance_m=0.4,
         counts=np.arange(41) >= 10,
         white_share=1.0,

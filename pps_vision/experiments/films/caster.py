@@ -44,13 +44,13 @@ PHOTOS = (
 )
 LIGHT = np.array([-0.3, -0.8, -0.52]) / np.linalg.norm([-0.3, -0.8, -0.52])  # direction to the lamp
 AMBIENT = 0.45  # share of the light without a direction
-INSTANTS = 16  # of an exposure, one for each sample of a pixel
+INSTANTS = 16  # in an exposure, one for each sample of a pixel
 # Instant of each sample of a pixel: a magic square, so that time and place are uncorrelated.
 _INSTANT_OF_SAMPLE = np.array([[15, 2, 1, 12], [4, 9, 10, 7], [8, 5, 6, 11], [3, 14, 13, 0]])
-_COARSE_INSTANTS = (1, 5, 10, 14)  # of a background that moves
+_COARSE_INSTANTS = (1, 5, 10, 14)  # while the background moves
 _COARSE_INSTANT_OF_SAMPLE = np.array([[0, 2], [3, 1]])
-_TAPE_LENGTH = 1 << 21  # of the noise
-_SIDES = tuple(np.linspace(-0.97, 0.97, 16))  # of a panel, where its visible share is sampled
+_TAPE_LENGTH = 1 << 21  # normal deviates for the noise
+_SIDES = tuple(np.linspace(-0.97, 0.97, 16))  # where the visible share of a panel is sampled
 _WIDEST_RAD = np.deg2rad(55.0)  # from the optical axis: farther out the lens model may fold back
 
 
@@ -73,11 +73,6 @@ class Ball:
     radius_m: float
     paint: Paint
     R_stage_body: Array = field(default_factory=lambda: np.eye(3))
-
-    @property
-    def row(self) -> Array:
-        """The row of `raycast`."""
-        return ball_row(self.center, self.radius_m)
 
     def outline(self, eye: Array) -> Array:
         """Return points (48, 3) of the rim that `eye` sees; NaN from within."""
@@ -113,11 +108,6 @@ class Panel:
     down: Array
     paint: Paint
 
-    @property
-    def row(self) -> Array:
-        """The row of `raycast`."""
-        return panel_row(self.center, self.right, self.down)
-
     def outline(self, eye: Array) -> Array:
         """Return the corners (4, 3)."""
         return self.sample(eye, (-1, 1))
@@ -136,12 +126,6 @@ class Cylinder:
     half: Array
     radius_m: float
     paint: Paint
-
-    @property
-    def row(self) -> Array:
-        """The row of `raycast`."""
-        half_m = float(np.linalg.norm(self.half))
-        return cylinder_row(self.center, self.half / half_m, self.radius_m, 2 * half_m)
 
     def outline(self, _: Array) -> Array:
         """Return the corners (8, 3) of a box around it."""
@@ -303,8 +287,18 @@ def visible_share(lens: FilmLens, T_stage_camera: Array, solids: Solids, solid: 
     return float(np.mean(inside & (first_hits(eye, points - eye, _rows(occluders))[0] >= 1)))
 
 
+def _row(solid: Solid) -> Array:
+    """The row of `raycast`."""
+    if isinstance(solid, Ball):
+        return ball_row(solid.center, solid.radius_m)
+    if isinstance(solid, Panel):
+        return panel_row(solid.center, solid.right, solid.down)
+    half_m = float(np.linalg.norm(solid.half))
+    return cylinder_row(solid.center, solid.half / half_m, solid.radius_m, 2 * half_m)
+
+
 def _rows(solids: Solids) -> Array:
-    """(n, 31) rows of `raycast`, paint (9) and rotation (9); texture 0 is the walls', those of solids count from 1."""
+    """(n, 31) rows of `raycast`, paint (9) and rotation (9); the walls have texture 0, solids count from 1."""
     rows = np.empty((len(solids), COLUMNS + 18))
     texture = 0
     for row, solid in zip(rows, solids, strict=True):
@@ -312,7 +306,7 @@ def _rows(solids: Solids) -> Array:
         texture += paint.pattern == "textured"
         rotation = solid.R_stage_body.T if isinstance(solid, Ball) else np.eye(3)
         pattern = PATTERNS.index(paint.pattern)
-        row[:] = [*solid.row, pattern, texture, *paint.color, *paint.color2, paint.count, *rotation.ravel()]
+        row[:] = [*_row(solid), pattern, texture, *paint.color, *paint.color2, paint.count, *rotation.ravel()]
     return rows
 
 
@@ -424,7 +418,7 @@ def _color(solid, x, y, z, texels, sizes, lamp):  # type: ignore[no-untyped-def]
         u = 0.5 * (px + 1) if solid[13] == 1 else 0.5 * (np.arctan2(py, px) / np.pi + 1)
         v = np.arcsin(min(max(pz, -1.0), 1.0)) / np.pi + 0.5
         aspect = 2.0
-    elif kind == PANEL:  # alike on both sides
+    elif kind == PANEL:  # the same on both sides
         cosine = abs(cosine)
         right, down = panel_coordinates(solid, x, y, z)
         u = 0.5 * (right + 1)

@@ -126,7 +126,7 @@ def eyes_fail(recording: Footage, kind: EyeFault, from_s: float, to_s: float, bo
 def miscalibrated(recording: Footage, share: float, rng: np.random.Generator) -> Footage:
     """Give the tracker intrinsics with errors of ± `share`, signs at random.
 
-    The errors of focal lengths are relative, those of principal points to half the image's size.
+    Focal lengths err by this share, principal points by this share of half the image's size.
     """
 
     def off(c: Camera) -> Camera:

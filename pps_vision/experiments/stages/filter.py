@@ -4,7 +4,6 @@ Orders 1–4, with and without RTS smoothing, on the tracker's measurements of b
 flights of tt3d.
 """
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,6 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import yaml
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.charts import cells_chart
@@ -32,10 +32,7 @@ from tracking.smoother import Measurement, follow, smooth
 DEFAULT = f"order {DEFAULT_ORDER}"
 _SETTLED = 10  # measurements before a filter is judged
 _PIXEL_STD = 2.0  # of the noisy tt3d projections, found between the two cameras' rays
-_METRICS = {
-    "position_mm": Metric("position_mm", rms),
-    "velocity_mm_s": Metric("velocity_mm_s", rms),
-}
+_METRICS = {"position_mm": Metric("position_mm", rms)}
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,6 @@ class Measurements:
     positions: Array  # (n, 3) m, measured
     covs: Array  # (n, 3, 3) m² of them
     path: Array  # (n, 3) m, true
-    velocity: Array  # (n, 3) m/s, true; NaN where it is unknown
     distance_m: float  # distance from the eyes at the beginning
     counts: Mask  # (n,) where a filter is judged
     white_share: float = KalmanParams().white_share  # share of the measured variance that is new with every frame
@@ -70,7 +66,7 @@ chart = cells_chart("position_mm", "position error (mm RMS)", ("cv2",), DEFAULT,
 
 
 def run(study: StageParameters) -> dict[str, Any]:
-    """Return by data and filter: time of an update, errors of position and velocity."""
+    """Return by data and filter: time of an update, error of the position."""
 
     def measured(source: SceneSource, number: int) -> Measurements:
         further, kind = divmod(number, len(KINDS))
@@ -104,7 +100,6 @@ def measurements(recording: Footage, seed: int) -> Measurements:
         np.array([o.p_root for o in observations]),
         np.array([o.cov_root for o in observations]),
         recording.position[known],
-        recording.velocity[known],
         float(np.linalg.norm(observations[0].p_root - steps[known[0]].midpoint_root)),
         (~recording.jumped[known]) & (np.arange(len(known)) >= _SETTLED),
     )
@@ -123,7 +118,8 @@ def methods() -> dict[str, Method]:
 def _run(states_of: Filter, data: Measurements, seed: int) -> Values:
     """Errors of a filter with its processor time per update."""
     states, ms = timed(partial(states_of, data))
-    return {**errors(data, states), "ms": [ms / len(data.stamps_s)]}
+    error_mm = 1000 * np.linalg.norm(np.array(states)[:, 0] - data.path, axis=1)
+    return {"position_mm": error_mm[data.counts], "ms": [ms / len(data.stamps_s)]}
 
 
 def _ours(order: int, data: Measurements) -> list[Array]:
@@ -170,16 +166,6 @@ def opencv_states(data: Measurements) -> list[Array]:
     return states
 
 
-def errors(data: Measurements, states: list[Array]) -> dict[str, Array]:
-    """Return the errors where a filter is judged; no velocity of a filter without it."""
-    x = np.array(states)
-    values = {"position_mm": 1000 * np.linalg.norm(x[:, 0] - data.path, axis=1)[data.counts]}
-    if x.shape[1] > 1:
-        is_known = data.counts & np.isfinite(data.velocity[:, 0])
-        values["velocity_mm_s"] = 1000 * np.linalg.norm(x[:, 1] - data.velocity, axis=1)[is_known]
-    return values
-
-
 def flights(folder: Path) -> list[Measurements]:
     """Return every noisy flight of a tt3d folder, triangulated from its two cameras."""
     view = StereoView(_camera(folder / "side.yaml"), _camera(folder / "oblique.yaml"))
@@ -187,12 +173,11 @@ def flights(folder: Path) -> list[Measurements]:
 
 
 def _camera(file: Path) -> View:
-    """Read lines `name: number or [numbers]`: rvec, tvec (world to camera), f, w, h.
+    """Read rvec, tvec (world to camera), f, w, h.
 
     The principal point is in the middle of the image.
     """
-    lines = (line.split(":", 1) for line in file.read_text().splitlines() if line)
-    values = {name: json.loads(value) for name, value in lines}
+    values = yaml.safe_load(file.read_text())
     width, height, focal = (values[name] for name in "whf")
     T_camera_world = transform(cv2.Rodrigues(np.array(values["rvec"]))[0], values["tvec"])
     return View(Camera(width, height, focal, focal, width / 2, height / 2), inverse(T_camera_world))
@@ -212,7 +197,6 @@ def _thrown(side_file: Path, oblique_file: Path, view: StereoView) -> Measuremen
         positions=positions,
         covs=np.array([point.cov_root for point in points]),
         path=truth,
-        velocity=np.full_like(truth, np.nan),
         distance_m=float(np.linalg.norm(positions[0] - view.midpoint)),
         counts=np.ones(len(valid), bool),
         white_share=1.0,
