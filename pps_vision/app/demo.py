@@ -264,8 +264,8 @@ class DemoEncounter:
 def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1.0) -> None:
     """Meet n objects that stop at the would-be contact, press on or fly through, and write the report.
 
-    They are those of `bench encounters` with the same seed. `noise`: of the pixels, grey levels of 255; `share`: of R's
-    numbers of training approaches, which are not rendered.
+    `bench encounters` with the same seed has the same encounters. `noise`: σ of the pixels, grey levels of 255; `share`
+    of R's numbers of training approaches, without rendering.
     """
     if n < 1:
         raise InputError("demo", f"--encounters {n}; expected at least 1")

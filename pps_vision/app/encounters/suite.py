@@ -86,15 +86,14 @@ def run_suite(
 def _train(folder: Path, seed: int, share: float, needs_map: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for side in get_args(Side):
-        files = _files(folder, side)
-        if not files[1].exists():
-            for file, memory in zip(files, learn(_scene(), side, seed, share), strict=True):
+        *memory_files, map_file = _files(folder, side)
+        if not memory_files[1].exists():
+            for file, memory in zip(memory_files, learn(_scene(), side, seed, share), strict=True):
                 save_memory(file, memory)
-        if needs_map and not _map_file(folder, side).exists():
+        if needs_map and not map_file.exists():
             n = max(round(share * _LABELS), 100)
             params = MapParams(_GAZE, n_labels=n, round_labels=min(1500, n // 2))
-            reachable_map = train_reachable_map(_scene().robot, side, np.random.default_rng(seed), params)
-            reachable_map.save(_map_file(folder, side))
+            train_reachable_map(_scene().robot, side, np.random.default_rng(seed), params).save(map_file)
 
 
 def _run(task: Task, file: Path) -> Rows:
@@ -144,17 +143,14 @@ def _scene() -> EncounterScene:
 
 @cache
 def _memories(folder: Path) -> dict[Side, Memories]:
-    return {side: Memories(*(load_memory(file) for file in _files(folder, side))) for side in get_args(Side)}
+    return {side: Memories(*(load_memory(file) for file in _files(folder, side)[:2])) for side in get_args(Side)}
 
 
 @cache
 def _maps(folder: Path) -> dict[Side, TrackReachability]:
-    return {s: TrackReachability(_scene().robot, ReachableMap.load(_map_file(folder, s))) for s in get_args(Side)}
+    return {s: TrackReachability(_scene().robot, ReachableMap.load(_files(folder, s)[2])) for s in get_args(Side)}
 
 
-def _map_file(folder: Path, side: str) -> Path:
-    return folder / f"{side} reachable.npz"
-
-
-def _files(folder: Path, side: str) -> tuple[Path, Path]:
-    return folder / f"{side}.npz", folder / f"{side} distance.npz"
+def _files(folder: Path, side: str) -> tuple[Path, Path, Path]:
+    """Files of the two memories and the map of an arm."""
+    return folder / f"{side}.npz", folder / f"{side} distance.npz", folder / f"{side} reachable.npz"
