@@ -133,17 +133,13 @@ def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) ->
     movers = [_movers(robot, end) for end in ends]
     drift = 0.0
     for eyes in ([view.left for view in views], [view.right for view in views]):
-        room = _points_of_room(eyes[0])
+        size = (eyes[0].camera.width, eyes[0].camera.height)
+        grid_px = np.stack(np.meshgrid(*(np.linspace(0, n - 1, 5) for n in size)), axis=-1)
+        room = eyes[0].center + 0.5 * eyes[0].rays(grid_px.reshape(-1, 2))  # points at rest, 0.5 m from the eye
         px = np.array([eye.project(np.vstack([room, points])) for eye, points in zip(eyes, movers, strict=True)])
-        visible = np.all((px >= 0) & (px < (eyes[0].camera.width, eyes[0].camera.height)), axis=(0, 2))
+        visible = np.all((px >= 0) & (px < size), axis=(0, 2))
         drift = max(drift, np.linalg.norm(px[1, visible] - px[0, visible], axis=1).max(initial=0.0))
     return drift
-
-
-def _points_of_room(eye: View) -> Array:
-    """Return a grid of (25, 3) static points 0.5 m from the eye, spread over the image."""
-    u, v = np.meshgrid(np.linspace(0, eye.camera.width - 1, 5), np.linspace(0, eye.camera.height - 1, 5))
-    return eye.center + 0.5 * eye.rays(np.column_stack([u.ravel(), v.ravel()]))
 
 
 def _movers(robot: Robot, state: SceneState) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, Mask
+from pps_vision.types import Array
 from rendering.names import CarrierName
 from rendering.renderer import Node
 from rendering.shapes import Part, body_part, surface_of
@@ -112,14 +112,10 @@ class Scene:
         self._boxes_root = np.array([node.box_root for node in self.nodes])
 
     def in_view(self, view: View, slopes: tuple[float, float, float, float]) -> list[Node]:
-        """Return the nodes whose boxes reach into a view between `slopes` (least x/z and y/z, greatest x/z and y/z)."""
-        is_in = _reach_into(view, slopes, self._boxes_root)
-        return [node for node, inside in zip(self.nodes, is_in, strict=True) if inside]
-
-
-def _reach_into(view: View, slopes: tuple[float, float, float, float], boxes_root: Array) -> Mask:
-    """Return which boxes (n, 8, 3) reach into a view (n,); conservative: may include boxes that do not."""
-    left, top, right, bottom = slopes
-    x, y, z = np.moveaxis(move_points(view.T_camera_root, boxes_root), -1, 0)
-    beside = np.array([x < left * z, x > right * z, y < top * z, y > bottom * z, z < 0])
-    return np.asarray(~beside.all(axis=-1).any(axis=0))
+        """Return the nodes whose boxes reach into a view between `slopes` (least x/z and y/z, greatest x/z and y/z);
+        may include others."""
+        left, top, right, bottom = slopes
+        x, y, z = np.moveaxis(move_points(view.T_camera_root, self._boxes_root), -1, 0)
+        beside = np.array([x < left * z, x > right * z, y < top * z, y > bottom * z, z < 0])
+        is_outside = np.asarray(beside.all(axis=-1).any(axis=0))
+        return [node for node, outside in zip(self.nodes, is_outside, strict=True) if not outside]

@@ -84,22 +84,20 @@ def _part(section: Section) -> PartMap:
 
 def write_taxels(file: Path, parts: Sequence[PartMap]) -> None:
     """Write a taxels*.ini as the robot does; read again it is the same."""
-    file.write_text("".join(_section(part) for part in parts))
-
-
-def _section(part: PartMap) -> str:
-    modality = next(name for name, n in _LIMITS.items() if n == len(part.extent))
-    rows = [
-        f"[{part.name}]",
-        f"modality\t{modality}",
-        f"size    \t{len(part.mapping)}",
-        f"nTaxels \t{len(part.counts)}",
-        f"ext     \t{_list(map(float, part.extent))}",
-        f"binsNum \t({part.bins[0]}\t{part.bins[1]})",
-        f"Mapping\t{_list(part.mapping)}",
-        *(f"{taxel} {_list(n[..., 0].ravel())} {_list(n[..., 1].ravel())}" for taxel, n in part.counts.items()),
-    ]
-    return "\n".join([*rows, ""])
+    rows: list[str] = []
+    for part in parts:
+        modality = next(name for name, n in _LIMITS.items() if n == len(part.extent))
+        rows += [
+            f"[{part.name}]",
+            f"modality\t{modality}",
+            f"size    \t{len(part.mapping)}",
+            f"nTaxels \t{len(part.counts)}",
+            f"ext     \t{_list(map(float, part.extent))}",
+            f"binsNum \t({part.bins[0]}\t{part.bins[1]})",
+            f"Mapping\t{_list(part.mapping)}",
+            *(f"{taxel} {_list(n[..., 0].ravel())} {_list(n[..., 1].ravel())}" for taxel, n in part.counts.items()),
+        ]
+    file.write_text("".join(f"{row}\n" for row in rows))
 
 
 def _list(numbers: Iterable[float]) -> str:

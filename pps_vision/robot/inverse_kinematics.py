@@ -46,6 +46,8 @@ def solve_ik(
 ) -> IKSolution:
     """The posture within the limits whose x is nearest to each target, by Levenberg–Marquardt.
 
+    ValueError for shapes that do not fit, or limits out of order.
+
     Args:
         forward: forward model.
         targets: (N, m).
@@ -53,9 +55,6 @@ def solve_ik(
         lower_rad: (k,) lower joint limits.
         upper_rad: (k,) upper joint limits.
         params: when to stop.
-
-    Raises:
-        ValueError: shapes that do not fit, or limits out of order.
     """
     params = params or IKParams()
     targets, starts, lower, upper = (np.asarray(a, dtype=float) for a in (targets, starts, lower_rad, upper_rad))
@@ -90,7 +89,10 @@ def _descend(
         if len(unsolved) == 0:
             break
         q_old = q[unsolved]
-        step = _step(q_old, residual[unsolved], J[unsolved], damping[unsolved], lower, upper)
+        # joints that the gradient pushes beyond the limit they are at stay there
+        gradient = np.einsum("nmk,nm->nk", J[unsolved], residual[unsolved])
+        stuck = ((q_old <= lower) & (gradient < 0)) | ((q_old >= upper) & (gradient > 0))
+        step = damped_step(J[unsolved] * ~stuck[:, None, :], residual[unsolved], damping[unsolved])
         q_new = (q_old + step).clip(lower, upper)
         x, J_new = forward(q_new)
         residual_new = targets[unsolved] - x
@@ -106,13 +108,6 @@ def _descend(
         moved = np.any(np.abs(q_new - q_old) > params.min_step_rad, axis=1)
         unsolved = unsolved[(error[unsolved] > params.tolerance) & moved]
     return q, error
-
-
-def _step(q: Array, residual: Array, J: Array, damping: Array, lower: Array, upper: Array) -> Array:
-    """Jᵀ(JJᵀ + λI)⁻¹ r without the joints that the gradient pushes beyond the limit they are at."""
-    gradient = np.einsum("nmk,nm->nk", J, residual)
-    stuck = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
-    return damped_step(J * ~stuck[:, None, :], residual, damping)
 
 
 def damped_step(J: Array, residual: Array, damping: Array | float) -> Array:
