@@ -53,8 +53,8 @@ def bench(
     catalog = catalogue()
     for word in requested:
         if not any(_is_requested(name, word) for name in catalog):
-            known = f"all, {', '.join(_GROUPS)} or one of {', '.join(catalog)}"
-            raise InputError("bench", f"no study {word}; expected {known}")
+            choices = f"all, {', '.join(_GROUPS)} or one of {', '.join(catalog)}"
+            raise InputError("bench", f"no study {word}; expected {choices}")
     chosen = [name for name in catalog if any(_is_requested(name, word) for word in requested)]
     overrides = dict(overrides)
     workers = int(overrides.pop("workers", 1)) if len(chosen) > 1 else 1

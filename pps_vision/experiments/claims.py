@@ -15,7 +15,7 @@ class Claim(NamedTuple):
     """A claim, its goal, the study that measures it, and the sentence made from the study's numbers; a number that
     misses the goal is bold."""
 
-    what: str
+    title: str
     goal: str
     study: str
     measured: Callable[[Cells], str]
@@ -108,5 +108,5 @@ def claims_table(results: Path) -> Table:
         file = results / f"{claim.study}.json"
         numbers = read_numbers(file) if file.exists() else {}
         if numbers := numbers.get(claim.part, {}) if claim.part else numbers:
-            rows.append([claim.what, claim.goal, claim.measured(numbers), f"`{claim.study}`"])
+            rows.append([claim.title, claim.goal, claim.measured(numbers), f"`{claim.study}`"])
     return Table(["what", "goal", "measured", "`bench`"], rows)

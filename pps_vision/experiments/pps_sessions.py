@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 
 from learning.pps.joint_offsets import TouchTrial
-from learning.pps.memory import Counts, MemoryParams, PPSMemory, count_samples
+from learning.pps.memory import Counts, MemoryParams, count_samples
 from pps_vision.app.encounters.encounter import TRIALS, SessionName
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map
@@ -160,7 +160,7 @@ def taxel_offsets(study: "PpsSessions") -> dict[str, Any]:
         }
         for part, paper_mm in PAPER_OFFSETS_MM.items()
     }
-    errors = [np.concatenate([abs(found - true) for found, true in robot.values()]) for robot in robots]
+    errors = [np.concatenate([abs(estimated - true) for estimated, true in robot.values()]) for robot in robots]
     return {
         "taxels": sum(map(len, errors)),
         "parts": parts,
@@ -175,10 +175,16 @@ def _robot_offsets(study: "PpsSessions", part: SessionName, k: int) -> Array:
     robot = MiscalibratedRobot.draw(ErrorSources(), rng)
     exact = exact_trials(part, study.size(TRIALS[part]), study.seed)
     session = Session.of(part, [robot.observe(_end(t), True, rng) for t in exact], robot.model, robot.skin)
-    estimates = offsets(count_by_time_left(session.trials))
-    at_touch = np.array([np.where(trial.touched, perceive(trial)[0][-1], np.nan) for trial in session.trials])
+    memory = empty_map(len(session.part.ids), LAST_MOMENTS)
+    at_touch = []
+    for trial in session.trials:
+        D, _ = perceive(trial)
+        left_s = np.broadcast_to((trial.stamps_s[-1] - trial.stamps_s)[:, None], D.shape)
+        memory = count_samples(memory, D, left_s, trial.touched)
+        at_touch.append(np.where(trial.touched, D[-1], np.nan))
+    estimates = offsets(memory)
     enough = (np.isfinite(at_touch).sum(axis=0) >= MIN_TOUCHES) & np.isfinite(estimates)
-    return 1000 * np.array([estimates[enough], np.nanmean(at_touch[:, enough], axis=0)])
+    return 1000 * np.array([estimates[enough], np.nanmean(np.array(at_touch)[:, enough], axis=0)])
 
 
 def _end(trial: TouchTrial) -> TouchTrial:
@@ -186,16 +192,6 @@ def _end(trial: TouchTrial) -> TouchTrial:
     last = trial.stamps_s >= trial.stamps_s[-1] - 2 * LAST_MOMENTS.ttc_range_s[1]
     samples = ("stamps_s", "joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
     return replace(trial, **{name: getattr(trial, name)[last] for name in samples})
-
-
-def count_by_time_left(trials: Sequence[Trial]) -> PPSMemory:
-    """Return the map of D and the time left to the touch."""
-    memory = empty_map(len(trials[0].touched), LAST_MOMENTS)
-    for trial in trials:
-        D, _ = perceive(trial)
-        left_s = np.broadcast_to((trial.stamps_s[-1] - trial.stamps_s)[:, None], D.shape)
-        memory = count_samples(memory, D, left_s, trial.touched)
-    return memory
 
 
 def draw_offsets(numbers: dict[str, Any]) -> Figure:

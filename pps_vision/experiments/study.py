@@ -42,7 +42,7 @@ Scenes = Literal["rendered", "independent", "both"]
 Values = Mapping[str, ArrayLike]  # A method's measurements on one recording: any number of values by quantity
 Method = Callable[[Any, int], Values]  # A method takes a recording and a seed
 
-TURNS = 3  # repetitions of each method, in turn, where times are compared
+TURNS = 3  # alternating repetitions of each method where times are compared
 _RESAMPLES = 1000
 _MINIMA = {"seed": 0, "seconds": 0.1, "share": 0.01}
 _SHORT = {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2}  # of every study that has them
@@ -245,8 +245,8 @@ def measure(
     """Run every method on every recording; return the values by scenario and method, one item per seed.
 
     `scenarios` make a recording from a seed. A method that does not return its own "ms" (one value a frame) gets the
-    processor time of the whole run. With `repeated` above 1 the methods run so many times in turn, and "ms" has all
-    times.
+    processor time of the whole run. With `repeated` above 1 the methods run alternately, each that often, and "ms" has
+    the times of all runs.
     """
     measured: dict[str, dict[str, list[Values]]] = {}
     for scenario, make in scenarios.items():
@@ -359,9 +359,9 @@ def catalogue() -> dict[str, type[Study]]:
 @cache
 def code_digest() -> bytes:
     """Return a digest of all code, and of the data that comes with it."""
-    root, digest = Path(__file__).parents[2], hashlib.sha256()
-    for package in ("pps_vision", "rendering", "tracking", "learning", "control"):
-        for file in sorted((root / package).rglob("*")):
-            if file.is_file() and "__pycache__" not in file.parts:
-                digest.update(file.read_bytes())
-    return digest.digest()
+    root = Path(__file__).parents[2]
+    packages = ("pps_vision", "rendering", "tracking", "learning", "control")
+    files = (file for package in packages for file in sorted((root / package).rglob("*")))
+    return hashlib.sha256(
+        b"".join(file.read_bytes() for file in files if file.is_file() and "__pycache__" not in file.parts)
+    ).digest()

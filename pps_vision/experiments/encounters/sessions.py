@@ -1,4 +1,4 @@
-"""R's last sessions, simulated: an octopus approaches forearm and palm in turn, in avoidance and in reaching."""
+"""R's last sessions, simulated: an octopus approaches forearm and palm alternately, in avoidance and in reaching."""
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
@@ -54,8 +54,8 @@ def run(study: EncountersParameters) -> dict[str, Any]:
         "distance only": ("stop", _DISTANCE_ONLY, study.avoidance_min),
     }
     posture = scene.robot.at(_start(scene.robot))
-    rest = {name: [posture.point(f).round(3).tolist() for f in frames] for name, (frames, _) in _LINKS.items()}
-    return {"rest_m": rest} | {
+    resting_m = {name: [posture.point(f).round(3).tolist() for f in frames] for name, (frames, _) in _LINKS.items()}
+    return {"rest_m": resting_m} | {
         name: session(scene, memories, condition, controller, 60 * study.share * minutes, study.seed)
         for name, (condition, controller, minutes) in sessions.items()
     }
@@ -69,7 +69,7 @@ def session(
     seconds: float,
     seed: int,
 ) -> dict[str, Any]:
-    """Return counts and ranges of a session of approaches to both arms in turn."""
+    """Return counts and ranges of a session of approaches that alternate between the arms."""
     rng = np.random.default_rng((seed, condition == "reach"))
     logs: dict[Side, list[list[FrameLog]]] = {side: [] for side in get_args(Side)}
     results: list[EncounterResult] = []
@@ -81,7 +81,7 @@ def session(
         tracks = track_of(scene, encounter, rng)
         new = new_controller(controller)
         results.append(simulate_encounter(scene, memories[side], encounter, controller, new, tracks, frames))
-        if controller == _DISTANCE_ONLY:  # show the activations that move this arm, not those of D and TTC
+        if controller == _DISTANCE_ONLY:  # show the activations by which this arm moves
             q = encounter.q_rad
             for k, track in enumerate(tracks):
                 felt = felt_by_distance(scene.skins[side], memories[side].of_distance, track, scene.robot.at(q))
@@ -207,18 +207,18 @@ def _panel(above: Axes, below: Axes, approaches: Sequence[dict[str, Any]], title
 def _paths(numbers: Mapping[str, Any]) -> Figure:
     """Draw the palms' paths about the robot at rest, and their spheres, from behind and from above."""
     figure, axes = panels(2, width=5.0, height=4.6)
-    rest = {name: np.array(points) for name, points in numbers["rest_m"].items()}
+    links = {name: np.array(points) for name, points in numbers["rest_m"].items()}
     angles = np.linspace(0, 2 * np.pi, 60)
     circle = RADIUS_M * np.column_stack([np.cos(angles), np.sin(angles)])
     for axis, plane, title in zip(axes, ([1, 2], [1, 0]), ("from behind", "from above"), strict=True):
-        for name, points in rest.items():
+        for name, points in links.items():
             axis.plot(*points[:, plane].T, color=_LINKS[name][1], lw=4, alpha=0.9)
         for name, colour in _COLOURS.items():
             for path in filter(None, chain(*numbers[name]["paths_mm"].values())):
                 axis.plot(*np.array(path)[:, plane].T / 1000, color=colour, lw=0.5, alpha=0.8)
             axis.plot([], [], color=colour, label=name)
         for side in get_args(Side):
-            axis.plot(*(rest[f"{side} arm"][-1, plane] + circle).T, color="0.6", lw=0.8)
+            axis.plot(*(links[f"{side} arm"][-1, plane] + circle).T, color="0.6", lw=0.8)
         axis.plot([], [], color="0.6", lw=0.8, label=f"{RADIUS_M:g} m from rest")
         axis.set(xlabel="y (m)", ylabel=f"{'xyz'[plane[1]]} (m)", title=title, aspect="equal")
         axis.grid(alpha=0.25)

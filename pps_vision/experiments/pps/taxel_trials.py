@@ -98,9 +98,9 @@ def at_horizon(trials: Sequence[Trial]) -> tuple[Array, Array]:
     """Return D and TTC (trials, n) of the last sample known at the horizon; NaN without one."""
     D, TTC = np.full((2, len(trials), len(trials[0].touched)), np.nan)
     for k, trial in enumerate(trials):
-        known = np.flatnonzero(known_at_horizon(trial.stamps_s))
-        if len(known):
-            D[k], TTC[k] = (values[known[-1]] for values in perceive(trial))
+        in_time = np.flatnonzero(known_at_horizon(trial.stamps_s))
+        if len(in_time):
+            D[k], TTC[k] = (values[in_time[-1]] for values in perceive(trial))
     return D, TTC
 
 
