@@ -27,7 +27,7 @@ class Lens:
     @cached_property
     def _slopes_of_pixels(self) -> Array:
         """x/z and y/z of every pixel's ray, (h, w, 2)."""
-        rays = self.camera.bearing_map
+        rays = self.camera.bearing_map()
         return rays[..., :2] / rays[..., 2:]
 
     @cached_property

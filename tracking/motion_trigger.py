@@ -183,7 +183,12 @@ class MotionTrigger:
 
     def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Frame:
         """Drop old images and return the new one; the next comparison has the other interval."""
-        while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:
+        longest_s = self.params.slow_interval_s + 1e-6
+        while len(self._past) > 1 and stamp_s - self._past[0].stamp_s > longest_s:
+            if stamp_s - self._past[1].stamp_s <= _FLOW_INTERVAL_S - JITTER_S:
+                break  # flow is measured since the oldest one
+            self._past.popleft()
+        if self._past and stamp_s - self._past[0].stamp_s > 2 * longest_s:
             self._past.popleft()
         self._is_slow = not self._is_slow
         return _Frame(image.copy(), view, stamp_s, own)

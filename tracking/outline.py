@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import Camera
+from pps_vision.geometry.camera import Camera, solid_angles
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
@@ -45,6 +45,7 @@ _EDGE_PX = 0.3  # standard deviation of a mask's edge
 _MIN_VISIBLE = 0.25  # share of a disc's area from which the disc is fitted
 _MIN_EDGE_PX = 12  # pixels of the edge from which the disc is fitted
 _MIN_ON_DISC = 0.5  # share of the edge that lies on the disc
+_STRIP = 64  # rows whose weights are computed together
 _ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
 _HIDDEN_AT_BORDER = 0.3  # assumed hidden share of an object at the image's border
 
@@ -97,10 +98,15 @@ class Optics:
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-        directions = np.concatenate([camera.bearing_map, np.ones((camera.height, camera.width, 1))], axis=-1)
-        weights = np.moveaxis(directions * camera.solid_angle_map[..., None], -1, 0)
-        self.weights: NDArray[np.float32] = np.ascontiguousarray(weights, np.float32)
+        self.weights = np.empty((4, camera.height, camera.width), np.float32)
         """(4, h, w) solid angle times viewing direction, and solid angle, sr."""
+        for top in range(0, camera.height, _STRIP):  # whole maps of directions would take three times as much memory
+            first = max(top - 1, 0)
+            bearings = camera.bearing_map(first, min(top + _STRIP + 1, camera.height))
+            rows = np.s_[top - first : top - first + _STRIP]
+            angles = solid_angles(bearings)[rows]
+            self.weights[:3, top : top + _STRIP] = np.moveaxis(bearings[rows] * angles[..., None], -1, 0)
+            self.weights[3, top : top + _STRIP] = angles
 
 
 def fit_outline(

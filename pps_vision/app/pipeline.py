@@ -417,18 +417,25 @@ def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline")
 
 
 def check_track(track: Track3D, stamp_s: float) -> None:
-    """InputError for a track of another frame, or a known one whose position, velocity or velocity covariance is
-    unusable."""
+    """InputError for a track of another frame, or a known one whose derivatives or covariance are unusable."""
     if abs(track.stamp_s - stamp_s) > 0:  # not for a stamp that is no number, which the arm refuses
         raise InputError("pipeline", f"track of {track.stamp_s} s; expected one of the frame, {stamp_s} s")
     if not track.is_known:
         return
-    position, velocity = track.mean[:2]
-    if not np.all(np.abs(track.mean[:2]) < _MAX_MAGNITUDE):
-        raise InputError("pipeline", f"track at {position} m moving {velocity} m/s; expected finite numbers")
-    cov = track.cov[3:6, 3:6]
-    if not np.isfinite(cov).all() or (variances := np.linalg.eigvalsh(cov))[0] < -1e-9 * variances[-1]:
-        raise InputError("pipeline", f"velocity covariance {cov.tolist()}; expected a positive semi-definite one")
+    for name, values in zip(("position", "velocity", "acceleration", "jerk"), track.mean, strict=True):
+        if not np.all(np.abs(values) < _MAX_MAGNITUDE):
+            raise InputError("pipeline", f"track with {name} {values}; expected finite numbers below 1e6")
+    if not np.all(np.abs(track.cov) < _MAX_MAGNITUDE**2) or not all(
+        map(_is_covariance, (track.cov, track.cov[3:6, 3:6]))
+    ):
+        variances = np.diag(track.cov)
+        raise InputError("pipeline", f"covariance of diagonal {variances}; expected a positive semi-definite one")
+
+
+def _is_covariance(matrix: Array) -> bool:
+    """Whether a symmetric matrix (n, n) has no negative eigenvalue but by rounding."""
+    variances = np.linalg.eigvalsh(matrix)
+    return bool(variances[0] >= -1e-9 * variances[-1])
 
 
 def joints_of(frame: StereoFrame) -> Array:

@@ -88,17 +88,14 @@ class Camera:
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays.reshape(*px.shape[:-1], 3)
 
-    @cached_property
-    def bearing_map(self) -> Array:
-        """(height, width, 3) viewing direction of every pixel centre."""
-        v, u = np.mgrid[: self.height, : self.width]
+    def bearing_map(self, top: int = 0, bottom: int | None = None) -> Array:
+        """(n, width, 3) viewing direction of every pixel centre of the rows from `top` to `bottom`, by default all."""
+        v, u = np.mgrid[top : self.height if bottom is None else bottom, : self.width]
         return self.bearings(np.stack([u, v], axis=-1))
 
-    @cached_property
     def solid_angle_map(self) -> Array:
         """(height, width) solid angle (sr) that each pixel covers."""
-        dv, du = np.gradient(self.bearing_map, axis=(0, 1))
-        return np.linalg.norm(np.cross(du, dv), axis=-1)
+        return solid_angles(self.bearing_map())
 
     def is_usable(self) -> bool:
         """Whether, all over the image, a pixel's bearing projects back to it (within 1 px) and bearings
@@ -138,6 +135,12 @@ def reduced_image(image: Image, k: int) -> Image:
         return image
     height, width = (side // k for side in image.shape[:2])
     return np.asarray(cv2.resize(image[: k * height, : k * width], (width, height), interpolation=cv2.INTER_AREA))
+
+
+def solid_angles(bearings: Array) -> Array:
+    """(h, w) solid angle (sr) of the pixels of neighbouring viewing directions (h, w, 3)."""
+    dv, du = np.gradient(bearings, axis=(0, 1))
+    return np.linalg.norm(np.cross(du, dv), axis=-1)
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,16 @@ from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import StereoFrame
 
 TEXT_ROWS = 30
-CAMERA = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
-VIEW = StereoRig.fixed(CAMERA, CAMERA, np.eye(4)).view()
-FRAME = StereoFrame(*np.zeros((2, 100, 100, 3), np.uint8), 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("pixel", "scale"), [((40.0, 60.0), 1), ((40.5, 60.25), 2), ((47.75, 71.5), 5)])
-def test_the_cross_is_centred_on_the_projected_position(pixel, scale):
-    """Pixel u of the image covers the pixels from scale * u to scale * u + scale - 1 of the canvas."""
+@pytest.mark.parametrize(("pixel", "side", "scale"), [((40.0, 60.0), 1000, 1), ((40.5, 60.25), 100, 2)])
+def test_the_cross_is_centred_on_the_projected_position(pixel, side, scale):
+    """Pixel u of a small image covers the pixels from scale * u to scale * u + scale - 1 of the canvas."""
+    camera = Camera(side, side, 100.0, 100.0, 49.5, 49.5)
+    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
     track = track_at([(pixel[0] - 49.5) / 100, (pixel[1] - 49.5) / 100, 1.0])
-    drawn = draw_pair(FRAME, VIEW, track, scale=scale)
-    light = drawn[TEXT_ROWS:, : 100 * scale].sum(axis=2, dtype=float)
+    drawn = draw_pair(StereoFrame(*np.zeros((2, side, side, 3), np.uint8), 0.0, 0.0), view, track)
+    light = drawn[TEXT_ROWS:, : side * scale].sum(axis=2, dtype=float)
     rows, columns = np.nonzero(light)
     centre = np.average(columns, weights=light[rows, columns]), np.average(rows, weights=light[rows, columns])
     wanted = [scale * (value + 0.5) - 0.5 for value in pixel]

@@ -100,7 +100,7 @@ def test_solid_angles_add_up_to_the_pyramid_the_image_spans():
     half_width = np.arctan(150.5 / 220)
     half_height = np.arctan(100.5 / 220)
     pyramid = 4 * np.arcsin(np.sin(half_width) * np.sin(half_height))
-    assert camera.solid_angle_map.sum() == pytest.approx(pyramid, rel=2e-3)
+    assert camera.solid_angle_map().sum() == pytest.approx(pyramid, rel=2e-3)
     assert camera.focal_px == pytest.approx(220.0)
 
 

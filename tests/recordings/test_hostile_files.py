@@ -157,7 +157,7 @@ def png(width: int, height: int) -> bytes:
     [
         ("a.png", png(20_000, 20_000)),
         ("a.png", png(10_000, 10_000)),  # of which PIL only warns
-        ("a.png", png(8192, 4097)),  # 2^25 pixels and a row more
+        ("a.png", png(4096, 2049)),  # 2^23 pixels and a row more
         ("a.ppm", b"P6 99999 99999 255\n\x00"),
         ("a.bmp", cv2.imencode(".bmp", np.zeros((4, 4, 3), np.uint8))[1].tobytes()),
     ],

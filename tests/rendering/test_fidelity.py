@@ -32,7 +32,7 @@ def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot, rig, q):
     exact = ray_cast(robot, eye, state, ball.radius_m, ball.parts[0].color, samples=3)
     sight = PLACE - eye.center
     distance = np.linalg.norm(sight)
-    off_axis = np.arccos(eye.camera.bearing_map @ (eye.T_root_camera[:3, :3].T @ sight / distance))
+    off_axis = np.arccos(eye.camera.bearing_map() @ (eye.T_root_camera[:3, :3].T @ sight / distance))
     near = off_axis < np.arcsin(ball.radius_m / distance) + 2 / eye.camera.focal_px
 
     def errors(fidelity: Fidelity) -> tuple[float, float]:

@@ -72,4 +72,4 @@ def test_a_patch_is_as_large_as_it_is_turned(robot, rig, q):
             image = eyes.render(SceneState(q, PLACE, rotation=rotation), 0.0).left.astype(int)
             green = image[..., 1] - image[..., ::2].max(axis=2)
             level = level or green.max() / 2  # a pixel counts where half of it is green
-            assert eye.camera.solid_angle_map[green > level].sum() / whole == pytest.approx(share, abs=0.06)
+            assert eye.camera.solid_angle_map()[green > level].sum() / whole == pytest.approx(share, abs=0.06)

@@ -239,7 +239,7 @@ class _Episode:
             mean[0] = rng.standard_normal(3) * 10.0 ** rng.uniform(0, 9)
             mean[1] = rng.standard_normal(3) * 10.0 ** rng.uniform(-3, 9)
         if rng.random() < 0.02:
-            mean[tuple(rng.integers((2, 3)))] = rng.choice((np.nan, np.inf, 1e300))
+            mean[tuple(rng.integers((4, 3)))] = rng.choice((np.nan, np.inf, 1e308))
         late_s = rng.uniform(0, 1) if rng.random() < 0.02 else 0.0
         radius = float(rng.choice((0.02, 0.0, 1.0, np.nan, -0.02)))
         return Track3D(stamp_s - late_s, mean, self._cov(), radius, 1e-8, Status.TRACKING)

@@ -74,8 +74,8 @@ def test_moments_are_sums_over_all_pixels(kind, rng):
     left = 200
     top = 50
     region = np.s_[top : top + mask.shape[0], left : left + mask.shape[1]]
-    bearing = LEFT_EYE.bearing_map[region]
-    solid_angle = LEFT_EYE.solid_angle_map[region]
+    bearing = LEFT_EYE.bearing_map()[region]
+    solid_angle = LEFT_EYE.solid_angle_map()[region]
     result = moments(alpha, variance, Optics(LEFT_EYE).weights, left, top)
     direction = np.einsum("vu,vu,vuk", alpha.astype(float), solid_angle, bearing)
     omega = float(np.sum(solid_angle * alpha, dtype=float))

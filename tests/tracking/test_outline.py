@@ -26,7 +26,7 @@ def optics() -> Optics:
 def _hard(camera: Camera, sphere: Sphere) -> np.ndarray:
     """Pixels whose own ray hits the sphere."""
     ray = sphere.center / np.linalg.norm(sphere.center)
-    return camera.bearing_map @ ray > np.sqrt(1 - (sphere.radius_m / np.linalg.norm(sphere.center)) ** 2)
+    return camera.bearing_map() @ ray > np.sqrt(1 - (sphere.radius_m / np.linalg.norm(sphere.center)) ** 2)
 
 
 def drawn(mask: Mask) -> Image:
