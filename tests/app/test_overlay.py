@@ -19,7 +19,7 @@ def test_the_cross_is_centred_on_the_projected_position(pixel, side, scale):
     view = StereoRig.fixed(camera, camera, np.eye(4)).view()
     track = track_at([(pixel[0] - 49.5) / 100, (pixel[1] - 49.5) / 100, 1.0])
     drawn = draw_pair(StereoFrame(*np.zeros((2, side, side, 3), np.uint8), 0.0, 0.0), view, track)
-    light = drawn[TEXT_ROWS:, : side * scale].sum(axis=2, dtype=float)
+    light = drawn[TEXT_ROWS : 100 * scale, : 100 * scale].sum(axis=2, dtype=float)
     rows, columns = np.nonzero(light)
     centre = np.average(columns, weights=light[rows, columns]), np.average(rows, weights=light[rows, columns])
     wanted = [scale * (value + 0.5) - 0.5 for value in pixel]
