@@ -19,6 +19,7 @@ _STATUS_RGB = {
     Status.COASTING: (250, 190, 40),
     Status.LOST: (250, 70, 60),
 }
+_SMALL = 960  # width (px) of images that are shown twice as large
 _SHIFT = 4  # cv2 draws at 1/16 px
 
 
@@ -69,9 +70,9 @@ def draw_pair(
     taxels_root: Array | None = None,
     activations: Array | None = None,
     captions: Sequence[str] = (),
-    scale: int = 2,
 ) -> Image:
-    """Both eyes side by side, enlarged: the detection (ring), the track (cross), taxels by activation."""
+    """Both eyes side by side, small images enlarged: the detection (ring), the track (cross), taxels by activation."""
+    scale = 2 if frame.left.shape[1] <= _SMALL else 1
     color = _STATUS_RGB[track.status]
     sides: list[Image] = []
     for name, image, eye in (("left", frame.left, view.left), ("right", frame.right, view.right)):
