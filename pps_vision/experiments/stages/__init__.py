@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pps_vision.experiments.stages import (
@@ -14,13 +15,15 @@ from pps_vision.experiments.stages import (
     stereo,
     trigger,
 )
-from pps_vision.experiments.stages.parameters import StageParameters
-from pps_vision.experiments.study import Part, PartsStudy
+from pps_vision.experiments.study import DATA, Part, PartsStudy, TrackingStudy
 
 
 @dataclass(frozen=True)
-class Stages(PartsStudy, StageParameters):
-    """One speed–accuracy chart per stage; a panel shows one scenario, the 95 % intervals resample its recordings."""
+class Stages(PartsStudy, TrackingStudy):
+    """One speed–accuracy chart per stage; a panel shows one scenario, the 95 % intervals resample its recordings.
+
+    `n` is the number of recordings of each kind.
+    """
 
     PARTS: ClassVar[Mapping[str, Part]] = {
         "trigger": Part(trigger.run, trigger.chart),
@@ -33,3 +36,10 @@ class Stages(PartsStudy, StageParameters):
         "batches": Part(batches.run, batches.chart),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_calm": 1, "n_movements": 2, "n_problems": 100, "n_ipopt": 10}
+
+    seconds: float = 2.5  # length of the recordings of tracked objects, unless the motion determines it
+    n_calm: int = 30  # recordings in which nothing moves, for the false alarms of our trigger
+    n_movements: int = 100  # movements of the arm
+    n_problems: int = 52_000  # inverse-kinematics problems for the batched solver, as many as J solved
+    n_ipopt: int = 1500  # problems for IPOPT, which solves one at a time
+    data: Path = DATA  # folder of the real films and photographs (default: PPS_VISION_DATA, else ../shared/data)

@@ -16,7 +16,6 @@ from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
 from control.differential_kinematics import rate_limits
 from control.limits import LimitParams
 from pps_vision.experiments.charts import cells_chart
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Metric, Values, compare, percent, rms
 from pps_vision.experiments.timing import timed
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
@@ -99,7 +98,7 @@ _BASELINES = [name for name in SOLVERS if name != OURS]
 chart = cells_chart("error_cm_s", "error of the point's velocity (cm/s)", _BASELINES, OURS, "time (ms)")
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by scenario and method: error of the velocity, movements beyond limits or too near the body, time."""
     robot = load_icub()
     bodies = SelfCollision(robot)

@@ -13,7 +13,6 @@ import torch
 from pps_vision.app.track import chunks, torch_device
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving, tracker_params
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Method, Metric, Values, compare, rms
 from pps_vision.types import Array
 from tracking.batch import BatchTracker
@@ -26,7 +25,7 @@ Pairs = tuple[Footage, Array]  # a recording and the true centres (n, 2, 2) px
 chart = cells_chart("error_px", "RMS error of detections (px)", default=ALONE)
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by object and way: time of a pair and pixel error."""
     devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
     methods: dict[str, Method] = {ALONE: partial(_run, "", 1)}

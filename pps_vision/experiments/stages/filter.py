@@ -18,7 +18,6 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, rms
 from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, StereoView, View
@@ -65,7 +64,7 @@ Filter = Callable[[Measurements], list[Array]]  # the states (order, 3) after ea
 chart = cells_chart("position_mm", "position error (mm RMS)", ("cv2",), DEFAULT, "time (ms per update)")
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by data and filter: time of an update, error of the position."""
 
     def measured(source: SceneSource, number: int) -> Measurements:

@@ -22,7 +22,6 @@ from pps_vision.experiments.baselines.image_trackers import (
 )
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import HUES_DEG, moving
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean, median, percent
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.recordings.video import open_frames
@@ -56,7 +55,7 @@ class BoxedFilm:
 chart = cells_chart("lost_overlap", "1 − mean IoU", BASELINES, DEFAULT, "time (ms per frame)", 2.6)
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by kind of film and tracker: 1 − mean overlap, frames with overlap, centre error, time."""
 
     def film(speed: str, source: SceneSource, seed: int) -> BoxedFilm:

@@ -14,7 +14,6 @@ from pps_vision.app.render import scene
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.exact import ray_cast
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import Metric, Values, compare, rms
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.geometry.camera import View
@@ -51,7 +50,7 @@ class Drawing(NamedTuple):
 chart = cells_chart("object_error", "image error (grey levels)", (), DEFAULT, "time (ms per drawn pair)")
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by object and way to draw: time of a pair and image error (grey levels)."""
     cells: dict[str, Any] = {}
     robot = load_icub()

@@ -15,7 +15,6 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.ipopt import two_stage_by_ipopt
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.reach_truth import closed_form
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import rms
 from pps_vision.experiments.timing import timed
 from pps_vision.robot.gaze import fixation_points
@@ -28,7 +27,7 @@ ERRORS = ("wrong verdicts (%)", "RMS optimality lost")  # against the arm in clo
 chart = cells_chart("error", "error", ("IPOPT, 1 start", "IPOPT, 2 starts"), DEFAULT, "processor time per problem (ms)")
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by error and solver: ms per problem, and the error."""
     n = study.n_problems
     if study.n_ipopt > n:

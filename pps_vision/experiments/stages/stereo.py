@@ -18,7 +18,6 @@ from pps_vision.experiments.films.caster import Ball, Paint
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.films.rendered import meshes
 from pps_vision.experiments.films.score import steps_of
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, SceneSource, Values, compare, percent, rms
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.geometry.camera import StereoView
@@ -54,7 +53,7 @@ class Pair(NamedTuple):
 chart = cells_chart("rms_mm", "3D RMS error, 0.4 m (mm)", BASELINES, OURS)
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by scenes and method: 3D error, share with a point, time."""
     scenarios = study.scenarios(_pairs, ("plain ball", "textured ball"))
     return {"cells": compare(scenarios, methods(), _METRICS, study.seeds, "midpoint", TURNS)}

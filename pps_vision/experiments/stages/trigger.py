@@ -19,7 +19,6 @@ from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.films.caster import SensorChain
 from pps_vision.experiments.films.recordings import FPS, Footage, from_film
 from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
-from pps_vision.experiments.stages.parameters import StageParameters
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, Values, compare, mean, percent
 from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, View
@@ -49,7 +48,7 @@ _METRICS = {
 Watcher = Callable[[Image, View, float], list[BoxPx]]  # an image, its view and stamp to the moving regions
 
 
-def run(study: StageParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return by object and method: false alarms a minute, share detected within 3 images, delay, time."""
     calm_s = min(_CALM_S, 4 * study.seconds)
     if calm_s * FPS <= STARTS:
