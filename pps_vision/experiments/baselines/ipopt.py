@@ -41,10 +41,7 @@ def two_stage_by_ipopt(
     target = ca.MX.sym("target", 3)
     offset = _position(chain)(q) - target
     effort = ca.sumsqr((q - (upper + lower) / 2) / ((upper - lower) / 2)) / len(lower)
-    stages: list[Any] = [
-        {"x": q, "p": target, "f": ca.sumsqr(offset)},
-        {"x": q, "p": target, "f": effort, "g": offset},
-    ]
+    stages: list[Any] = [{"x": q, "p": target, "f": ca.sumsqr(offset)}, {"x": q, "p": target, "f": effort, "g": offset}]
     nearest, best = (ca.nlpsol("stage", "ipopt", stage, _OPTIONS) for stage in stages)
 
     def solve(solver: Any, targets: Array, starts: Array, **constraints: float) -> tuple[Array, Array]:

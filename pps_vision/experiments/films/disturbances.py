@@ -34,8 +34,7 @@ def noisy(recording: Footage, sigma: float, rng: np.random.Generator) -> Footage
 def exposed(recording: Footage, stops: Callable[[float], float]) -> Footage:
     """Change both eyes' light by `stops` (powers of 2), a function of the time."""
     return _each_image(
-        recording,
-        lambda image, stamp_s: expose(Sensor(exposure=2 ** stops(stamp_s)), image.astype(np.float32), None),
+        recording, lambda image, stamp_s: expose(Sensor(exposure=2 ** stops(stamp_s)), image.astype(np.float32), None)
     )
 
 

@@ -5,16 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pps_vision.experiments.stages import (
-    arm,
-    batches,
-    filter,
-    image_tracker,
-    rendering,
-    solvers,
-    stereo,
-    trigger,
-)
+from pps_vision.experiments.stages import arm, batches, filter, image_tracker, rendering, solvers, stereo, trigger
 from pps_vision.experiments.study import DATA, Part, PartsStudy, TrackingStudy
 
 

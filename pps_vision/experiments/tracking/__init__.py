@@ -11,16 +11,7 @@ from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.experiments.films.score import METRICS, baseline, tracker
-from pps_vision.experiments.study import (
-    TURNS,
-    Method,
-    Part,
-    PartsStudy,
-    SceneSource,
-    TrackingStudy,
-    Values,
-    compare,
-)
+from pps_vision.experiments.study import TURNS, Method, Part, PartsStudy, SceneSource, TrackingStudy, Values, compare
 from pps_vision.experiments.tables import Table, estimate, median_first
 from pps_vision.experiments.tracking import consistency
 from rendering.names import MotionName
