@@ -232,7 +232,7 @@ def _lean_table(numbers: dict[str, Any]) -> Table:
     rows = []
     for key, name in _LEAN_ROWS.items():
         value = numbers[key]
-        rows.append([name, *([f"{x:.3g}" for x in value] if isinstance(value, list) else [str(value), "", ""])])
+        rows.append([name, *([estimate([x]) for x in value] if isinstance(value, list) else [str(value), "", ""])])
     return Table(["leaning", "number or median", "95 %", "maximum"], rows)
 
 
