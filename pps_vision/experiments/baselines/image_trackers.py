@@ -124,5 +124,4 @@ def intersection_over_union(a: Array, b: Array) -> Array:
     """Return the overlaps (n,) of boxes x, y, w, h (n, 4)."""
     size = np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
     shared = np.prod(np.maximum(size, 0), axis=1)
-    overlap: Array = shared / (np.prod(a[:, 2:], axis=1) + np.prod(b[:, 2:], axis=1) - shared)
-    return overlap
+    return np.asarray(shared / (np.prod(a[:, 2:], axis=1) + np.prod(b[:, 2:], axis=1) - shared))

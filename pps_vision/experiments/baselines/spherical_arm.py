@@ -71,14 +71,12 @@ class SphericalArm:
 
     def _effort(self, q: Array) -> Array:
         half = np.maximum(self.upper_rad - self.lower_rad, 1e-12) / 2  # a joint that is stuck has no range
-        effort: Array = np.mean(((q - self.lower_rad) / half - 1) ** 2, axis=-1)
-        return effort
+        return np.asarray(np.mean(((q - self.lower_rad) / half - 1) ** 2, axis=-1))
 
     def _cheapest(self, q: Array) -> Array:
         """(N, 4) of postures (N, K, 4) that of least effort."""
         k = np.argmin(np.nan_to_num(self._effort(q), nan=np.inf), axis=1)
-        cheapest: Array = np.take_along_axis(q, k[:, None, None], axis=1)[:, 0]
-        return cheapest
+        return np.asarray(np.take_along_axis(q, k[:, None, None], axis=1)[:, 0])
 
     def _best(self, points: Array, samples: int = 0) -> Array:
         """(N, 4) cheapest of the postures at limits and turning points; with `samples`, the posture of least effort:
@@ -165,14 +163,12 @@ def _rotated(vector: Array, axis: Array, angle: Array) -> Array:
     """Vectors (…, 3) rotated about a unit axis by angles (…), Rodrigues."""
     along = (vector @ axis)[..., None] * axis
     cosine = np.cos(angle)[..., None]
-    rotated: Array = along + cosine * (vector - along) + np.sin(angle)[..., None] * np.cross(axis, vector)
-    return rotated
+    return np.asarray(along + cosine * (vector - along) + np.sin(angle)[..., None] * np.cross(axis, vector))
 
 
 def _angle(axis: Array, a: Array, b: Array) -> Array:
     """Angle about an axis from a (…, 3) to b."""
-    angle: Array = np.arctan2(np.cross(a, b) @ axis, np.sum(a * b, axis=-1) - (a @ axis) * (b @ axis))
-    return angle
+    return np.asarray(np.arctan2(np.cross(a, b) @ axis, np.sum(a * b, axis=-1) - (a @ axis) * (b @ axis)))
 
 
 def _solve_component(direction: Array, axis: Array, vector: Array, component: Array) -> Array:

@@ -126,5 +126,4 @@ def _cov(view: StereoView, point: Array) -> Array | None:
     if not all(np.all(np.isfinite(eye.project(point))) for eye in eyes):
         return None
     J = np.concatenate([eye.project_jacobian(point) for eye in eyes])
-    cov: Array = np.linalg.inv(J.T @ J) * _POINT_STD_PX**2
-    return cov
+    return np.asarray(np.linalg.inv(J.T @ J) * _POINT_STD_PX**2)

@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 
 from learning.reach.babbling import Babbled, babble
 from learning.reach.labels import HandModel, Labels, ReachOracle
-from learning.reach.map import MapPrediction
 from learning.reach.params import MapParams
 from learning.reach.training import learned_from
 from pps_vision.experiments.baselines import jamone
@@ -100,9 +99,9 @@ def disturbed(name: str, n_test: int, seed: int, severity: float) -> Training:
     gaze = np.random.default_rng(seed + 1_000_000).uniform(_LIMITS.lower, _LIMITS.upper, (n_test, 3))
     reachable = np.isfinite(closed_form(robot).solve(fixation_points(robot, gaze))[:, 0])
     _, change = DISTURBANCES[name]
-    if change is None:
-        return Training(babbled, severity / 100, gaze, reachable)
-    return Training(change(babbled, severity, np.random.default_rng(seed + 1)), 0.0, gaze, reachable)
+    if change is not None:
+        babbled = change(babbled, severity, np.random.default_rng(seed + 1))
+    return Training(babbled, 0.0 if change else severity / 100, gaze, reachable)
 
 
 def _our_map(label: Oracle, params: MapParams, rng: np.random.Generator) -> MapQuery:
@@ -125,14 +124,14 @@ def learn_and_judge(learner: str, n_labels: int, data: Training, seed: int) -> V
     learn_arm, learn_map = LEARNERS[learner]
     rng = np.random.default_rng(seed + 2_000_000)
     params = replace(_MAP_PARAMS, n_labels=n_labels, round_labels=n_labels // 2)
-    unknown = np.full(len(data.gaze_rad), np.nan)
-    prediction = MapPrediction(unknown == 0, unknown > 0, unknown, unknown)
+    reachable = np.zeros(len(data.gaze_rad), dtype=bool)
     try:
         oracle = ReachOracle(load_icub(), "right", params, rng, learn_arm(data.babbled))
-        prediction = learn_map(partial(_flipped, oracle.label, data.flipped, rng), params, rng)(data.gaze_rad)
+        query = learn_map(partial(_flipped, oracle.label, data.flipped, rng), params, rng)
+        reachable = query(data.gaze_rad).reachable
     except ValueError:  # of the learners: too few samples, no receptive field that answers, no label beyond the border
         pass
-    return {"misjudged": prediction.reachable != data.reachable}
+    return {"misjudged": reachable != data.reachable}
 
 
 def _flipped(label: Oracle, share: float, rng: np.random.Generator, gaze: Array) -> Labels:

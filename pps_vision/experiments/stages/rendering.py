@@ -88,8 +88,7 @@ def _beyond_rim_px(view: View, p: Array, radius_m: float) -> Array:
     away = p - view.center
     distance = float(np.linalg.norm(away))
     cosine = view.camera.bearing_map() @ (view.T_root_camera[:3, :3].T @ (away / distance))
-    beyond: Array = (np.arccos(np.clip(cosine, -1, 1)) - np.arcsin(radius_m / distance)) * view.camera.focal_px
-    return beyond
+    return np.asarray((np.arccos(np.clip(cosine, -1, 1)) - np.arcsin(radius_m / distance)) * view.camera.focal_px)
 
 
 def _errors(eyes: Eyes, drawing: Drawing, seed: int) -> Values:

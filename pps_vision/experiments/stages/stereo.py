@@ -128,8 +128,7 @@ def _in_disparity_map(pair: Pair) -> Array | None:
     if len(valid) < max(0.3 * np.count_nonzero(disc), 5):
         return None
     depth = focal * baseline / float(np.median(valid))
-    center: Array = pair.view.left.center + line * depth / toward[2] / (1 - _NEARER * BALL_M / distance)
-    return center
+    return np.asarray(pair.view.left.center + line * depth / toward[2] / (1 - _NEARER * BALL_M / distance))
 
 
 def _rectified(view: StereoView, frame: StereoFrame) -> tuple[Image, Image, Array, Array]:

@@ -157,17 +157,12 @@ def _baseline(name: str, level: float, camera: Camera) -> Watcher:
 
 def best_level(name: str, calm: Footage) -> float:
     """Return the lowest level without a false alarm where nothing moves; the highest if there is none."""
-    levels = TRIGGERS[name].levels
+    *levels, highest = TRIGGERS[name].levels
     short = replace(calm, frames=calm.frames[: STARTS + 40])
-    low = 0
-    high = len(levels) - 1
-    while low < high:  # fewer alarms at higher levels
-        middle = (low + high) // 2
-        if np.any(watch(partial(_baseline, name, levels[middle]), short, 0)["alarm"]):
-            low = middle + 1
-        else:
-            high = middle
-    return levels[low]
+    for level in levels:
+        if not np.any(watch(partial(_baseline, name, level), short, 0)["alarm"]):
+            return level
+    return highest
 
 
 def delay(boxes: list[list[BoxPx]], recording: Footage, eye: str) -> float:
