@@ -22,14 +22,7 @@ from pps_vision.experiments.baselines.single_taxel import (
     from_taxel,
     sample_paths,
 )
-from pps_vision.experiments.pps.ridges import (
-    FINE,
-    bin_centers,
-    landscape_chart,
-    offsets,
-    orthogonal_line,
-    ridge_width,
-)
+from pps_vision.experiments.pps.ridges import FINE, bin_centers, landscape_chart, offsets, orthogonal_line, ridge_width
 from pps_vision.experiments.pps.taxel_trials import load_trials
 from pps_vision.experiments.study import DATA, Part, PartsStudy, SampledStudy
 from pps_vision.experiments.tables import Table

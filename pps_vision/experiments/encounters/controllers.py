@@ -2,7 +2,7 @@
 
 import hashlib
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
@@ -15,15 +15,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.app.encounters.controllers import ControllerParams
-from pps_vision.app.encounters.encounter import (
-    FAST_M_S,
-    HARMLESS,
-    HAZARDS,
-    SPEED_M_S,
-    Condition,
-    EncounterScene,
-    draw,
-)
+from pps_vision.app.encounters.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
     ASKING,
@@ -34,7 +26,6 @@ from pps_vision.app.encounters.registry import (
     REACHING,
     TRUE,
     TUNABLE,
-    Baseline,
     new_controller,
 )
 from pps_vision.app.encounters.rendered import render_encounter
@@ -248,7 +239,7 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
 def tune(study: EncountersParameters) -> dict[str, Any]:
     """Return the score of our defaults, and each controller's best draw."""
     params = {
-        f"{name}#{k}": draw_params(baseline, np.random.default_rng((study.tuning_seed, j, k)))
+        f"{name}#{k}": draw_params(baseline.ranges, np.random.default_rng((study.tuning_seed, j, k)))
         for j, (name, baseline) in enumerate(TUNABLE.items())
         for k in range(study.draws)
     }
@@ -260,10 +251,10 @@ def tune(study: EncountersParameters) -> dict[str, Any]:
     return {"ours": scores[OURS], "best": {name: {"score": scores[k], **params[k]} for name, k in best.items()}}
 
 
-def draw_params(baseline: Baseline, rng: np.random.Generator) -> ControllerParams:
-    """Draw a baseline's parameters with four digits."""
+def draw_params(ranges: Mapping[str, tuple[float, float]], rng: np.random.Generator) -> ControllerParams:
+    """Draw a baseline's parameters from their ranges, with four digits."""
     params = {}
-    for name, (low, high) in baseline.ranges.items():
+    for name, (low, high) in ranges.items():
         value = np.exp(rng.uniform(np.log(low), np.log(high))) if name == _LOGARITHMIC else rng.uniform(low, high)
         params[name] = float(f"{value:.4g}")
     return params
