@@ -61,16 +61,13 @@ def learn(
     return memory
 
 
-def learn_from(
-    recording: Recording, memory: PPSMemory, mode: Mode = "generic", seed: int = 0, robot: RobotSetup | None = None
-) -> Learned:
+def learn_from(recording: Recording, memory: PPSMemory, mode: Mode, seed: int, robot: RobotSetup) -> Learned:
     """Continue `memory` with one recording; arguments and errors as in `learn`."""
-    setup = robot or icub_setup()
-    skin = setup.skin
+    skin = robot.skin
     if recording.robot is None:
         raise InputError(recording.name, "has no joints; expected the recording of a robot")
     tracker = tracker_for(recording, tracker_params(mode), seed)
-    pipeline = Pipeline(PipelineParams.of(setup), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
+    pipeline = Pipeline(PipelineParams.of(robot), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
     for frame in recording:
         pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
     after = pipeline.finish()

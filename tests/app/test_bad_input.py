@@ -11,6 +11,7 @@ from learning.pps.memory import PPSMemory, save_memory
 from pps_vision.app.learn import learn_from
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
+from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import icub_skin
 
 RENDER = "render --stimulus ball --motion circle --out TMP/rec"
@@ -163,7 +164,7 @@ def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path, calib):
     assert "without a robot; expected it with an iCub's REC" in refused("track", *video, "--memory", tmp_path / "m.npz")
     recording = open_recording(tmp_path / "a.mp4", calib=[calib])
     with pytest.raises(InputError, match="has no joints; expected the recording of a robot"):
-        learn_from(recording, PPSMemory.empty(icub_skin()))
+        learn_from(recording, PPSMemory.empty(icub_skin()), "generic", 0, icub_setup())
     assert "has no left_arm; expected --arm right" in refused("reach", "train", *arm7, "--arm", "left", *out)
     assert "--motion circle without --center" in refused(
         "render", *arm7, "--stimulus", "ball", "--motion", "circle", "--target", "forearm:4", *out

@@ -122,10 +122,6 @@ class EncounterScene:
         """Return the indices of an arm's joints in the configuration vector."""
         return self.robot.indices(self.robot.names.arm(side))
 
-    def head(self, q_rad: Array) -> Array:
-        """Return the point (3,) midway between the eyes."""
-        return self.rig.view(q_rad).midpoint
-
     def may_swing(self, q_rad: Array, side: Side) -> bool:
         """Return whether an arm that swings by itself keeps clear of the body."""
         times = np.arange(0.0, _REST_S, PERIOD_S)

@@ -44,7 +44,7 @@ def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generat
     kalman_params = KalmanParams()
     constant_m, random_m = (np.array(rms_m)[[1, 1, 0]] for rms_m in ERRORS[encounter.stimulus])
     cov = np.diag(constant_m**2 + random_m**2)
-    head = scene.head(encounter.q_rad)
+    head = scene.rig.view(encounter.q_rad).midpoint
     constant = constant_m * rng.standard_normal(3)
     is_angular = encounter.stimulus in ("cube", "octopus")
     radius = encounter.radius_m * (1 + _RADIUS_STD * is_angular * rng.standard_normal())

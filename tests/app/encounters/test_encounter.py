@@ -89,7 +89,7 @@ def test_what_a_body_hides_is_counted_ray_by_ray(scene):
     body = next(body for body in scene.robot.bodies if body.name == "left_forearm_1")
     middle = (posture.T_root(body.frame) @ body.T_frame_body)[:3, 3]
     (size,) = body.size_m
-    eye = scene.head(posture.q_rad)
+    eye = scene.rig.view(posture.q_rad).midpoint
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
     assert scene.hidden_share(posture, eye, middle - 0.1 * ahead, 0.03) == 0, "before it"
     behind = middle + (0.01 + size + 0.03) * ahead
