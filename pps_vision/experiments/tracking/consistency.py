@@ -1,4 +1,4 @@
-"""Consistency of the tracker's covariance: coverage of its intervals, NEES, and the error of the time to contact."""
+"""Consistency of the tracker's covariance: coverage of its intervals."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -12,7 +12,7 @@ from scipy.stats import norm
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
-from pps_vision.experiments.study import Metric, mean, measure, median, percent, summarize
+from pps_vision.experiments.study import Metric, measure, percent, summarize
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array, Status, Track3D
 
@@ -20,21 +20,17 @@ QUANTITIES = ("position", "velocity", "distance", "time to contact")
 GOALS = {68: 5.0, 95: 3.0}  # largest difference between stated and measured coverage (points), by stated coverage (%)
 _SETTLED = 10  # frames before a tracker is judged
 _SIGMAS = {68: float(norm.ppf(0.84)), 95: float(norm.ppf(0.975))}
-_LATE_S = (0.02, 0.5)  # before the touch, where the error of the time to contact counts
+_LATEST_S = 0.02  # before the touch, until when the time to contact counts
 _FIELD = ReceptiveField(np.pi / 2 - 1e-9, length_m=10.0, distance_to="surface", min_closing_sigmas=0.0)  # all of space
 _POINT_FROM_PATH_M = np.array([0.0, 0.0, -0.15])  # from the path's middle: the point whose distance is predicted
-_METRICS = {
-    **{f"{q} {s}": Metric(f"{q} {s}", percent) for q in QUANTITIES for s in _SIGMAS},
-    "nees": Metric("nees", mean),
-    "ttc_percent": Metric("ttc_percent", median),
-}
+_METRICS = {f"{q} {s}": Metric(f"{q} {s}", percent) for q in QUANTITIES for s in _SIGMAS}
 
 
 def run(study: Any) -> dict[str, Any]:
     """Judge tracks of balls and markers by their own covariances, while the head moves.
 
     Judged from the tenth frame on while the status is tracking, without the two frames after a jump of the velocity.
-    Returns by source: coverage in percent, mean NEES (6 expected), error of the time to contact in the last 0.5 s.
+    Returns the coverage in percent by source.
     """
     cells = {}
     seeds = range(study.seed, study.seed + study.n_consistency)
@@ -65,18 +61,16 @@ def misses(share: int, coverage: float) -> bool:
 
 
 def judge_covariances(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, list[float]]:
-    """Return the values of one recording: whether each interval holds the truth, mean NEES, errors of the TTC (%)."""
+    """Return the values of one recording: whether each interval holds the truth."""
     values: dict[str, list[float]] = {metric.values: [] for metric in _METRICS.values()}
     point = recording.position.mean(axis=0) + _POINT_FROM_PATH_M
     touched, ttc = recording.touch()
     judged_frames = ~recording.jumped & (np.arange(len(tracks)) >= _SETTLED)
-    nees = []
     for k, track in enumerate(tracks):
         if not judged_frames[k] or track.status != Status.TRACKING:
             continue
         truth = np.concatenate([recording.position[k], recording.velocity[k]])
         error = track.mean[:2].ravel() - truth
-        nees.append(float(error @ np.linalg.solve(track.cov[:6, :6], error)))
         z = np.abs(error) / np.sqrt(np.diag(track.cov)[:6])
         distance_m, _, distance_std_m, _ = contact(track, point)
         true_distance_m = float(np.linalg.norm(recording.position[k] - point)) - recording.radius_m
@@ -85,15 +79,12 @@ def judge_covariances(recording: Footage, tracks: Sequence[Track3D]) -> dict[str
             "velocity": z[3:],
             "distance": [abs(distance_m - true_distance_m) / distance_std_m],
         }
-        if ttc[k] > _LATE_S[0]:
+        if ttc[k] > _LATEST_S:
             _, ttc_s, _, ttc_std_s = contact(track, touched)
             z_scores["time to contact"] = [abs(ttc_s - ttc[k]) / ttc_std_s]
-            if ttc[k] <= _LATE_S[1]:
-                values["ttc_percent"].append(100 * abs(ttc_s / ttc[k] - 1))
         for share, sigmas in _SIGMAS.items():
             for quantity, scores in z_scores.items():
                 values[f"{quantity} {share}"].extend(float(score < sigmas) for score in scores)
-    values["nees"] = [float(np.mean(nees))] if nees else []
     return values
 
 
