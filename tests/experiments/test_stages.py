@@ -48,7 +48,7 @@ def triggers() -> dict[str, Method]:
     return trigger.methods(moving_square(0, 4))
 
 
-@pytest.mark.parametrize("name", [trigger.DEFAULT, "LK residual grid (R)", "DIS ultrafast − ego", "MOG2"])
+@pytest.mark.parametrize("name", [trigger.DEFAULT, "LK residual grid (R)", "DIS ultrafast − ego", "difference, warped"])
 def test_triggers_detect_the_start_of_a_motion_and_nothing_before(name, triggers):
     values = triggers[name](moving_square(5, 5), 0)
     assert max(values["delay"]) <= 3

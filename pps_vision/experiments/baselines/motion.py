@@ -1,4 +1,4 @@
-"""Baselines of the motion trigger: optical flow, difference of images, background model.
+"""Baselines of the motion trigger: optical flow and difference of images.
 
 Each fires above one level, which the study chooses. All take the same central part of the image (R's grid its own
 75 %) and join pixels to regions in the same way.
@@ -113,12 +113,6 @@ def _warped_difference(camera: Camera, level: float) -> MotionTrigger:
     return _of_pairs(compare)
 
 
-def _background_model(_: Camera, level: float) -> MotionTrigger:
-    """OpenCV's mixture of Gaussians for every pixel."""
-    model = cv2.createBackgroundSubtractorMOG2(100, level, False)
-    return lambda image, _: regions(np.asarray(model.apply(image)) > 0)
-
-
 class Candidate(NamedTuple):
     """A trigger to be made for a camera at one of its `levels`."""
 
@@ -132,5 +126,4 @@ TRIGGERS: dict[str, Candidate] = {
     ),
     "DIS ultrafast − ego": Candidate(_flow_minus_ego, (0.5, 0.75, 1, 1.5, 2, 3, 4, 6)),
     "difference, warped": Candidate(_warped_difference, (4, 6, 8, 12, 16, 24, 32, 48, 64)),
-    "MOG2": Candidate(_background_model, (16, 25, 50, 100, 400)),
 }

@@ -22,7 +22,7 @@ from pps_vision.experiments.baselines.image_trackers import (
 )
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import HUES_DEG, moving
-from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean, median, percent
+from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.recordings.video import open_frames
 from pps_vision.types import Image
@@ -36,11 +36,7 @@ COUNTS = (2, ImageTrackerParams().particles, 1000)  # numbers of particles
 BASELINES: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
 _MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
 _FAST: dict[str, Any] = {"speed": 0.6, "head": "sway"}
-_METRICS = {
-    "lost_overlap": Metric("iou", lambda values: 1 - mean(values)),
-    "held_percent": Metric("held", percent),
-    "center_px": Metric("center_px", median),
-}
+_METRICS = {"lost_overlap": Metric("iou", lambda values: 1 - mean(values))}
 
 
 @dataclass(frozen=True)
@@ -56,7 +52,7 @@ chart = cells_chart("lost_overlap", "1 − mean IoU", BASELINES, DEFAULT, "time 
 
 
 def run(study: Any) -> dict[str, Any]:
-    """Return by kind of film and tracker: 1 − mean overlap, frames with overlap, centre error, time."""
+    """Return by kind of film and tracker: 1 − mean overlap, time."""
 
     def film(speed: str, source: SceneSource, seed: int) -> BoxedFilm:
         k = seed - study.seed

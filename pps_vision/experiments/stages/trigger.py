@@ -43,13 +43,12 @@ _HEAD_RATE = 3.9  # fastest turn of a film's head per amplitude, 1/s
 _METRICS = {
     "alarms_per_minute": Metric("alarm", lambda values: 60 * FPS * mean(values)),
     "found_in_3_percent": Metric("delay", lambda values: percent(values <= 3)),
-    "delay_frames": Metric("delay", mean),
 }
 Watcher = Callable[[Image, View, float], list[BoxPx]]  # an image, its view and stamp to the moving regions
 
 
 def run(study: Any) -> dict[str, Any]:
-    """Return by object and method: false alarms a minute, share detected within 3 images, delay, time."""
+    """Return by object and method: false alarms a minute, share detected within 3 images, time."""
     calm_s = min(_CALM_S, 4 * study.seconds)
     if calm_s * FPS <= STARTS:
         raise InputError("bench stages", f"--seconds {study.seconds}; expected more than {STARTS / FPS / 4:g}")
