@@ -19,7 +19,6 @@ METRICS = {
     "rms_mm": Metric("error_mm", rms),
     "worst_recording_mm": Metric("recording_rms_mm", lambda values: float(np.max(values)) if len(values) else np.nan),
     "mean_recording_mm": Metric("recording_rms_mm", mean),
-    "false_percent": Metric("false", percent),
 }
 """Summaries of the values of `judge`."""
 OURS = "ours"
@@ -65,9 +64,8 @@ def baseline(name: StereoPipelineName) -> Method:
 def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
     """Return the values that `METRICS` summarizes.
 
-    Over the judged frames: whether the track is near the object, and the error of the known tracks. Over all frames
-    from the first judged one on: whether the track is false, that is, not near and off by more than three of its own
-    standard deviations. Of two equal objects the one that is tracked first counts.
+    Over the judged frames: whether the track is near the object, and the error of the known tracks. Of two equal
+    objects the one that is tracked first counts.
     """
     judged = recording.judged(_SETTLE_S)
     known = np.array([track.is_known for track in tracks])
@@ -78,14 +76,11 @@ def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
         truth = min((truth, recording.second_position), key=lambda p: float(np.linalg.norm(p[k] - path[k])))
     error = np.linalg.norm(path - truth, axis=1)
     near = known & (error <= NEAR * np.linalg.norm(truth - EYES_M, axis=1))
-    std = [np.sqrt(np.linalg.eigvalsh(t.cov[:3, :3])[-1]) if t.is_known else np.nan for t in tracks]
-    from_first = np.arange(len(tracks)) >= (int(np.argmax(judged)) if judged.any() else 0)
     error_mm = 1000 * error[judged & known]
     return {
         "near": near[judged],
         "error_mm": error_mm,
         "recording_rms_mm": np.array([rms(error_mm)]) if len(error_mm) else np.empty(0),
-        "false": (known & ~near & (error > 3 * np.array(std)))[from_first],
     }
 
 

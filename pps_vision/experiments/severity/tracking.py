@@ -36,7 +36,7 @@ _FAILS_S = 1.0  # start of a failure
 _ASIDE = np.array([0.0, 1.0, 0.0])
 _UP = np.array([0.0, 0.0, 1.0])
 _FACING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # a board's normal towards the robot
-_METRICS = {name: METRICS[name] for name in ("near_percent", "rms_mm", "false_percent")}
+_METRICS = {name: METRICS[name] for name in ("near_percent", "rms_mm")}
 METHODS: dict[str, Method] = {
     "ours, generic": tracker("generic"),
     "ours, marker": tracker("marker"),
