@@ -1,5 +1,7 @@
 """The tracker with given outlines: exact, one-sided, jumping, of odd shape, at different stamps."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from tracking.image_tracker import ImageDetection
 from tracking.kalman import KalmanParams
 from tracking.outline import Outline
 from tracking.smoother import smoothed_steps
+from tracking.stereo import StereoParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 Pair = tuple[Outline | None, Outline | None]
@@ -171,6 +174,69 @@ def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight(
     )
     shifts = 0.01 * np.cross(np.eye(3), P)
     np.testing.assert_allclose(rotated - exact, shifts.T @ shifts, atol=1e-9)
+
+
+AHEAD = rotation_to([-0.6, 0.5, 0.4])
+ASIDE = AHEAD @ np.array([0.05, -0.04, 0.5])
+"""Off all axes, those of the root frame and those of the cameras, whose midpoint is the origin."""
+
+
+def oblique(turn: Array, about: Array | None = None) -> tuple[View, View]:
+    """Both cameras that look ahead, turned by a rotation vector (3,) about a point (3,), or about their midpoint."""
+    center = np.zeros(3) if about is None else about
+    R = cv2.Rodrigues(turn)[0]
+    T = transform(R, center - R @ center)
+    left, right = (View(CAMERA, T @ transform(AHEAD, x * AHEAD[:, 0])) for x in (-0.034, 0.034))
+    return left, right
+
+
+def pair_of(eyes: tuple[View, View], shifts_px: Array) -> Pair:
+    """Outlines of a ball at `ASIDE`, shifted by (2, 2) px."""
+    left, right = (seen(eye, ASIDE) for eye in eyes)
+    return tuple(replace(o, center_px=o.center_px + px) for o, px in zip((left, right), shifts_px, strict=True))
+
+
+@pytest.mark.parametrize("error", ["pose", "pointing", "calibration"])
+def test_the_covariance_off_the_axes_is_that_of_sampled_errors(error, rng):
+    """Cameras turned from their stated pose; a turning head whose joints lag; pixels that the calibration misplaces:
+    the position's covariance entry by entry, within five standard errors.  Outlines are exact, and what the stated
+    covariance has without the error is subtracted."""
+    n = 500
+    std = {"pose": 4e-3, "pointing": 0.01, "calibration": 2e-3}[error]
+    turn = 0.4 * np.array([0.3, -0.5, 0.8])  # rad/s
+    still = oblique(np.zeros(3))
+
+    def head(joints: Array | None) -> tuple[Array, Array]:
+        left, right = still if joints is None else oblique(float(joints[0]) * turn, CENTER)
+        return left.T_root_camera, right.T_root_camera
+
+    def tracked(stated: float, off: Array) -> TrackerStep:
+        """With the error `off` and its `stated` standard deviation."""
+        rig = StereoRig(CAMERA, CAMERA, head)
+        params = TrackerParams(stereo=StereoParams(1e-6, 100.0), stamp_error_s=0.0)
+        if error == "pose":
+            poses = CameraPoses(rig.view(None), rotation_std_rad=stated)
+            return steps([pair_of(oblique(off[:3]), np.zeros((2, 2)))] * 3, params, rig, poses=poses)[-1]
+        if error == "pointing":
+            late = [oblique((k * DT + off[0]) * turn, CENTER) for k in range(2)]
+            params = replace(params, stamp_error_s=stated)
+            joints = [np.array([k * DT]) for k in range(2)]
+            return steps([pair_of(eyes, np.zeros((2, 2))) for eyes in late], params, rig, joints=joints)[-1]
+        params = replace(params, stereo=StereoParams(stated, 100.0))
+        return steps([pair_of(still, CAMERA.width * off.reshape(2, 2))], params, rig)[-1]
+
+    def position(step: TrackerStep) -> Array:
+        return step.track.position if error == "pose" else step.observation.p_root
+
+    def cov(step: TrackerStep) -> Array:
+        return step.track.cov[:3, :3] if error == "pose" else step.observation.cov_root
+
+    analytic = cov(tracked(std, np.zeros(4))) - cov(tracked(1e-6, np.zeros(4)))
+    sampled = np.cov([position(tracked(std, std * rng.standard_normal(4))) for _ in range(n)], rowvar=False)
+    variance = np.diag(analytic)
+    standard_error = np.sqrt((np.outer(variance, variance) + analytic**2) / (n - 1))
+    assert (np.abs(analytic) > 3 * standard_error).all()  # every entry is tested
+    np.testing.assert_array_less(np.abs(sampled - analytic), 5 * standard_error)
 
 
 def test_a_derivative_that_is_not_modelled_is_zero():
