@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from shutil import copytree, ignore_patterns
+from shutil import copytree, ignore_patterns, rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -42,18 +42,36 @@ def tests_of(root: Path, file: str) -> list[str]:
     return [str(test.relative_to(root)) for test in sorted(tests, key=rank)]
 
 
-def outcome(copy: Path, tests: list[str], limit_s: float, **more: str) -> str:
-    """ "survived" if no test of these files fails, "killed" if one does, "out of time" if they take longer."""
+def outcome(copy: Path, tests: list[str], limit_s: float, compiled: str = "compiled") -> str:
+    """ "survived" if no test of these files fails, "killed" if one does, "out of time" if they take longer; `compiled`:
+    the folder of numba's cache."""
     words = ["timeout", "-k", "1", f"{limit_s}", sys.executable, "-m", "pytest", "-xp", "no:cacheprovider", *tests]
-    env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", **more}
+    env = {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_CACHE_DIR": str(copy / compiled)}
+    env = os.environ | env
     done = subprocess.run(words, cwd=copy, env=env, capture_output=True, start_new_session=True)
     return {0: "survived", 5: "survived", 124: "out of time", 137: "out of time"}.get(done.returncode, "killed")
+
+
+def without_dependents(copy: Path, file: str) -> str:
+    """A copy of numba's cache without what depends on a file, of which numba knows nothing."""
+    texts = {path: path.read_text() for package in PACKAGES for path in (copy / package).rglob("*.py")}
+    stale, reached = set[Path](), {copy / file}
+    while reached - stale:
+        path = (reached - stale).pop()
+        stale.add(path)
+        parts = path.relative_to(copy).with_suffix("").parts
+        package, stem = ".".join(parts[:-1]), parts[-1]
+        imported = re.compile(rf"from {package}\.{stem} |from {package} import \(?[\w, \n]*\b{stem}\b")
+        reached |= {other for other, text in texts.items() if imported.search(text)}
+    left_out = ignore_patterns(*(f"{path.stem}.*" for path in stale))
+    name = f"compiled-{time.time_ns()}"
+    copytree(copy / "compiled", copy / name, ignore=left_out, copy_function=os.link)
+    return name
 
 
 def tried(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[str, float], most_s: float) -> str:
     """Outcome of a mutant in a copy; `seconds`: processor time of each test file unmutated, 0 for one that fails."""
     place = copy / mutant["file"]
-    fresh = {"NUMBA_CACHE_DIR": f"{copy}/{time.time_ns()}"} if "njit" in mutant["source"] else {}
     for batch in tests[:2], tests[2:]:
         used = list[str]()
         while batch and sum(seconds[test] for test in used) < most_s:
@@ -63,7 +81,9 @@ def tried(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[st
             used += [test] if seconds[test] else []
         kept = place.rename(copy / "kept")  # with its time, by which numba knows what it has compiled
         place.write_text(mutant["source"])
-        found = outcome(copy, used, 60 + 5 * sum(seconds[test] for test in used), **fresh) if used else "survived"
+        compiled = without_dependents(copy, mutant["file"])
+        found = outcome(copy, used, 60 + 5 * sum(seconds[test] for test in used), compiled) if used else "survived"
+        rmtree(copy / compiled)
         kept.rename(place)
         if found != "survived":
             break
@@ -95,6 +115,7 @@ def main() -> None:
     os.environ.setdefault("PPS_VISION_DATA", str(words.root.parent / "shared/data"))
     with TemporaryDirectory() as folder:
         copy = copytree(words.root, Path(folder, "tree"), ignore=ignore_patterns(".*", "demo", "site", "shared"))
+        (copy / "compiled").mkdir()
         for mutant in chosen[len(results["mutants"]) :]:
             result = tried(copy, mutant, tests_of(words.root, mutant["file"]), results["seconds"], words.seconds)
             results["mutants"].append(mutant | {"source": None, "outcome": result, "judged": None})

@@ -2,6 +2,7 @@
 
 import colorsys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -64,12 +65,72 @@ def scene(rng: np.random.Generator) -> _Scene:
     return _Scene(rng)
 
 
-@pytest.mark.parametrize(("share", "is_it"), [(0.8, True), (0.7, True), (0.5, False)])
+@pytest.mark.parametrize(("share", "is_it"), [(1.2, True), (0.8, True), (0.7, True), (0.5, False)])
 def test_what_is_of_quite_another_size_is_not_it(share, is_it, scene):
     """Four fifths of its radius pass, for two thirds of the score; half the radius, a quarter of the area, does not."""
     detection = scene.step(scene.discs((150, 110, share * 18)), 150, 110, 3.0)
     assert (detection is not None) == is_it
-    assert not is_it or detection.score == pytest.approx(share**2, abs=0.1)
+    assert not is_it or detection.score == pytest.approx(min(share, 1 / share) ** 2, abs=0.05)
+
+
+@pytest.mark.parametrize("way", [(1, 0.5), (-1, 0.5), (0.5, 1), (0.5, -1)])
+def test_a_wide_prediction_finds_what_is_far_from_it_and_no_small_thing_nearer(way, scene):
+    """A disc 50 px from where it is predicted ± 36 px, and to the other side a spot of its colour."""
+    u, v = np.add((150, 110), 50 * np.array(way))
+    spot_u, spot_v = np.add((150, 110), -40 * np.array(way))
+    detection = scene.step(scene.discs((u, v, 18), (spot_u, spot_v, 5)), 150, 110, 36.0)
+    np.testing.assert_allclose(detection.outline.center_px, [u, v], atol=0.3)
+    particles = scene.target.particles.current
+    np.testing.assert_allclose(particles.mean(axis=0), [u, v, scene.target.size], atol=0.5)
+    assert particles[:, :2].std(axis=0).max() < 0.5 * scene.target.size
+
+
+def test_size_and_sides_follow_by_three_tenths_an_image(scene):
+    """In the logarithm: a square of 32 px that becomes 40 px high."""
+    images = [np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120, np.uint8) for _ in range(2)]
+    for image, half in zip(images, (16, 20), strict=True):
+        image[110 - half : 110 + half, 134:166] = BLUE
+    scene.target = scene.eye.start(images[0], (134, 94, 32, 32))
+    detection = scene.step(images[1], 149.5, 109.5)
+    assert detection.box_px[2] * detection.box_px[3] == pytest.approx(32**2 * 1.25**0.3, rel=0.01)
+    assert detection.box_px[3] / detection.box_px[2] == pytest.approx(1.25**0.3, rel=0.01)
+    np.testing.assert_allclose(
+        np.add(detection.box_px[:2], np.subtract(detection.box_px[2:], 1) / 2), 149.5 - np.array([0, 40]), atol=0.1
+    )
+
+
+def test_a_hoop_has_a_hole_where_its_background_shows(scene):
+    """By colours; in front of a known background holes are the object's."""
+    v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
+    hoop = scene.discs((150, 110, 25))
+    hoop[np.hypot(u - 150, v - 110) < 15] = 120
+    target = scene.eye.start(hoop, (125, 85, 51, 51))
+    for differs, inner in ((None, 15), (_is_blue, 0)):
+        scene.target = target
+        scene.target = replace(target, fill=(25**2 - inner**2) * np.pi / 51**2)
+        assert scene.step(hoop, 150, 110, differs=differs).outline.area_px == pytest.approx(
+            np.pi * (25**2 - inner**2), rel=0.05
+        )
+
+
+def test_a_gap_of_a_twentieth_of_an_object_before_its_own_colour_is_closed(scene):
+    """A disc of 40 px that a bar of the background's colour crosses, 7 px wide; a wider bar parts it."""
+    image = scene.discs((150, 110, 40))
+    target = scene.eye.start(image, (110, 70, 81, 81))
+    for width, is_parted in ((7, False), (12, True)):
+        parted = image.copy()
+        parted[:, 155 : 155 + width] = 120
+        scene.target = target
+        assert scene.step(parted, 150, 110, differs=_is_blue).outline.is_partial == is_parted
+
+
+@pytest.mark.parametrize(("radius", "touches"), [(6, False), (14, True)])
+def test_a_small_thing_that_touches_it_is_no_other_object(radius, touches, scene):
+    """Beyond its reach, an eighth of its area or more than a quarter."""
+    image = scene.discs((150, 110, 18), (150 + 17 + radius, 110, radius))
+    detection = scene.step(image, 150, 110, differs=_is_blue)
+    np.testing.assert_allclose(detection.outline.center_px, [150, 110], atol=0.7)
+    assert (scene.target.touched > 0) == touches
 
 
 def test_two_alike_that_touch_are_told_apart_by_their_edge_and_the_prediction(scene):
@@ -117,9 +178,14 @@ def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(scene):
 
 
 def test_outside_the_image_nothing_is_searched(scene):
-    for x, y in ((150.0, 400.0), (150.0, -200.0), (500.0, 110.0), (-200.0, 110.0)):
-        for std_px in (3.0, 30.0):
-            assert scene.step(scene.discs((150, 110, 18)), x, y, std_px) is None
+    """At the border and beyond it."""
+    image = scene.discs((150, 110, 18))
+    start = scene.target
+    for along in range(0, 200, 3):
+        for place in ((-along, 110), (320 + along, 110), (150, -along), (150, 240 + along)):
+            for std_px in (3.0, 30.0):
+                scene.target = start
+                assert scene.step(image, *place, std_px) is None
 
 
 def test_where_nothing_has_its_colour_it_is_not_seen(scene):
