@@ -34,3 +34,13 @@ def test_what_is_compiled_is_kept_on_disk():
     functions = list(decorated("njit"))
     assert len(functions) > 20
     assert [(file.name, name) for file, name, options in functions if options.get("cache") is not True] == []
+
+
+def test_what_is_counted_together_is_of_one_length():
+    """Every `zip` of the algorithms is strict."""
+    folders = ("tracking", "learning", "control", "pps_vision/geometry")
+    files = [file for folder in folders for file in (ROOT / folder).rglob("*.py")]
+    calls = [node for file in files for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call)]
+    zips = [ast.unparse(call) for call in calls if ast.unparse(call.func) == "zip"]
+    assert len(zips) > 20
+    assert [call for call in zips if not call.endswith("strict=True)")] == []

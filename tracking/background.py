@@ -21,7 +21,7 @@ _MIN_CONTRAST = 3.5  # its minimum, grey levels
 _SAMPLES = 20  # samples per row and column for gain and noise
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _LIT = 20.0  # grey levels: darker pixels do not determine the gain
-_UNKNOWN = -1e4  # mean of a pixel that has always been hidden
+_UNKNOWN = -np.inf  # mean of a pixel that has always been hidden
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
 

@@ -189,8 +189,8 @@ class ReachOracle:
 
 def _slope(residual: Array, J: Array, q: Array, lower: Array, upper: Array) -> Array:
     """(N,) how fast, at most, a joint that is free to move would bring the hand nearer, m/rad: 0 at a posture that
-    comes nearest.  `residual` (N, 3) from hand to target, J (N, 3, k) at q (N, k)."""
-    distance = np.maximum(np.linalg.norm(residual, axis=1), 1e-12)
+    comes nearest.  `residual` (N, 3) from hand to target, none of them 0, J (N, 3, k) at q (N, k)."""
+    distance = np.linalg.norm(residual, axis=1)
     nearer: Array = (J * residual[:, :, None]).sum(axis=1) / distance[:, None]
     stuck = ((q <= lower) & (nearer < 0)) | ((q >= upper) & (nearer > 0))
     return np.where(np.isfinite(distance), np.abs(np.where(stuck, 0, nearer)).max(axis=1), np.inf)

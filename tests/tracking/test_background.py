@@ -42,6 +42,18 @@ def test_a_patch_that_differs_in_any_channel_is_no_background(patch, rng):
     assert (evidence > 0.5).mean() < 1e-3
 
 
+@pytest.mark.parametrize("part", [np.s_[:, :150], np.s_[:, 170:], np.s_[:110], np.s_[130:]])
+def test_the_light_is_measured_all_over_the_image(part, rng):
+    """And changes nothing where the rest, less than half of it, is covered."""
+    background = learned(rng)
+    darker = np.rint(0.8 * draw(rng)).astype(np.uint8)
+    darker[part] = (5, 40, 160)
+    evidence = background.evidence(darker, VIEW, WHOLE) > 0.5
+    assert evidence[part].mean() > 0.95
+    evidence[part] = False
+    assert evidence.mean() < 0.02
+
+
 @pytest.mark.parametrize("fps", [3, 10, 120])
 def test_it_becomes_background_as_soon_at_any_rate_of_images(fps, rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)

@@ -151,6 +151,16 @@ def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng):
         assert again is state
 
 
+@pytest.mark.parametrize(("share", "fits"), [(1.0, True), (1.09, True), (1.15, False), (0.67, True), (0.58, False)])
+def test_a_marker_of_quite_another_area_is_not_it(share, fits, rng):
+    """Up to a quarter more and down to two fifths; as predicted, a fifth larger than it was."""
+    tracker = camera_tracker(rng, MarkerParams())
+    camera = seen_from(picture(rng, (disc(150, 110, 21.6 * share), GREEN)))
+    _, detection = tracker.find(CameraState(size_px=36.0), camera, Prior(np.array([150.0, 110.0]), 1.0, 1.2))
+    assert (detection is not None) == fits
+    assert not fits or detection.score == pytest.approx(min(share, 1 / share) ** 2, abs=0.03)
+
+
 @pytest.mark.parametrize(("share", "tell_it"), [(0.0, True), (0.55, True), (0.7, False)])
 def test_without_its_background_an_object_is_followed_by_its_colours_if_they_tell_it(share, tell_it, rng):
     """Of its surroundings a share has its colour; the Bhattacharyya coefficient is the root of that, 0.74 or 0.84."""

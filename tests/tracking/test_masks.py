@@ -50,6 +50,14 @@ def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for():
     assert masks.component(mask, rectangle(0, 40, 20, 60)) is None
 
 
+@pytest.mark.parametrize(("gap", "is_one"), [(2, True), (3, False)])
+def test_parts_up_to_two_pixels_apart_are_one_thing(gap, is_one):
+    near = rectangle(10, 10, 30, 40)
+    two = near | rectangle(30 + gap, 10, 50, 40)
+    expected = rectangle(10, 10, 50, 40) if is_one else near
+    np.testing.assert_array_equal(masks.closed_component(two, rectangle(12, 12, 20, 20)), expected)
+
+
 def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop():
     ring = disc(40, 30, 25)
     large = disc(40, 30, 10)
