@@ -1,12 +1,11 @@
 """Run studies and write their numbers, charts and tables (`pps-vision bench`)."""
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
@@ -15,16 +14,14 @@ from pps_vision.app.report.page import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.claims import claims_table
 from pps_vision.experiments.study import PartsStudy, Study, catalogue
-from pps_vision.experiments.tables import filled, markdown, names, read_numbers
-from pps_vision.experiments.timing import processor_s
+from pps_vision.experiments.tables import filled, markdown, names, not_measured, read_numbers
 from pps_vision.recordings.atomic_write import plain, whole_file
 from pps_vision.worker_pool import worker_pool
 
 _DOCUMENTS = Path("docs")
-_GROUPS = ("pps", "reach")
 _CLAIMS = "claims"
-_MINUTES = "processor_min"
 _DENSE = ",", ":"  # separators of JSON
+Shown = TypeVar("Shown")
 
 
 def listing() -> str:
@@ -48,14 +45,13 @@ def bench(
     """Run the named studies; with `redraw` only draw charts and fill tables from their results.
 
     A `short` run takes each study's smallest parameters (`Study.SHORT`), unless `overrides` give others. Several
-    studies run in `workers` processes (an override), the longest first; a study that fails does not stop the others.
+    studies run in `workers` processes (an override); a study that fails does not stop the others.
     """
     catalog = catalogue()
     for word in requested:
-        if not any(_is_requested(name, word) for name in catalog):
-            choices = f"all, {', '.join(_GROUPS)} or one of {', '.join(catalog)}"
-            raise InputError("bench", f"no study {word}; expected {choices}")
-    chosen = [name for name in catalog if any(_is_requested(name, word) for word in requested)]
+        if word not in (*catalog, "all"):
+            raise InputError("bench", f"no study {word}; expected all or one of {', '.join(catalog)}")
+    chosen = [name for name in catalog if name in requested or "all" in requested]
     overrides = dict(overrides)
     workers = int(overrides.pop("workers", 1)) if len(chosen) > 1 else 1
     for name, value in overrides.items():
@@ -70,10 +66,9 @@ def bench(
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
-                _draw(study, name, read_numbers(file), out)
+                _save(_shown(file, study.chart), name, out)
     else:
-        longest_first = sorted(chosen, key=lambda name: (-_minutes(_result(name, out)), name))
-        _measure_all({name: studies[name] for name in longest_first}, commit, out, again, workers)
+        _measure_all(studies, commit, out, again, workers)
     _fill_documents(catalog, out)
 
 
@@ -86,13 +81,29 @@ def _result(name: str, out: Path) -> Path:
     return out / "results" / f"{name}.json"
 
 
-def _minutes(file: Path) -> float:
-    """Processor time (min) of a study's last measurement; infinite without one."""
-    if not file.exists():
-        return math.inf
-    results = json.loads(file.read_text())
-    runs = [results, *(value for value in results.values() if isinstance(value, dict))]
-    return sum(float(run.get(_MINUTES, 0)) for run in runs)
+def _stored(file: Path) -> dict[str, Any]:
+    """Return a result file as it is; nothing where there is none."""
+    try:
+        results = json.loads(file.read_text()) if file.exists() else {}
+    except ValueError as error:
+        raise InputError(file, f"{error}; expected the JSON of a study's results") from error
+    if not isinstance(results, dict):
+        raise InputError(file, f"a {type(results).__name__}; expected the JSON object of a study's results")
+    return results
+
+
+def _shown(file: Path, show: Callable[[dict[str, Any]], Shown]) -> Shown:
+    """Return charts or tables of the results of an earlier run.
+
+    Raises:
+        InputError: The results lack what this version shows.
+    """
+    numbers = not_measured(_stored(file))
+    try:
+        return show(numbers)
+    except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
+        reason = f"not the results of this version ({type(error).__name__}: {error})"
+        raise InputError(file, f"{reason}; expected all parts measured again, or another --out") from error
 
 
 def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bool, workers: int) -> None:
@@ -110,10 +121,6 @@ def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bo
         raise errors[0]
 
 
-def _is_requested(name: str, word: str) -> bool:
-    return word in (name, "all") or (word in _GROUPS and name.startswith(f"{word}_"))
-
-
 def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> None:
     """Run a study, part by part, and write result and charts; skip parts that this commit has measured with the same
     parameters."""
@@ -122,32 +129,31 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     fields.pop("parts", None)
     setting = {"parameters": plain(fields), "machine": versions.machine(commit)}
     again = again or commit.endswith(("dirty", "unknown"))
-    results = json.loads(file.read_text()) if file.exists() else {}
+    results = _stored(file)
     for part, task in (study.tasks() if isinstance(study, PartsStudy) else {"": study.run}).items():
-        measured = results.get(part, {}) if part else results
+        measured = results.get(part) if part else results
         label = f"{file}, {part}" if part else f"{file}"
-        if not again and all(measured.get(key) == value for key, value in setting.items()):
+        if not again and isinstance(measured, dict) and setting.items() <= measured.items():
             print(f"= {label} (already measured by this commit with these parameters)")
             continue
         start = perf_counter()
-        processor_start = processor_s()
-        numbers = _rounded(plain(task()))
-        numbers = {**setting, _MINUTES: _rounded((processor_s() - processor_start) / 60), **numbers}
+        numbers = {**setting, **_rounded(plain(task()))}
         if isinstance(study, PartsStudy):
             results[part] = numbers
             numbers = {key: results[key] for key in study.PARTS if key in results}
         with whole_file(file) as partial:
             partial.write_text(_json({"study": name, **numbers}, levels=2 if part else 1) + "\n")
             written = read_numbers(partial)
-            _draw(study, name, {part: written[part]} if part else written, out)
+            fresh = {part: written[part]} if part else written
+            study.tables(fresh)  # an error here is a bug, not that of an earlier result
+            _save(study.chart(fresh), name, out)
         run = written[part] if part else written
         skipped = run.get("skipped") or run.get("not_measured")
         missing = f"; skipped: {skipped}" if skipped else ""
         print(f"→ {label} ({perf_counter() - start:.0f} s{missing})", flush=True)
 
 
-def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
-    drawn = study.chart(numbers)
+def _save(drawn: Figure | dict[str, Figure], name: str, out: Path) -> None:
     for part, figure in ({"": drawn} if isinstance(drawn, Figure) else drawn).items():
         file = out / "figures" / (f"{name}_{part}.png" if part else f"{name}.png")
         with whole_file(file) as partial:
@@ -163,8 +169,8 @@ def _fill_documents(catalog: Mapping[str, type[Study]], out: Path) -> None:
     documents = {file: file.read_text() for file in (*sorted(_DOCUMENTS.glob("*.md")), *Path().glob("README.md"))}
     tables = {_CLAIMS: claims_table(out / "results")}
     for study, cls in catalog.items():
-        if _result(study, out).exists():
-            own = cls().tables(read_numbers(_result(study, out)))
+        if (file := _result(study, out)).exists():
+            own = _shown(file, cls().tables)
             tables |= {f"{study}_{name}" if name else study: table for name, table in own.items()}
     for document, text in documents.items():
         for name in names(text):

@@ -1,15 +1,10 @@
-"""Processor time over the size of the image, the object, the recording, the skin and the map."""
+"""Processor time over the size of the image, the object, the skin and the map."""
 
 import math
-import os
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import cycle, islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from time import process_time
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,14 +16,10 @@ from learning.pps.memory import MemoryParams, PPSMemory, activation, learn
 from learning.pps.receptive_field import ReceptiveField, perceive
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
-from pps_vision.app.render import record
-from pps_vision.app.render_params import RenderParams
-from pps_vision.app.track import track
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
-from pps_vision.experiments.study import DATA, NOISE_SIGMA, SampledStudy
+from pps_vision.experiments.study import DATA, SampledStudy
 from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
-from pps_vision.recordings.open import open_recording
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, TaxelEvents
 from tracking.marker import MarkerParams
@@ -54,19 +45,16 @@ Call = Callable[[], Sequence[float]]  # returns one or more processor times (ms)
 @dataclass(frozen=True)
 class Growth(SampledStudy):
     """Image: films of a ball of the same angular size. Object: a ball 10–400 px across in images of 1280×720.
-    Recording: 320×240 pixels, played forwards and backwards; opening it, tracking up to a number of pairs, and memory
-    in use. Skin: perception of a ball near one taxel, and learning from 3 s. Map: training with true
-    kinematics, and one query.
+    Skin: perception of a ball near one taxel, and learning from 3 s. Map: training with true kinematics, and one query.
 
     The exponent is the slope of log time over log size between the two largest sizes.
     """
 
-    SHORT: ClassVar[Mapping[str, Any]] = {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)}
+    SHORT: ClassVar[Mapping[str, Any]] = {"images": ((320, 240),), "labels": (300, 600)}
 
     n: int = 3  # turns in which everything is timed at each size
     images: tuple[tuple[int, int], ...] = ((320, 240), (640, 480), (960, 720), (1280, 720), (1920, 1080))
     """Width and height of the images."""
-    pairs: tuple[int, ...] = (100, 1000, 10_000, 100_000)  # lengths of the recording
     labels: tuple[int, ...] = (1000, 3000, 10_000, 30_000, 100_000)  # labels of the map
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
@@ -76,7 +64,6 @@ class Growth(SampledStudy):
         axes = {
             "image (pixels)": self._over([math.prod(image) for image in self.images], self._image, self.images),
             "object (pixels across)": self._over(OBJECTS_PX, self._object),
-            "recording (pairs)": self._recording(),
             "skin (taxels)": self._over(TAXELS, self._skin),
             "map (labels)": self._over(self.labels, self._map),
         }
@@ -117,28 +104,6 @@ class Growth(SampledStudy):
 
         return track_film
 
-    def _recording(self) -> dict[str, Any]:
-        opening_ms: list[list[float]] = []
-        tracking_ms = np.empty((self.n, len(self.pairs)))
-        memory_mb: list[float] = []
-        with TemporaryDirectory() as folder:
-            short = Path(folder) / "short"
-            long = Path(folder) / "long"
-            record(RenderParams("ball", "circle", short, seconds=5.0, noise=NOISE_SIGMA, seed=self.seed))
-            for pairs in tqdm(self.pairs, desc="recording", unit="size", disable=None):
-                shutil.rmtree(long, ignore_errors=True)
-                to_and_fro(short, long, pairs)
-                opening_ms.append(quartiles(timed(partial(open_recording, long))[1] for _ in range(self.n)))
-            recording = open_recording(long)
-            for turn in range(self.n):
-                start_s = process_time()
-                for k, _ in enumerate(track(recording, seed=self.seed), start=1):
-                    if k in self.pairs:
-                        tracking_ms[turn, self.pairs.index(k)] = 1000 * (process_time() - start_s)
-                        memory_mb.append(_resident_mb())
-        ms = {"opening": opening_ms, "tracking": [quartiles(column) for column in tracking_ms.T]}
-        return {"sizes": list(self.pairs), "ms": ms, "memory_mb": memory_mb[: len(self.pairs)]}  # in the first turn
-
     def _skin(self, taxels: int) -> dict[str, Call]:
         """A ball approaches the first taxel of eight cylindrical limbs, 30 cm long, 10 cm thick and 40 cm apart."""
         rng = np.random.default_rng(self.seed)
@@ -177,7 +142,7 @@ class Growth(SampledStudy):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw one panel for each axis; the exponent stands beside each name."""
-        figure, axes = panels(len(numbers["axes"]), 3)
+        figure, axes = panels(len(numbers["axes"]), 2)
         for (label, cell), axis in zip(numbers["axes"].items(), axes, strict=True):
             series = {f"{name}: {exponent(cell['sizes'], ms):.2f}": ms for name, ms in cell["ms"].items()}
             curves(axis, cell["sizes"], series, label, "processor time (ms)")
@@ -191,24 +156,3 @@ def exponent(sizes: Sequence[float], ms: Sequence[Sequence[float]]) -> float:
     if len(sizes) < 2:
         return np.nan
     return float(np.log(ms[-1][0] / ms[-2][0]) / np.log(sizes[-1] / sizes[-2]))
-
-
-def _resident_mb() -> float:
-    """Memory of this process in use now."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
-
-
-def to_and_fro(recording: Path, out: Path, pairs: int) -> None:
-    """Write a recording that plays another forwards and backwards in turn, with rising stamps; images are links."""
-    shutil.copytree(recording, out, copy_function=os.link)
-    for log in sorted(recording.rglob("data.log")):
-        (out / log.relative_to(recording)).unlink()
-        rows = [line.split(" ")[1:] for line in log.read_text().splitlines()]
-        stamps_s = [float(stamp) for stamp, *_ in rows]
-        period_s = stamps_s[-1] + stamps_s[1] - 2 * stamps_s[0]
-        with (out / log.relative_to(recording)).open("w") as file:
-            for k, (_, *values) in enumerate(islice(cycle(rows + rows[::-1]), pairs)):
-                stamp_s = k // len(rows) * period_s + stamps_s[k % len(rows)]
-                file.write(" ".join([f"{k} {stamp_s:.6f}", *values]) + "\n")
-    (out / "truth.csv").unlink()

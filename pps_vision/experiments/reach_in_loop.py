@@ -1,4 +1,4 @@
-"""The reachable-space map in use: asked in every frame of the closed loop, and by the torso that leans."""
+"""The reachable-space map in use: asked by the torso that leans."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,40 +11,20 @@ from tqdm import tqdm
 from control import fixation, head, lean
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.lean import LeanParams, LeanStatus
-from learning.pps.memory import PPSMemory
 from learning.reach.labels import ReachOracle
 from learning.reach.lattice import isotropic
 from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits
 from learning.reach.training import train_reachable_map
-from pps_vision.app.simulation import (
-    Episode,
-    EpisodeLog,
-    SimulationScene,
-    can_follow,
-    log_of,
-    new_pipeline,
-    open_scene,
-    simulate,
-)
 from pps_vision.experiments.reach_truth import closed_form, map_params
-from pps_vision.experiments.study import NOISE_SIGMA, Part, PartsStudy, SampledStudy, Values, interval, percent
+from pps_vision.experiments.study import Part, PartsStudy
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, Mask, ReachStatus
-from rendering.motions import Linear
+from pps_vision.types import Array, Mask
 
 _DEG = np.pi / 180
-_SECONDS = 3.0
-_SPEED_M_S = (0.05, 0.15)
-_LENGTH_M = (0.10, 0.30)
-_LOOP_GAZE = GazeLimits(pitch_rad=(-80 * _DEG, 40 * _DEG))  # J's, with the pitch that the eyes' tilt adds
-# ends of paths; the eyes lag behind nearer objects
-_PATH_GAZE = GazeLimits((-50 * _DEG, 50 * _DEG), (-75 * _DEG, 35 * _DEG), (5 * _DEG, 17 * _DEG))
-_VERDICTS = {"right": "asked at the track", "right_at_true_position": "asked at the true position"}
-
 _LEAN_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's neck
 _LEAN_ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's first joint
 _LEAN_SIDE = "right"
@@ -55,63 +35,11 @@ _MAX_LEAN_S = 20.0
 _TOUCH_M = 0.01
 
 
-def _run_loop(study: "ReachInLoop") -> dict[str, Any]:
-    """Return the share of frames judged rightly (%, with the interval over runs).
-
-    A ball crosses the left hand's workspace in front of the rendered eyes, which track and fixate it while the arm
-    rests.  The truth is closed-form inverse kinematics at the ball's true position.
-    """
-    params = replace(map_params(study.n_labels), gaze_limits=_LOOP_GAZE)
-    with open_scene(NOISE_SIGMA, study.seed) as scene:
-        learned = train_reachable_map(scene.robot, "left", np.random.default_rng(study.seed), params)
-        runs = []
-        for k in tqdm(range(study.n), desc="runs", disable=None):
-            pipeline = new_pipeline(scene, PPSMemory.empty(scene.skin), reachable_map=learned)
-            episode = crossing(scene, k % 2 == 0, np.random.default_rng((study.seed, k)))
-            log = log_of(scene, episode, simulate(scene, episode, pipeline.step, avoid=False), avoid=False)
-            runs.append(judge(scene.robot, learned, log))
-    return {name: interval([run[name] for run in runs], percent) for name in _VERDICTS}
-
-
-def crossing(scene: SimulationScene, reachable: bool, rng: np.random.Generator) -> Episode:
-    """Return a ball on a straight line from within or out of reach, along which both eyes see it."""
-    model = GazeModel(scene.robot)
-    arm = closed_form(scene.robot, "left")
-    while True:
-        start = model.points(random_gaze(_PATH_GAZE, 1, rng))[0]
-        if np.isfinite(arm.solve(start[None])[0, 0]) != reachable:
-            continue
-        direction = rng.standard_normal(3)
-        end = start + rng.uniform(*_LENGTH_M) * direction / np.linalg.norm(direction)
-        motion = Linear(start, end, rng.uniform(*_SPEED_M_S))
-        visible = np.isfinite(model.gaze(end[None], _PATH_GAZE)).all()
-        if visible and can_follow(scene.robot, scene.rig, scene.home, motion, _SECONDS):
-            return Episode("crossing", "ball", motion, _SECONDS)
-
-
 def random_gaze(limits: GazeLimits, n: int, rng: np.random.Generator) -> Array:
     """Return (n, 3) gaze postures, uniform in direction and in the logarithm of the distance."""
     gaze = rng.uniform(isotropic(limits.lower), isotropic(limits.upper), (n, 3))
     gaze[:, 2] = 2 * np.arctan(np.exp(gaze[:, 2]))
     return gaze
-
-
-def judge(robot: Robot, learned: ReachableMap, log: EpisodeLog) -> Values:
-    """Return (T,) booleans of the tracked frames of a run: whether each verdict is right.
-
-    A position that no gaze within the map's limits fixates counts as unreachable.
-    """
-    tracked = np.array([answer.status != ReachStatus.UNKNOWN for answer in log.reachability])
-    verdict = np.array([answer.is_reachable for answer in log.reachability])[tracked]
-    points = log.truth_m[tracked]
-    gaze = GazeModel(robot).gaze(points, _LOOP_GAZE)
-    reachable = np.isfinite(closed_form(robot, "left").solve(points)[:, 0]) & np.isfinite(gaze[:, 0])
-    at_truth = learned.query(gaze).probability > 0.5
-    return {"right": verdict == reachable, "right_at_true_position": at_truth == reachable}
-
-
-def _loop_table(numbers: dict[str, Any]) -> Table:
-    return Table(["frames judged rightly (%)", ""], [[v, estimate(numbers[name], 4)] for name, v in _VERDICTS.items()])
 
 
 class Attempt(NamedTuple):
@@ -237,16 +165,13 @@ def _lean_table(numbers: dict[str, Any]) -> Table:
 
 
 @dataclass(frozen=True)
-class ReachInLoop(PartsStudy, SampledStudy):
-    """Verdicts of the map on tracked objects, and objects reached by leaning."""
+class ReachInLoop(PartsStudy):
+    """Objects reached by leaning."""
 
     PARTS: ClassVar[Mapping[str, Part]] = {
-        "loop": Part(_run_loop, table=_loop_table),
         "lean": Part(_run_lean, table=_lean_table),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_lean_labels": 600, "n_objects": 4}
 
-    n: int = 10  # runs of the loop, each one path of a ball; the independent units
-    n_labels: int = 6000  # inverse-kinematics solutions of the map in the loop
-    n_lean_labels: int = 12_000  # inverse-kinematics solutions of the map for leaning
+    n_lean_labels: int = 12_000  # inverse-kinematics solutions of the map
     n_objects: int = 200  # objects out of reach of the upright robot

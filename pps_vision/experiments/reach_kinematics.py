@@ -1,14 +1,12 @@
-"""Forward models arm → gaze, also of robots that are no chain of ideal joints; our iCub beside the official ones."""
+"""Forward models arm → gaze, also of robots that are no chain of ideal joints."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import pinocchio as pin
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
@@ -223,60 +221,6 @@ def _deviations_table(numbers: dict[str, Any]) -> Table:
     return Table(["gaze RMSE (°)", *_STRUCTURES, f"default, noise {noise}°"], rows)
 
 
-def _official_icub(study: "ReachKinematics") -> dict[str, Any]:
-    """Return by model the differences of the joints of torso, neck and left arm; the right arm mirrors the left one."""
-    import icub_models
-
-    return {"models": {name: _compare_joints(icub_models.get_model_file(name)) for name in study.official_models}}
-
-
-def _compare_joints(urdf: Path) -> list[dict[str, Any]]:
-    """Angle between a joint's official axis and ours, distance of our joint's origin from the official axis, limits."""
-    official = pin.buildModelFromUrdf(str(urdf))
-    ours = load_icub().model
-    rows = []
-    for joint in ours.names[1:]:
-        name = joint.replace("left_", "l_").replace("prosupination", "prosup")
-        if joint.startswith("right_") or not official.existJointName(name):
-            continue
-        (v, w), _, limits_deg = _joint(official, name)
-        (_, our_w), our_origin, our_limits_deg = _joint(ours, joint)
-        rows.append(
-            {
-                "joint": joint,
-                "angle_deg": float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(w, our_w)), w @ our_w))),
-                "offset_m": float(np.linalg.norm(np.cross(our_origin - np.cross(w, v), w))),  # w × v is on the axis
-                "limits_deg": limits_deg,
-                "our_limits_deg": our_limits_deg,
-            }
-        )
-    return rows
-
-
-def _joint(model: pin.Model, name: str) -> tuple[list[Array], Array, list[float]]:
-    """Screw [v, ω] of a joint in the root frame, all joints at 0, its origin (3,), and its limits in degrees."""
-    data = model.createData()
-    i = model.getJointId(name)
-    screw = pin.computeJointJacobians(model, data, pin.neutral(model))[:, i - 1]
-    limits = np.rad2deg([model.lowerPositionLimit[i - 1], model.upperPositionLimit[i - 1]])
-    return np.split(screw, 2), data.oMi[i].translation.copy(), limits.tolist()
-
-
-def _official_icub_table(numbers: dict[str, Any]) -> Table:
-    """Return distances in mm and limits in degrees, and the largest angle between axes."""
-    models = numbers["models"]
-    rows = []
-    for joints in zip(*models.values(), strict=True):
-        cells = [joints[0]["joint"].replace("_", " "), "{:.0f} to {:.0f}".format(*joints[0]["our_limits_deg"])]
-        for row in joints:
-            cells += [f"{1000 * row['offset_m']:.1f}", "{:.0f} to {:.0f}".format(*row["limits_deg"])]
-        rows.append(cells)
-    largest = max(row["angle_deg"] for joints in models.values() for row in joints)
-    rows.append(["largest angle between axes (°)", "", f"{largest:.3f}", *[""] * (2 * len(models) - 1)])
-    columns = [f"{name}: {column}" for name in models for column in ("axis (mm)", "limits (°)")]
-    return Table(["joint", "our limits (°)", *columns], rows)
-
-
 @dataclass(frozen=True)
 class ReachKinematics(SampledStudy, PartsStudy):
     """Kinematics behind the reachable-space map."""
@@ -284,12 +228,9 @@ class ReachKinematics(SampledStudy, PartsStudy):
     PARTS: ClassVar[Mapping[str, Part]] = {
         "forward_model": Part(_forward_model, _forward_model_chart),
         "deviations": Part(_deviations, table=_deviations_table),
-        "official_icub": Part(_official_icub, table=_official_icub_table),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200)}
 
     n: int = 3  # sets of babbled postures, each with its own test set
     sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, 4400)
     """Fixated postures after which each forward model is judged; of robots with deviations, the last one only."""
-    official_models: tuple[str, ...] = ("iCubLisboa01", "iCubGazeboV2_5")
-    """Official iCub models: of version 1, as ours, and of version 2.5."""

@@ -1,6 +1,5 @@
 """Processor times of calls; other work disturbs them less than times by the clock."""
 
-import resource
 from collections.abc import Callable, Iterable
 from functools import partial
 from time import process_time
@@ -10,12 +9,6 @@ import numpy as np
 
 F = TypeVar("F")
 T = TypeVar("T")
-
-
-def processor_s() -> float:
-    """Return the processor time (s) of this process and its finished children."""
-    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 def timed(call: Callable[[], T]) -> tuple[T, float]:

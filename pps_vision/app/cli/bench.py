@@ -16,7 +16,7 @@ class Bench:
     """
 
     names: Positional[tuple[str, ...]] = ()
-    """Names of studies; `all` of them, or all of `pps` or `reach`. Without a name: list them with their parameters."""
+    """Names of studies, or `all`. Without a name: list them with their parameters."""
     n: int | None = None
     """Number of recordings, where a study has this parameter (as have the next ones)."""
     seed: int | None = None

@@ -210,28 +210,50 @@ def draw_one(
 
     `path`: draws the path in place of the condition's own.
     """
-    drawn = path or PATHS[condition]
     radius = make_stimulus(stimulus, fineness=0).radius_m
     skin = scene.skins[side]
-    ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
-    taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
+    taxel = draw_taxel(skin, side, part, rng)
     while True:
         q = draw_posture(scene, side, part, rng)
         if condition == "harmless_own_arm" and not scene.may_swing(q, side):
             continue
-        aim = Aim(skin, scene.robot.at(q), skin.index(taxel), radius, speed_m_s, rng)
+        aim = Aim(skin, scene.robot.at(q), taxel, radius, speed_m_s, rng)
         for _ in range(_DRAWS):
-            motion, seconds, contact_s = drawn(aim)
-            if contact_s <= _MIN_CONTACT_S:
-                continue
-            q_start = gaze_at(scene.robot, q, motion(0.0)[0])
-            until_s = min(seconds, contact_s)
-            shown = scene.shows(q_start, motion, radius, until_s)
-            if shown and can_follow(scene.robot, scene.rig, q_start, motion, until_s, 3):
-                path_of_object = motion, seconds, contact_s
-                return Encounter(
-                    number, condition, side, part, taxel, stimulus, radius, speed_m_s, *path_of_object, q_start
-                )
+            if encounter := draw_visible(scene, aim, condition, side, part, stimulus, number, path):
+                return encounter
+
+
+def draw_taxel(skin: Skin, side: Side, part: Part, rng: np.random.Generator) -> int:
+    """Return the index of a random taxel of the part."""
+    ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
+    return skin.index(f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}")
+
+
+def draw_visible(
+    scene: EncounterScene,
+    aim: "Aim",
+    condition: Condition,
+    side: Side,
+    part: Part,
+    stimulus: StimulusName,
+    number: int,
+    path: DrawPath | None = None,
+) -> Encounter | None:
+    """Return the encounter of one path, or None if the eyes do not see the object as `draw_one` demands."""
+    motion, seconds, contact_s = (path or PATHS[condition])(aim)
+    if contact_s <= _MIN_CONTACT_S:
+        return None
+    q = gaze_at(scene.robot, aim.posture.q_rad, motion(0.0)[0])
+    until_s = min(seconds, contact_s)
+    if not (
+        scene.shows(q, motion, aim.radius_m, until_s) and can_follow(scene.robot, scene.rig, q, motion, until_s, 3)
+    ):
+        return None
+    taxel = aim.skin.taxel_ids[aim.taxel]
+    path_of_object = motion, seconds, contact_s
+    return Encounter(
+        number, condition, side, part, taxel, stimulus, aim.radius_m, aim.speed_m_s, *path_of_object, q_rad=q
+    )
 
 
 def start_posture(robot: Robot, session: SessionName) -> Array:

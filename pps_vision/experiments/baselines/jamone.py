@@ -4,11 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from learning.reach.babbling import Babbled, crossing, gaze_at
-from learning.reach.labels import HandModel, Labels
+from learning.reach.labels import Labels
 from learning.reach.map import MapPrediction
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
-from pps_vision.experiments.baselines.regressors import ArmToGaze
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
@@ -18,37 +16,8 @@ PUBLISHED = {"forward_model_deg": 0.84, "je": 1.3, "fn": 4.7, "fp": 0.4, "degree
 ARM_PARAMS = LWPRParams(init_D=80, w_gen=0.2, first_projections=4)
 """For 4400 samples: all four projections from the start, because a field has few samples."""
 _MAP_PARAMS = LWPRParams(init_D=600, w_gen=0.2)  # for 52 000 labels: about 10 000 receptive fields, as in J
-_BASELINE_M = 0.068  # between the eyes
 
 MapQuery = Callable[[Array], MapPrediction]  # gaze postures (N, 3) to the predictions of a map
-
-
-def learn_hand(babbled: Babbled, params: LWPRParams = ARM_PARAMS) -> HandModel:
-    """Return an LWPR forward model for inverse kinematics, positions in eye coordinates (m).
-
-    Positions are NaN where no receptive field responds; inverse kinematics starts from the babbled postures where one
-    does.
-
-    Raises:
-        ValueError: The model answers fewer than two of the babbled postures.
-    """
-    lwpr = LWPR(4, 3, params)
-    model = ArmToGaze(lwpr)
-    model.learn(babbled.arm_rad, babbled.gaze_rad)
-
-    def forward(arm: Array) -> tuple[Array, Array]:
-        position, jacobian = lwpr.predict_with_jacobian((arm - model.middle) / model.half)
-        return _BASELINE_M * position, _BASELINE_M * jacobian / model.half
-
-    def gaze(points: Array, limits: GazeLimits) -> Array:
-        angles = gaze_at(points / _BASELINE_M)
-        within = ((angles >= limits.lower) & (angles <= limits.upper)).all(axis=1, keepdims=True)
-        return np.where(within, angles, np.nan)
-
-    answered = np.isfinite(forward(babbled.arm_rad)[0]).all(axis=1)
-    if answered.sum() < 2:
-        raise ValueError("LWPR answers nowhere: too few samples for its receptive fields")
-    return HandModel(forward, lambda angles: _BASELINE_M * crossing(angles), gaze, tried=babbled.arm_rad[answered])
 
 
 def degree(reachable: Mask, optimality: Array, error_m: Array, max_error_m: float) -> Array:

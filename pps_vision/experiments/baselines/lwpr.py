@@ -95,14 +95,8 @@ class LWPR:
 
     def predict(self, x: ArrayLike) -> Array:
         """Return predictions (N, outputs) at x (N, inputs); NaN where no field with enough samples responds."""
-        return self.predict_with_jacobian(x)[0]
-
-    def predict_with_jacobian(self, x: ArrayLike) -> tuple[Array, Array]:
-        """Return predictions (N, outputs) at x (N, inputs) and their derivatives (N, outputs, inputs)."""
-        total, slope, decay = _sums(self.fields, self.n_fields, np.asarray(x, float), self.n_outputs, self.params)
-        weight = np.where(total[..., 1] > 0, total[..., 1], np.nan)
-        mean = total[..., 0] / weight
-        return mean, (slope + mean[..., None] * decay) / weight[..., None]
+        total = _sums(self.fields, self.n_fields, np.asarray(x, float), self.n_outputs, self.params)
+        return total[..., 0] / np.where(total[..., 1] > 0, total[..., 1], np.nan)
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,13 +114,10 @@ def _learn(fields: Fields, n_fields: int, x: Array, y: Array, params: LWPRParams
 
 
 @njit(cache=True, error_model="numpy")
-def _sums(fields: Fields, n_fields: int, x: Array, n_outputs: int, params: LWPRParams) -> tuple[Array, Array, Array]:
-    """Sums over fields at x (N, inputs), y being a field's prediction: Σ w y and Σ w (N, outputs, 2),
-    Σ w (∂y/∂x − y D (x − c)) (N, outputs, inputs) and Σ w D (x − c) = −∂(Σ w)/∂x (N, outputs, inputs)."""
+def _sums(fields: Fields, n_fields: int, x: Array, n_outputs: int, params: LWPRParams) -> Array:
+    """Sums over fields at x (N, inputs), y being a field's prediction: Σ w y and Σ w (N, outputs, 2)."""
     n_queries, n = x.shape
     total = np.zeros((n_queries, n_outputs, 2))
-    slopes = np.zeros((n_queries, n_outputs, n))
-    decay = np.zeros((n_queries, n_outputs, n))
     for k in range(n_fields):
         if fields.n_seen[k] <= 2 * n:
             continue
@@ -135,13 +126,9 @@ def _sums(fields: Fields, n_fields: int, x: Array, n_outputs: int, params: LWPRP
         for i in range(n_queries):
             w = _activation(fields.center[k], x[i], params)
             if w > 0:
-                y = offset + slope @ x[i]
-                narrowing = w * params.init_D * (x[i] - fields.center[k])
-                total[i, output, 0] += w * y
+                total[i, output, 0] += w * (offset + slope @ x[i])
                 total[i, output, 1] += w
-                slopes[i, output] += w * slope - y * narrowing
-                decay[i, output] += narrowing
-    return total, slopes, decay
+    return total
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,20 +8,27 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from control.fixation import gaze_at
 from pps_vision.app.encounters.controllers import RADIUS_M, felt_by_distance
-from pps_vision.app.encounters.encounter import PATHS, Aim, Condition, Encounter, EncounterScene, Part, start_posture
+from pps_vision.app.encounters.encounter import (
+    Aim,
+    Condition,
+    Encounter,
+    EncounterScene,
+    Part,
+    draw_taxel,
+    draw_visible,
+    start_posture,
+)
 from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
 from pps_vision.app.encounters.registry import WRIST_AT_REST, new_controller
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
-from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side, can_follow
+from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side
 from pps_vision.experiments.charts import panels
 from pps_vision.experiments.encounters.controllers import EncountersParameters
 from pps_vision.experiments.study import percent_of
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import INNER_FOREARM
 from pps_vision.types import Array
 from rendering.stimuli import make_stimulus
 
@@ -104,33 +111,14 @@ def _approach(
     scene: EncounterScene, condition: Condition, side: Side, part: Part, rng: np.random.Generator, number: int
 ) -> Encounter:
     """Draw the octopus's next approach to an arm that awaits it."""
-    robot = scene.robot
     skin = scene.skins[side]
-    q = _start(robot)
+    posture = scene.robot.at(_start(scene.robot))
     radius_m = make_stimulus("octopus", fineness=0).radius_m
-    ids = skin.parts[1].ids if part == "palm" else INNER_FOREARM
     while True:
-        taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
-        speed = float(rng.uniform(*SPEED_M_S))
-        motion, seconds, contact_s = PATHS[condition](Aim(skin, robot.at(q), skin.index(taxel), radius_m, speed, rng))
-        q_start = gaze_at(robot, q, motion(0.0)[0])
-        until_s = min(seconds, contact_s)
-        is_in_view = can_follow(robot, scene.rig, q_start, motion, until_s, 3)
-        if is_in_view and scene.shows(q_start, motion, radius_m, until_s):
-            return Encounter(
-                number=number,
-                condition=condition,
-                side=side,
-                part=part,
-                taxel=taxel,
-                stimulus="octopus",
-                radius_m=radius_m,
-                speed_m_s=speed,
-                motion=motion,
-                seconds=seconds,
-                contact_s=contact_s,
-                q_rad=q_start,
-            )
+        taxel = draw_taxel(skin, side, part, rng)
+        aim = Aim(skin, posture, taxel, radius_m, float(rng.uniform(*SPEED_M_S)), rng)
+        if encounter := draw_visible(scene, aim, condition, side, part, "octopus", number):
+            return encounter
 
 
 def _start(robot: Robot) -> Array:

@@ -66,7 +66,6 @@ class Footage:
     own_body: Silhouette | None  # the robot's silhouette for the tracker; None: it is not shown
     stimulus: str = "ball"  # name of the object
     in_question: Mask | None = None  # (n,) frames that count, if not all
-    second_position: Array | None = None  # (n, 3) m of a second object that may be tracked instead
 
     @property
     def stamps_s(self) -> Array:

@@ -64,16 +64,12 @@ def baseline(name: StereoPipelineName) -> Method:
 def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
     """Return the values that `METRICS` summarizes.
 
-    Over the judged frames: whether the track is near the object, and the error of the known tracks. Of two equal
-    objects the one that is tracked first counts.
+    Over the judged frames: whether the track is near the object, and the error of the known tracks.
     """
     judged = recording.judged(_SETTLE_S)
     known = np.array([track.is_known for track in tracks])
     path = np.array([track.position for track in tracks])
     truth = recording.position
-    if recording.second_position is not None and known.any():
-        k = int(np.argmax(known))
-        truth = min((truth, recording.second_position), key=lambda p: float(np.linalg.norm(p[k] - path[k])))
     error = np.linalg.norm(path - truth, axis=1)
     near = known & (error <= NEAR * np.linalg.norm(truth - EYES_M, axis=1))
     error_mm = 1000 * error[judged & known]

@@ -1,4 +1,4 @@
-"""LWPR against the figures of its authors' library, linear least squares and a numerical derivative."""
+"""LWPR against the figures of its authors' library and linear least squares."""
 
 import numpy as np
 import pytest
@@ -46,20 +46,9 @@ def test_a_field_with_all_projections_is_weighted_least_squares(rng):
     np.testing.assert_allclose(model.predict(x)[:, 0], design @ line, atol=1e-6)
 
 
-def test_it_answers_only_near_its_samples_and_its_jacobian_is_the_derivative(rng):
-    """Two outputs of three inputs, against finite differences; fields change between queries."""
-    model = LWPR(3, 2, LWPRParams(init_D=8))
-    for x in np.split(rng.uniform(-1, 1, (600, 3)), 3):
-        model.update(x, np.stack([np.sin(2 * x[:, 0]) * x[:, 1], x[:, 2] ** 2 + x[:, 0]], axis=1))
-        model.predict(x)
-    x = rng.uniform(-0.7, 0.7, (40, 3))
-    _, jacobian = model.predict_with_jacobian(x)
-    h = 1e-6
-    for k, axis in enumerate(np.eye(3)):
-        error = np.abs(jacobian[:, :, k] - (model.predict(x + h * axis) - model.predict(x - h * axis)) / (2 * h))
-        assert np.median(error) < 1e-6
-        assert np.quantile(error, 0.9) < 1e-3  # a field may come in between
-    mean, jacobian = model.predict_with_jacobian(np.full((1, 3), 9.0))
-    assert np.isnan(mean).all()
-    assert np.isnan(jacobian).all()
+def test_it_answers_only_near_its_samples(rng):
+    x = rng.uniform(-1, 1, (600, 3))
+    model = trained(LWPRParams(init_D=8), x, x[:, :2])
+    assert np.isfinite(model.predict(0.7 * x)).all()
+    assert np.isnan(model.predict(np.full((1, 3), 9.0))).all()
     assert np.isnan(LWPR(3, 2).predict(x)).all()
