@@ -9,12 +9,9 @@ import signal
 import sys
 import traceback
 import warnings
-from threading import Thread
 from typing import TextIO
 
-ENDS_WITH_STDIN = "PPS_VISION_ENDS_WITH_STDIN"
-"""Environment variable: the process ends, as by SIGTERM, when its standard input is closed. The parent holds the other
-end of the pipe, so its death, even by SIGKILL, ends the child."""
+from pps_vision.parent import follow_parent
 
 _BUG = 70  # exit code; sysexits' EX_SOFTWARE
 _OURS = "pps_vision", "rendering", "tracking", "learning", "control"
@@ -25,8 +22,7 @@ def main() -> None:
     for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(signum) is not signal.SIG_IGN:  # as under nohup
             signal.signal(signum, _end)
-    if os.environ.pop(ENDS_WITH_STDIN, None):
-        Thread(target=_end_with_stdin, daemon=True).start()
+    follow_parent()
     sys.stdout = _Output.instead_of(sys.stdout)
     sys.stderr = _Output.instead_of(sys.stderr)
     warnings.formatwarning = _on_one_line
@@ -65,12 +61,6 @@ def _end(signum: int, frame: object) -> None:
         remove_unfinished()
     signal.signal(signum, signal.SIG_DFL)
     signal.raise_signal(signum)
-
-
-def _end_with_stdin() -> None:
-    while os.read(0, 1):
-        pass
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 class _Output(io.TextIOWrapper):

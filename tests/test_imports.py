@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 LEAVES = ("rendering", "tracking", "learning", "control")
 FOR_LEAVES = (
-    *("pps_vision.types", "pps_vision.errors", "pps_vision.files", "pps_vision.jit"),
+    *("pps_vision.types", "pps_vision.errors", "pps_vision.files", "pps_vision.jit", "pps_vision.parent"),
     *("pps_vision.geometry", "pps_vision.robot"),
 )
 
@@ -49,7 +49,7 @@ def forbidden(file: Path) -> set[str]:
             m for m in imported_modules(file) if not is_within(m, ("dataclasses", "enum", "typing", "numpy"))
         }
     if path[0] == "__main__":
-        return {m for m in ours if not is_within(m, ("pps_vision.app.cli",))}
+        return {m for m in ours if not is_within(m, ("pps_vision.app.cli", "pps_vision.parent"))}
     return {m for m in ours if not is_within(m, (*FOR_LEAVES, f"pps_vision.{path[0]}"))}
 
 

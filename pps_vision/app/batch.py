@@ -8,6 +8,7 @@ import json
 import os
 import re
 import shlex
+import socket
 import subprocess
 import sys
 import time
@@ -17,12 +18,13 @@ from dataclasses import dataclass, replace
 from glob import glob
 from itertools import takewhile
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Literal
 
-from pps_vision.__main__ import ENDS_WITH_STDIN
 from pps_vision.app.progress import progress
+from pps_vision.app.results import read_result, read_track_summary
 from pps_vision.errors import InputError, first_line
-from pps_vision.files import read_bytes
+from pps_vision.parent import FOLLOWS_PARENT
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.atomic_write import BUSY, locked_folder, whole_file
 from pps_vision.recordings.tables import csv_rows, require_pyarrow, write_parquet, write_table
@@ -43,16 +45,16 @@ _OWN = (SETTINGS, MEMORY, SUMMARY, BATCH, "batch.parquet", REPORT)
 _POSITIVE = "a positive number"
 _NUMBERS = {"fps": _POSITIVE, "unit_m": _POSITIVE, "max_skew_s": "a number of at least 0"}  # columns of a manifest
 _BUSY_S = 0.5  # before another try where another run is writing the result
+_ENDS_S = 5.0  # in which a process that is told to end removes its unfinished files
 
 
 @dataclass(frozen=True)
 class Job:
-    """One recording: the name of its result, and its arguments of `pps-vision track` or `learn`."""
+    """One recording: the name of its result, and its arguments of `pps-vision track` or `learn` with absolute paths."""
 
     name: str
     rec: tuple[str, ...]
     options: tuple[str, ...]  # options of this recording; they override those of the batch
-    folder: Path  # base of relative paths
     row: str = ""  # FILE:LINE of a manifest that lists it
 
     @property
@@ -63,37 +65,51 @@ class Job:
 
 @dataclass(frozen=True)
 class Task:
-    """The command for every recording, its common options, and the folder of the results."""
+    """The command for every recording, its common options, and the folder of the results.
+
+    A recording that makes no progress for `stalled_s` is ended.
+    """
 
     command: Literal["track", "learn"]
     options: tuple[str, ...]
     out: Path
+    stalled_s: float
 
     def result(self, job: Job) -> Path:
         """The output of the command for a recording: a folder, or a memory."""
         return self.out / (job.name if self.command == "track" else f"{job.name}.npz")
 
+    def is_done(self, job: Job) -> bool:
+        """Whether a recording has a result."""
+        result = self.result(job)
+        return (result / SUMMARY if self.command == "track" else result).exists()
+
     def row(self, job: Job, reason: str) -> dict[str, object]:
         """The row of a recording; `reason`: of its failure, or ""."""
         row: dict[str, object] = dict.fromkeys(_TABLES[self.command]) | {"name": job.name}
-        if reason:
-            return row | {"status": "failed", "reason": f"{job.row}: {reason}" if job.row else reason}
+        try:
+            if not reason:
+                return row | {"status": "done"} | self._numbers(job)
+        except InputError as error:
+            reason = str(error)
+        return row | {"status": "failed", "reason": f"{job.row}: {reason}" if job.row else reason}
+
+    def _numbers(self, job: Job) -> dict[str, object]:
         if self.command == "learn":
             from learning.pps.memory import load_memory
 
             memory = load_memory(self.result(job))
             samples = memory.counts.sum(axis=(1, 2))
             counted = {"samples": int(samples.sum()), "touched_taxels": int((samples[:, 0] > 0).sum())}
-            return row | {"status": "done", "version": memory.written_by} | counted
-        summary = json.loads((self.result(job) / SUMMARY).read_text())
-        return row | {
-            "status": "done",
+            return {"version": memory.written_by, **counted}
+        summary = read_track_summary(self.result(job))
+        return {
             "pairs": summary["pairs"],
             "frames": summary["frames"],
-            "tracked_share": summary["status"]["tracking"] / summary["frames"],
+            "tracked_share": summary["status"].get("tracking", 0) / summary["frames"],
             "position_rms_mm": summary.get("errors", {}).get("position_rms_mm"),
             "ms_per_pair": summary["ms_per_pair"]["total"]["median_ms"],
-            "version": summary["versions"]["pps-vision"],
+            "version": summary.get("versions", {}).get("pps-vision"),
         }
 
 
@@ -110,7 +126,7 @@ def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
         matched = sorted(glob(source, recursive=True))
         if not matched:
             raise InputError(source, "matches no recording; expected folders, videos, a pattern, or a manifest .csv")
-        jobs += [Job(Path(path).resolve().name, (path,), (), Path.cwd()) for path in matched]
+        jobs += [Job(Path(path).resolve().name, (os.path.abspath(path),), ()) for path in matched]
     sources_by_name: dict[str, str] = {}
     for job in jobs:
         if first := sources_by_name.get(job.name):
@@ -134,15 +150,18 @@ def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
             raise InputError(file, f"{problem}; expected a field for each column", line)
         row = {key: value for key, value in zip(header, fields, strict=True) if value}
         name = row.pop("name", "")
-        if not name or Path(name).name != name or name.startswith("."):
+        if Path(name).name != name or name.startswith(".") or min(name, default="\0") < " ":
             raise InputError(file, f"name {name!r}; expected the name of a new folder", line)
         for key, text in row.items():
             if key in _NUMBERS and not _is_number(text, _NUMBERS[key] == _POSITIVE):
                 raise InputError(file, f"{key} {text!r}; expected {_NUMBERS[key]}", line)
         values = {key: tuple(value.split(";")) for key, value in row.items()}
+        are_topics = ("left", "right") if "rec" in values else ()
+        for key in values.keys() - {*_NUMBERS, *are_topics}:
+            values[key] = tuple(os.path.abspath(file.parent / path) for path in values[key])
         rec = values.pop("rec", ())
         options = [word for key, words in values.items() for word in (f"--{key.replace('_', '-')}", *words)]
-        yield Job(name, rec, tuple(options), file.resolve().parent, f"{file}:{line}")
+        yield Job(name, rec, tuple(options), f"{file}:{line}")
 
 
 def _is_number(text: str, positive: bool) -> bool:
@@ -179,7 +198,10 @@ def run_batch(
         if not settings.exists():
             with whole_file(settings) as partial:
                 partial.write_text(json.dumps([task.command, *task.options]) + "\n")
-        elif difference := _difference(_read_settings(settings), [task.command, *task.options]):
+        elif difference := _difference(
+            read_result(settings, list[str], "the settings of a batch, or another folder"),
+            [task.command, *task.options],
+        ):
             raise InputError(out, f"was begun {difference}; expected the same options, or another folder")
 
         with progress(total=len(jobs), desc="batch", unit="recording") as bar:
@@ -201,14 +223,6 @@ def run_batch(
             with whole_file(out / "batch.parquet") as partial:
                 write_parquet(partial, _TABLES[task.command], rows)
     return rows
-
-
-def _read_settings(file: Path) -> list[str]:
-    """Command and options of the batch that was begun in the folder."""
-    try:
-        return [str(word) for word in json.loads(read_bytes(file, "the settings of a batch"))]
-    except (ValueError, TypeError) as error:
-        raise InputError(file, f"{first_line(error)}; expected the settings of a batch, or another folder") from error
 
 
 def _difference(begun: Sequence[str], requested: Sequence[str]) -> str:
@@ -270,29 +284,39 @@ def _do(job: Job, task: Task) -> str:
 
 
 def _do_once(job: Job, task: Task) -> str:
-    result = task.result(job)
-    if (result / SUMMARY if task.command == "track" else result).exists():
+    if task.is_done(job):
         return ""
-    words = [task.command, *job.rec, *task.options, *job.options, "--out", str(result)]
-    stdin, our_end = os.pipe()
-    try:
-        process = subprocess.run(
-            [sys.executable, "-m", "pps_vision", *words],
-            cwd=job.folder,
-            env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8", ENDS_WITH_STDIN: "1"},
-            stdin=stdin,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-        )
-    finally:
-        os.close(stdin)
-        os.close(our_end)
-    if process.returncode < 0:
-        return f"ended by signal {-process.returncode}"
-    if process.returncode == 0:
-        return ""
-    return _reason(process.stderr) or f"ended with exit code {process.returncode}"
+    words = [task.command, *job.rec, *task.options, *job.options, "--out", str(task.result(job))]
+    ours, theirs = socket.socketpair()
+    with ours, TemporaryFile() as stderr:
+        with theirs:
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "pps_vision", *words],
+                env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8", FOLLOWS_PARENT: "1"},
+                stdin=theirs.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=stderr,
+            )
+        ours.settimeout(task.stalled_s)
+        try:
+            while ours.recv(2**12):
+                pass
+        except TimeoutError:
+            process.terminate()
+            try:
+                process.wait(_ENDS_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+            process.wait()
+            return f"no progress for {task.stalled_s:g} s"
+        code = process.wait()
+        stderr.seek(0)
+        said = stderr.read().decode("utf-8", "replace")
+    if code < 0:
+        return f"ended by signal {-code}"
+    if code:
+        return _reason(said) or f"ended with exit code {code}"
+    return "" if task.is_done(job) else "ended without a result"
 
 
 def _reason(stderr: str) -> str:

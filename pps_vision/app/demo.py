@@ -22,7 +22,7 @@ from pps_vision.app.encounters.training import learn
 from pps_vision.app.progress import progress
 from pps_vision.app.report import figures, page
 from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
-from pps_vision.app.report.path3d import body_lines, path3d
+from pps_vision.app.report.path3d import PATH_SCRIPT, body_lines, path3d
 from pps_vision.app.simulation import (
     PERIOD_S,
     Episode,
@@ -94,6 +94,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
             "The skin was trained with a ball and a cube. The octopus is new.",
             page.video(folder / "demo.mp4"),
             _sections(scene, command, trials, memory, logs, stopwatch),
+            PATH_SCRIPT,
         )
     for log in logs:
         touched = "touched" if log.was_touched else "not touched"
@@ -315,10 +316,12 @@ def chosen(encounters: Sequence[DemoEncounter]) -> list[tuple[str, DemoEncounter
     return [*shown.items(), *failed] if len(encounters) > 1 else [("Only one", encounters[0])]
 
 
-def _encounter_sections(encounters: Sequence[DemoEncounter]) -> list[page.Section]:
+def _encounter_sections(encounters: Sequence[DemoEncounter]) -> Sequence[page.Section]:
     rows = [[e.title, "touched" if e.is_touched else "", f"{1000 * e.left_m:.0f}"] for e in encounters]
     text = "The distance is the smallest from the object's surface to a taxel's centre, less the 20 mm of a touch."
-    sections = [("All encounters", text, page.table(["encounter", "with avoidance", "distance left (mm)"], rows))]
+    sections: list[page.Section] = [
+        ("All encounters", text, page.table(["encounter", "with avoidance", "distance left (mm)"], rows))
+    ]
     for rank, encounter in chosen(encounters):
         content = page.video(encounter.video) + page.image(figures.episodes(encounter.logs, THRESHOLD))
         sections.append((f"{rank}: {encounter.title}", "Without avoidance and with it.", content))

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from pps_vision.app.results import StageTimes
+
 
 class Stopwatch:
     """Collects milliseconds by stage: `with stopwatch("trigger"): …`."""
@@ -24,9 +26,9 @@ class Stopwatch:
         finally:
             self.ms[stage].extend([1000 * (time.perf_counter() - start) / runs] * runs)
 
-    def summary(self) -> dict[str, dict[str, float]]:
+    def summary(self) -> dict[str, StageTimes]:
         """Median and quartiles of ms, and the number of runs, of every stage."""
-        summary: dict[str, dict[str, float]] = {}
+        summary: dict[str, StageTimes] = {}
         for stage, ms in self.ms.items():
             q25_ms, median_ms, q75_ms = map(float, np.percentile(ms, (25, 50, 75)))
             summary[stage] = {"q25_ms": q25_ms, "median_ms": median_ms, "q75_ms": q75_ms, "runs": len(ms)}

@@ -4,7 +4,7 @@ failure."""
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from pps_vision.app.diagnosis import Diagnosis, diagnose
 from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
 from pps_vision.app.report.tracking import KEY_FRAMES
+from pps_vision.app.results import TrackSummary
 from pps_vision.app.track import TrackedRecording
 from pps_vision.app.track_statistics import PathStatistics
 from pps_vision.recordings import Form
@@ -148,9 +149,9 @@ def diagnosis_of(run: TrackedRecording, path: PathStatistics) -> Diagnosis | Non
     return diagnose(run.recording, run.params.mode, run.search_counts, path.tracked_share, rotation, path.residual_px)
 
 
-def summary(run: TrackedRecording, path: PathStatistics, diagnosis: Diagnosis | None = None) -> dict[str, object]:
+def summary(run: TrackedRecording, path: PathStatistics, diagnosis: Diagnosis | None = None) -> TrackSummary:
     """Return the settings and results of tracking, for summary.json."""
-    content: dict[str, object] = {
+    content: TrackSummary = {
         "source": run.recording.name,
         "mode": run.params.mode,
         "reduction": run.params.reduction,
@@ -159,17 +160,17 @@ def summary(run: TrackedRecording, path: PathStatistics, diagnosis: Diagnosis | 
         "pairs": len(run),
         "frames": path.frames,
         "status": {status.value: path.status[status] for status in Status},
-        "followed_by": dict(run.followed_by),
+        "followed_by": {str(cue): n for cue, n in run.followed_by.items()},
         "ms_per_pair": run.stopwatch.summary(),
         "cameras": run.cameras.summary(),
         "skipped": count_by_kind(run.recording.problems),
-        "warnings": run.recording.warnings,
+        "warnings": [*run.recording.warnings],
     }
     if path.tracked_share:
-        content["object"] = path.diameter()
+        content["object"] = path.size()
         content["residual_px"] = path.residual_px
     if diagnosis:
-        content["diagnosis"] = asdict(diagnosis)
+        content["diagnosis"] = {"counts": diagnosis.counts, "advice": [*diagnosis.advice]}
     if run.recording.truth:
         content["errors"] = path.errors()
     return content
@@ -186,9 +187,9 @@ def headline(run: TrackedRecording, path: PathStatistics) -> str:
             parts.append(f"3D RMS {errors['position_rms_mm']:.2f} mm where tracked")
             parts.append(f"{rms_all_mm:.2f} mm with predicted positions")
     if n_tracked:
-        size_mm = {name: f"{1000 * value:.3g}" for name, value in path.diameter().items()}
-        interval = f"{size_mm['low_95_m']}–{size_mm['high_95_m']}"
-        parts.append(f"object {size_mm['diameter_m']} mm across (95 %: {interval})")
+        size = path.size()
+        interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
+        parts.append(f"object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})")
     if run.recording.skipped:
         parts.append(f"{run.recording.skipped} problems skipped")
     return ", ".join(parts)

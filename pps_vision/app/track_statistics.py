@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from pps_vision.app.results import Size
 from pps_vision.types import Array, Status, Track3D, Truth
 from tracking.camera_pose import CameraMotion
 
@@ -85,7 +86,7 @@ class PathStatistics:
             errors.append(float(np.linalg.norm(track.position - true_position)))
             errors.append(float(np.linalg.norm(track.velocity - nearest.velocity)))
 
-    def diameter(self) -> dict[str, float]:
+    def size(self) -> Size:
         """Return the median diameter of the object where it is tracked, and its 95 % interval, m.
 
         The size errors of all frames have a common cause (the outline, the calibration), so that the median's error is

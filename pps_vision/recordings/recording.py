@@ -12,6 +12,7 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.parent import tell_progress
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.text import finite, read_lines
 from pps_vision.recordings.warnings import Problem, ProblemKind
@@ -107,6 +108,7 @@ class Recording:
         """(frame, pair): the number in the left image's file name (its place where it has none), so that a frame keeps
         its number when others are skipped."""
         for place, (left, right) in enumerate(self.pairs):
+            tell_progress()
             images = decode(left, self.image_size), decode(right, self.image_size)
             for image in images:
                 if isinstance(image, Problem) and image not in self._noted:

@@ -1,10 +1,12 @@
 """The CSV tables that pps_vision writes and reads: a header, then numbers with full precision.
 
-An empty field is a number that does not exist, such as the position of an unknown object.
+An empty field is a number that does not exist, such as the position of an unknown object.  A text that a spreadsheet
+would take for a formula begins with an apostrophe, which reading takes off.
 """
 
 import csv
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -38,6 +40,8 @@ TRUTH = (
 JOINT_OFFSETS = ("joint", "offset_deg")
 
 CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
+_FORMULA = re.compile(r"^(?='*[=+\-@\t\r])")  # the beginning of a text that gets an apostrophe more
+_QUOTED = re.compile(r"^'('*[=+\-@\t\r])")
 _MAX_OFFSET_DEG = 90.0  # an encoder that is further off is a typing error
 
 
@@ -51,19 +55,20 @@ def write_table(file: Path, columns: Sequence[str], rows: Iterable[Iterable[obje
 @contextmanager
 def open_table(file: Path, columns: Sequence[str]) -> Iterator[Callable[[Iterable[object]], None]]:
     """A function that writes one row, as `write_table`, below the header of a new table."""
-    with file.open("w", newline="") as stream:
+    with file.open("w", newline="", encoding="utf-8", errors="surrogateescape") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(columns)
         yield lambda row: table.writerow([_field(value) for value in row])
 
 
-def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
+def read_table(file: Path, columns: Sequence[str], exact: bool = False) -> list[tuple[int, list[str]]]:
     """Return the line number and the fields of `columns` for each row that is not empty; other columns are ignored.
 
-    A field that is missing at the end of a row is empty.  InputError where the file cannot be read, a column is missing
-    or comes twice, or a row has more fields than the header, as decimal commas make.
+    A field that is missing at the end of a row is empty; `exact`: spaces around a field belong to it.  InputError where
+    the file cannot be read, a column is missing or comes twice, or a row has more fields than the header, as decimal
+    commas make.
     """
-    rows = csv_rows(file, f"a table of {columns[0]} …")
+    rows = csv_rows(file, f"a table of {columns[0]} …", exact)
     header = rows[0][1] if rows else []
     if missing := [name for name in columns if name not in header]:
         raise InputError(file, f"no column {', '.join(missing)}; expected {','.join(columns)}", 1)
@@ -77,14 +82,16 @@ def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
     return [(line, [row[k] if k < len(row) else "" for k in places]) for line, row in rows[1:] if row]
 
 
-def csv_rows(file: Path, expected: str) -> list[tuple[int, list[str]]]:
-    """The number of its last line and the stripped fields of each row; InputError, ending in `expected`, for a
-    file that cannot be read."""
-    reader = csv.reader(read_lines(file, expected))
+def csv_rows(file: Path, expected: str, exact: bool = False) -> list[tuple[int, list[str]]]:
+    """The number of its last line and the fields of each row, stripped unless `exact`; InputError, ending in
+    `expected`, for a file that cannot be read."""
+    lines = read_lines(file, expected, "surrogateescape" if exact else "replace")
+    reader = csv.reader(f"{line}\n" for line in lines)
     try:
-        return [(reader.line_num, [field.strip() for field in row]) for row in reader]
+        rows = [(reader.line_num, [_QUOTED.sub(r"\1", field) for field in row]) for row in reader]
     except csv.Error as error:
         raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", reader.line_num) from error
+    return rows if exact else [(line, [field.strip() for field in row]) for line, row in rows]
 
 
 def column_names(file: Path) -> list[str]:
@@ -197,6 +204,8 @@ def _degrees(file: Path, line: int, name: str, text: str) -> float:
 def _field(value: object) -> str:
     if isinstance(value, float | np.floating):
         return "" if np.isnan(value) else repr(float(value))
+    if isinstance(value, str):
+        return _FORMULA.sub("'", value)
     return str(int(value)) if isinstance(value, bool | np.bool_) else str(value)
 
 
@@ -205,7 +214,13 @@ def write_parquet(file: Path, columns: Mapping[str, type], rows: Sequence[Mappin
     pa = require_pyarrow()
     kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
     schema = pa.schema([(name, kinds[kind]) for name, kind in columns.items()])
-    pa.parquet.write_table(pa.Table.from_pylist([dict(row) for row in rows], schema=schema), file)
+    encodable = [{key: _encodable(value) for key, value in row.items()} for row in rows]
+    pa.parquet.write_table(pa.Table.from_pylist(encodable, schema=schema), file)
+
+
+def _encodable(value: object) -> object:
+    """A text with bytes of a file's name that are no UTF-8 escaped; other values as they are."""
+    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 
 def require_pyarrow() -> Any:

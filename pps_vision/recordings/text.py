@@ -6,10 +6,10 @@ from pathlib import Path
 from pps_vision.files import read_bytes
 
 
-def read_lines(file: Path, expected: str) -> list[str]:
-    """Return the lines of a file without a byte-order mark; bytes that are not UTF-8 become U+FFFD.  InputError where
-    the file cannot be read; the message ends in `expected`."""
-    return read_bytes(file, expected).decode("utf-8-sig", errors="replace").split("\n")
+def read_lines(file: Path, expected: str, errors: str = "replace") -> list[str]:
+    """Return the lines of a file without a byte-order mark; bytes that are not UTF-8 become U+FFFD, or what `errors`
+    says.  InputError where the file cannot be read; the message ends in `expected`."""
+    return read_bytes(file, expected).decode("utf-8-sig", errors).split("\n")
 
 
 def first_row(file: Path) -> str:

@@ -20,6 +20,7 @@ from videos import write_video
 
 from learning.pps.memory import load_memory
 from pps_vision.app.cli import main
+from pps_vision.recordings.tables import read_table
 
 FILES = {"batch.csv", "settings.json", "summary.json"}
 
@@ -86,6 +87,7 @@ def test_a_folder_begun_with_other_options_or_with_settings_that_are_none(tmp_pa
         ("name;rec\na;b\n", ":1: column 'name;rec'; expected .* separated by commas"),
         ("name,rec,rec\na,b,c\n", ":1: column 'rec'; expected .* each once"),
         ("name,rec\n../a,x\n", ":2: name '../a'; expected the name of a new folder"),
+        ("name,rec\n\0a,x\n", r":2: name '\\x00a'; expected the name of a new folder"),
         ("name,rec\na,x\n\n,y\n", ":4: name ''; expected the name of a new folder"),
         ("name,rec\na,x\na,y\n", ":3: name 'a' is that of .*list.csv:2 too; expected distinct names"),
         ("name,rec\nsettings.json,x\n", ":2: a result called settings.json; expected none of"),
@@ -122,8 +124,8 @@ def test_a_row_s_own_options_go_before_those_for_all(tmp_path, calib):
     words = ["--calib", str(calib), "--fps", "5", "--unit-m", "2", "--out", str(tmp_path / "out")]
     main(["batch", str(tmp_path / "list.csv"), *words])
     a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
-    assert re.search(r"track a.mp4 --calib other.yml --fps 10.0 --unit-m 0.01", a)
-    assert re.search(r"track --left a.mp4 --right r.mp4 --calib \S*calib.yml --fps 5.0 --unit-m 2.0", b)
+    assert re.search(r"track /\S*/a.mp4 --calib /\S*/other.yml --fps 10.0 --unit-m 0.01", a)
+    assert re.search(r"track --left /\S*/a.mp4 --right /\S*/r.mp4 --calib /\S*/calib.yml --fps 5.0 --unit-m 2.0", b)
     with (tmp_path / "out" / "b" / "trajectory.csv").open() as file:
         assert [float(row["stamp_s"]) for row in csv.DictReader(file)] == pytest.approx([0, 0.2, 0.4, 0.6])
 
@@ -133,8 +135,44 @@ def test_why_a_row_failed_begins_with_its_place(tmp_path, calib, refused_with):
     file.write_text("name,left,right,calib\na,gone.mp4,r.mp4,calib.yml\n\nb,-l.mp4,r.mp4,calib.yml\n")
     refused_with("batch", file, "--out", tmp_path / "out")
     reasons = [row["reason"] for row in table(tmp_path / "out").values()]
-    assert re.match(re.escape(f"{file}:2: ") + "gone.mp4: .*expected ", reasons[0])
-    assert reasons[1] == f"{file}:4: Unrecognized options: -l.mp4"  # tyro's words without its frame
+    assert re.match(re.escape(f"{file}:2: {tmp_path}/gone.mp4: ") + ".*expected ", reasons[0])
+    assert reasons[1].startswith(f"{file}:4: {tmp_path}/-l.mp4: ")
+
+
+def test_files_beside_the_manifest_do_not_run(tmp_path, calib, monkeypatch):
+    for name in ("numpy", "tracking"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the working folder was imported')")
+    write_video(tmp_path / "a.mp4", [0.0, 0.05])
+    (tmp_path / "list.csv").write_text("name,rec,calib\na,a.mp4,calib.yml\n")
+    monkeypatch.chdir(tmp_path)
+    main(["batch", "list.csv", "--out", "out"])
+    assert table(tmp_path / "out")["a"]["status"] == "done"
+
+
+def test_every_recording_ends_as_a_row(tmp_path, calib, fails_in_part):
+    """Odd names, an unreadable summary of an earlier run: the others go on, names are read back as they are."""
+    names = ["--help", " a ", "=1+1\n\udcff", "c.mp4"]
+    for name in names:
+        write_video(tmp_path / "c.mp4", [0.0, 0.05])
+        (tmp_path / "in" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "c.mp4").rename(tmp_path / "in" / name)
+    out = tmp_path / "out"
+    (out / "c.mp4").mkdir(parents=True)
+    (out / "c.mp4" / "summary.json").write_text("{}")
+    fails_in_part(tmp_path / "in" / "*", "--calib", calib, "--parquet", "--report", "--out", out, "--workers", "2")
+    rows = {name: row for _, (name, *row) in read_table(out / "batch.csv", ["name", "status", "reason"], exact=True)}
+    assert set(rows) == set(names)
+    assert "summary.json: " in rows["c.mp4"][1]
+    assert (out / "batch.csv").read_bytes().count(b"'=1+1") == 1
+    assert (out / "report.html").is_file()
+
+
+def test_a_recording_without_progress_is_ended(tmp_path, calib, refused_with, refused):
+    write_video(tmp_path / "a.mp4", [0.0, 0.05])
+    words = ["batch", tmp_path / "a.mp4", "--calib", calib, "--out", tmp_path / "out", "--stalled-s"]
+    refused_with(*words, "0.01")  # before the first pair is read
+    assert table(tmp_path / "out")["a.mp4"]["reason"] == "no progress for 0.01 s"
+    assert "--stalled-s 0; expected a positive number" in refused(*words, "0")
 
 
 def test_killed_and_continued(tmp_path, calib):

@@ -68,7 +68,7 @@ def test_the_objects_size_is_the_median_where_it_is_tracked():
     for radius_m in (0.04, 0.03, 0.031):
         numbers.add(replace(track(0.1, 0.0), radius_m=radius_m))
     numbers.add(replace(track(0.2, 0.0, Status.COASTING), radius_m=9.0))
-    assert numbers.diameter() == pytest.approx(
+    assert numbers.size() == pytest.approx(
         {"diameter_m": 0.062, "low_95_m": 0.062 - 0.00392, "high_95_m": 0.062 + 0.00392}
     )
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
+from urllib.parse import unquote_to_bytes
 
 import cv2
 import pytest
@@ -32,6 +33,12 @@ def browse(page: Path, *words: str, query: str = "") -> subprocess.CompletedProc
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
 
 
+def add_script(page: Path, check: str) -> None:
+    """Add HTML with a script, which the page's policy must allow."""
+    text = re.sub("script-src '[^']*'", "script-src 'unsafe-inline'", page.read_text().replace("&#39;", "'"))
+    page.write_text(text.replace("img-src data:", "img-src data: http:").replace("</html>", check + "</html>"))
+
+
 def test_the_page_of_a_recording(tmp_path):
     folder = write_results(tmp_path / "results")
     report_folder(folder)
@@ -43,7 +50,7 @@ def test_the_page_of_a_recording(tmp_path):
         "const bad=[...document.images].filter(i=>!i.naturalWidth).length;"
         "document.title=`green ${n} broken ${bad} of ${document.images.length}`;});</script>"
     )
-    page.write_text(page.read_text().replace("</html>", check + "</html>"))
+    add_script(page, check)
     page_load = browse(page, "--dump-dom")
     green, broken, images = map(int, re.findall(r"green (\d+) broken (\d+) of (\d+)", page_load.stdout)[0])
     assert green > 300  # pixels of the path
@@ -83,7 +90,7 @@ def test_the_page_of_the_demo(tmp_path, keeps_loading):
         "document.title=`at ${v.currentTime} of ${v.duration} width ${v.videoWidth} ${v.error} broken ${bad}"
         " of ${document.images.length} fetched ${fetched} end`;});</script>"
     )
-    page.write_text(page.read_text().replace("</html>", check + "</html>"))
+    add_script(page, check)
     page_load = browse(page, "--dump-dom")
     pattern = r"at (\S+) of (\S+) width (\d+) null broken (\d+) of (\d+) fetched (.*?) end"
     at_s, length_s, width, broken, images, fetched = re.findall(pattern, page_load.stdout)[0]
@@ -95,22 +102,42 @@ def test_the_page_of_the_demo(tmp_path, keeps_loading):
     assert "CONSOLE" not in page_load.stderr
 
 
+def test_no_other_script_runs(tmp_path):
+    folder = write_results(tmp_path / "results")
+    report_folder(folder)
+    page = folder / "report.html"
+    page.write_text(page.read_text().replace("</html>", "<script>document.title='ran'</script></html>"))
+    page_load = browse(page, "--dump-dom")
+    assert "<title>ran</title>" not in page_load.stdout
+    assert "violates the following Content Security Policy directive" in page_load.stderr
+
+
+NAMES = [
+    *("a", "javascript:alert(1)", "a#b", "a?b", "a%41b", "<b>", '"onerror="x', "a&amp;b", "{{ 7*7 }}"),
+    *(" a ", "ä\udcff", "=1+1\n"),
+]
+
+
 def test_the_page_of_a_batch(tmp_path):
-    for name in "ab":
+    for name in NAMES:
         write_results(tmp_path / name)
-    rows = [(name, "done", 40, 40, 0.925, "", 1.5, "0.2.0", "") for name in "ab"]
+    rows = [(name, "done", 40, 40, 0.925, "", 1.5, "0.2.0", "") for name in NAMES]
     write_table(tmp_path / "batch.csv", list(TRACK_TABLE), [*rows, ("c", "failed", *[""] * 6, "cannot be read")])
     report_folder(tmp_path)
     page = tmp_path / "report.html"
     check = (
-        "<script>window.addEventListener('load',()=>{const of=[...document.links].map(a=>a.getAttribute('href'));"
+        "<script>window.addEventListener('load',()=>{const of=[...document.links].map(a=>a.href).join(' ');"
         "const bad=[...document.images].filter(i=>!i.naturalWidth).length;"
         "const fetched=performance.getEntriesByType('resource').length;"
         "document.title=`${of} broken ${bad} of ${document.images.length} fetched ${fetched}`;});</script>"
     )
-    page.write_text(page.read_text().replace("</html>", check + "</html>"))
+    add_script(page, check)
     page_load = browse(page, "--dump-dom")
-    assert "<title>a/report.html,b/report.html broken 0 of 1 fetched 0</title>" in page_load.stdout
+    *links, _, broken, _, images, _, fetched = re.search("<title>(.*?)</title>", page_load.stdout)[1].split(" ")
+    assert (broken, images, fetched) == ("0", "1", "0")
+    files = [Path(os.fsdecode(unquote_to_bytes(link.removeprefix("file://")))) for link in links]
+    assert files == [tmp_path / name / "report.html" for name in NAMES]
+    assert all(file.is_file() for file in files)
     assert "CONSOLE" not in page_load.stderr
 
 

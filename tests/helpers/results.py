@@ -7,6 +7,7 @@ import numpy as np
 from tracks import track_at
 
 from pps_vision.app.report.overlay import save_jpeg
+from pps_vision.app.results import TrackSummary
 from pps_vision.app.versions import versions
 from pps_vision.recordings.atomic_write import write_json
 from pps_vision.recordings.tables import (
@@ -56,16 +57,13 @@ def write_results(folder: Path) -> Path:
     source.mkdir()
     write_table(source / "truth.csv", ("stamp_s", "x_m", "y_m", "z_m"), truth)
     status = {item.value: sum(track.status == item for track in tracks) for item in Status}
-    stage = {"q25_ms": 1.0, "median_ms": 1.5, "q75_ms": 2.0, "runs": N}
-    summary = {"source": str(source), "mode": "generic", "seed": 3, "device": None, "pairs": N, "frames": N}
-    summary |= {
-        "status": status,
-        "ms_per_pair": {"total": stage},
+    summary: TrackSummary = {
+        **{"source": str(source), "mode": "generic", "reduction": 1, "seed": 3, "device": None},
+        **{"pairs": N, "frames": N, "status": status, "followed_by": {}, "skipped": {}, "warnings": []},
+        "ms_per_pair": {"total": {"q25_ms": 1.0, "median_ms": 1.5, "q75_ms": 2.0, "runs": N}},
         "cameras": {"rotation_deg": 0.1},
         "versions": versions(),
         "reach": {"max_fp": 0.001, "reachable": N},
-    }
-    summary |= {
         "diagnosis": {"counts": {}, "advice": ["a <longer> baseline"]},
         "command": "pps-vision track rec --seed 3 --out out",
     }

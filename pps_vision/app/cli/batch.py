@@ -12,7 +12,7 @@ from pps_vision.app.cli.options import SourceOptions, TrackOptions, command_line
 from pps_vision.errors import InputError
 
 LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urdf", "skin")
-_OF_BATCH = ("recordings", "out", "workers", "scheduler", "learn", "parquet")
+_OF_BATCH = ("recordings", "out", "workers", "scheduler", "stalled_s", "learn", "parquet")
 _OF_LEARN = ("calib", "max_skew_s", "mode", "seed")
 
 
@@ -35,6 +35,8 @@ class Batch(TrackOptions):
     scheduler: str | None = None
     """Instead of --workers: a Dask cluster, by its scheduler's address (tcp://host:8786) or scheduler file; its workers
     see the same files."""
+    stalled_s: float = 600.0
+    """End a recording that makes no progress for this long."""
     calib: tuple[Path, ...] = ()
     """Calibration for all, as for `track`."""
     fps: float | None = None
@@ -51,6 +53,7 @@ class Batch(TrackOptions):
     def run(self) -> None:
         """Process the unfinished recordings and print the failures; exit code 1 if some failed, 2 if all failed."""
         from pps_vision.app.batch import Task, jobs_of, run_batch
+        from pps_vision.app.results import BatchSummary
         from pps_vision.app.versions import versions
         from pps_vision.recordings import BATCH, SUMMARY
         from pps_vision.recordings.atomic_write import whole_file, write_json
@@ -61,11 +64,13 @@ class Batch(TrackOptions):
         jobs = jobs_of(self.recordings, columns)
         if not jobs:
             raise InputError("batch", "no recording given; expected one or more")
-        task = Task("learn" if self.learn else "track", tuple(self._options()), self.out)
+        if not self.stalled_s > 0:
+            raise InputError("batch", f"--stalled-s {self.stalled_s:g}; expected a positive number")
+        task = Task("learn" if self.learn else "track", tuple(self._options()), self.out, self.stalled_s)
         rows = run_batch(jobs, task, self.workers, self.scheduler, self.parquet)
         failed = [row for row in rows if row["status"] == "failed"]
         options = sorted(fields(self), key=lambda field: field.name != "recordings")
-        summary = {
+        summary: BatchSummary = {
             "command": command_line("batch", self, options),
             "settings": {f.name: getattr(self, f.name) for f in options if f.name not in ("recordings", "out")},
             "recordings": len(rows),
@@ -90,7 +95,7 @@ class Batch(TrackOptions):
             sys.exit(1)
 
     def _options(self) -> list[str]:
-        """Return the options of `track` or `learn` for every recording, whose process has another working folder."""
+        """Return the options of `track` or `learn` for every recording, with absolute paths."""
         chosen = [field for field in fields(self) if field.name not in _OF_BATCH]
         if self.learn and (words := words_of(self, [field for field in chosen if field.name not in _OF_LEARN])):
             raise InputError("batch", f"--learn with {words[0]}; expected it without")

@@ -57,14 +57,13 @@ class Track(TrackOptions, SourceOptions):
                     statistics.add(pair.track, pair.residual_px)
                     files.add(pair)
             diagnosis = diagnosis_of(run, statistics)
-            content = summary(run, statistics, diagnosis) | {
-                "smoothed": self.smooth,
-                "joints": self.joints,
-                "map": self.map,
-                "memory": self.memory,
-                "versions": versions(),
-                "command": command_line("track", self),
-            }
+            content = summary(run, statistics, diagnosis)
+            content["smoothed"] = self.smooth
+            content["joints"] = str(self.joints) if self.joints else None
+            content["map"] = str(self.map) if self.map else None
+            content["memory"] = str(self.memory) if self.memory else None
+            content["versions"] = versions()
+            content["command"] = command_line("track", self)
             if reach:
                 counts = {status.value: files.reached[status] for status in ReachStatus}
                 content["reach"] = {"max_fp": self.max_fp, **counts}

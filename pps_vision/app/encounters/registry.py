@@ -239,7 +239,7 @@ def new_controller(name: str, numbers: ControllerParams | None = None) -> NewCon
     module, _, function = name.partition(":")
     folder = str(Path.cwd())
     if folder not in sys.path:
-        sys.path.insert(0, folder)
+        sys.path.append(folder)  # last, so that no file of the user's replaces a library
     try:
         imported: NewController = getattr(import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:

@@ -1,12 +1,16 @@
 """Reports: self-contained pages, with what matters most on top, and the figures in them."""
 
 import base64
-import html
+import hashlib
 import io
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
@@ -26,40 +30,71 @@ th,td{padding:.3rem .8rem;border-bottom:1px solid #ddd;text-align:right} th:firs
 p.lead{color:#555;margin-top:0} pre{background:#f4f4f4;padding:.6rem;white-space:pre-wrap;overflow-wrap:anywhere}
 ul.warnings{background:#fff3dc;border-left:4px solid #e0a020;padding:.6rem 1rem .6rem 2rem}
 """
-
+_PAGE = """
+<!doctype html><html lang="en"><meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{{ policy }}">
+<title>{{ title }}</title><style>{{ style }}</style>
+<h1>{{ title }}</h1><p class="lead">{{ lead }}</p>{{ opening }}
+{% for name, text, body in sections %}<h2>{{ name }}</h2><p>{{ text }}</p>{{ body }}{% endfor %}
+</html>"""
+_TABLE = """
+<table><tr>{% for cell in header %}<th>{{ cell }}</th>{% endfor %}</tr>
+{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table>"""
+_TEMPLATES = Environment(autoescape=True, undefined=StrictUndefined)
 
 Section = tuple[str, str, str]
-"""A heading, a text, and an HTML fragment below it."""
+"""A heading, a text, and an HTML fragment (`Markup`) below it."""
 
 
-def image(figure: Figure) -> str:
+def fragment(template: str, **values: object) -> Markup:
+    """HTML from a Jinja2 template; values are escaped unless they are fragments."""
+    return Markup(_TEMPLATES.from_string(template).render(values))
+
+
+def picture(content: bytes, kind: str, name: str = "") -> Markup:
+    """The content of an image file of a kind (png, jpeg); `name`: what it shows."""
+    data = base64.b64encode(content).decode()
+    return fragment(
+        '<img alt="{{ name }}" src="data:image/{{ kind }};base64,{{ data }}">', name=name, kind=kind, data=data
+    )
+
+
+def image(figure: Figure) -> Markup:
     """A figure as an HTML fragment."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
-    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">'
+    return picture(buffer.getvalue(), "png")
 
 
-def video(path: Path) -> str:
+def video(path: Path) -> Markup:
     """An .mp4 file as an HTML fragment."""
     data = base64.b64encode(path.read_bytes()).decode()
-    return f'<video controls autoplay muted loop src="data:video/mp4;base64,{data}"></video>'
+    return fragment('<video controls autoplay muted loop src="data:video/mp4;base64,{{ data }}"></video>', data=data)
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table as an HTML fragment; cells are text."""
-    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
-    lines = ("".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in rows)
-    return f"<table><tr>{head}</tr>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+def table(header: Sequence[str], rows: Iterable[Iterable[str]]) -> Markup:
+    """A table as an HTML fragment; cells are text or fragments."""
+    return fragment(_TABLE, header=header, rows=rows)
 
 
-def write_page(folder: Path, title: str, lead: str, opening: str, sections: Sequence[Section]) -> None:
-    """Write report.html; nothing in it refers to another file but links of `opening` and `sections`."""
-    parts = "".join(f"<h2>{html.escape(name)}</h2><p>{html.escape(text)}</p>{body}" for name, text, body in sections)
-    page = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
-        f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>"
-        f'<p class="lead">{html.escape(lead)}</p>{opening}{parts}</html>'
+def link(text: str, *path: str) -> Markup:
+    """A link to a file whose path from the page's folder consists of these names."""
+    address = "/".join(quote(os.fsencode(name), safe="") for name in path)
+    return fragment('<a href="{{ address }}">{{ text }}</a>', address=address, text=text)
+
+
+def write_page(
+    folder: Path, title: str, lead: str, opening: str, sections: Sequence[Section], script: str = ""
+) -> None:
+    """Write report.html; nothing in it refers to another file but links, and no script runs but `script`, which a
+    fragment of `sections` holds."""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = (
+        f"default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'"
     )
+    policy += "; base-uri 'none'; form-action 'none'"
+    style = Markup(_STYLE)
+    page = fragment(_PAGE, policy=policy, style=style, title=title, lead=lead, opening=opening, sections=sections)
     with whole_file(folder / REPORT) as partial:
         partial.write_text(page, encoding="utf-8", errors="backslashreplace")
 

@@ -1,11 +1,12 @@
 """A 3D path that turns under the mouse, as an HTML fragment with its own script; distance and time to contact of it."""
 
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
+from pps_vision.app.report.page import fragment
 from pps_vision.recordings.tables import CHI2_95
 from pps_vision.types import Array
 
@@ -16,7 +17,7 @@ _MOST_POINTS = 4000  # of a line; every k-th of a longer one is drawn
 _MOST_ELLIPSOIDS = 40
 _SLOWEST_M_S = 0.01  # slower approaches have no time to contact
 
-_SCRIPT = """
+PATH_SCRIPT = """
 (function(){
 const data=JSON.parse(document.getElementById("path-data").textContent),canvas=document.getElementById("path");
 const c=canvas.getContext("2d");let yaw=0.6,pitch=0.5,zoom=1,drag=null;
@@ -47,13 +48,13 @@ draw();})();
 """
 
 
-def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
+def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> Markup:
     """Return one line or more (color, points (n ≥ 1, 3) in m; NaN is a gap; the first is drawn thicker) and the 95 %
     ellipsoids of positions `at` (m, 3) with covariances (m, 3, 3) in m², as HTML."""
     shown = [(color, points[:: -(-len(points) // _MOST_POINTS)]) for color, points in lines]
     finite = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown])
     if not len(finite):
-        return "<p>No position is known.</p>"
+        return Markup("<p>No position is known.</p>")
     low = finite.min(axis=0)
     high = finite.max(axis=0)
     size = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
@@ -79,10 +80,11 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
             for k, (lengths, rotation) in ((k, ellipsoid_95(cov[k])) for k in chosen)
         ],
     }
-    return (
-        f'<canvas id="path" width="900" height="560" style="width:100%;touch-action:none;cursor:grab"></canvas>'
-        f'<script type="application/json" id="path-data">{json.dumps(data, allow_nan=False)}</script>'
-        f"<script>{_SCRIPT}</script>"
+    return fragment(
+        '<canvas id="path" width="900" height="560" style="width:100%;touch-action:none;cursor:grab"></canvas>'
+        '<script type="application/json" id="path-data">{{ data|tojson }}</script><script>{{ script }}</script>',
+        data=data,
+        script=Markup(PATH_SCRIPT),
     )
 
 

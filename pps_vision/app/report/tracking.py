@@ -1,21 +1,18 @@
 """The report of a tracked recording, made from the files that `track` has written: `pps-vision report`."""
 
-import base64
-import html
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.report import page
-from pps_vision.app.report.path3d import distance_and_ttc_of_origin, path3d
-from pps_vision.errors import InputError, first_line
-from pps_vision.files import read_bytes
+from pps_vision.app.report.path3d import PATH_SCRIPT, distance_and_ttc_of_origin, path3d
+from pps_vision.app.results import BatchSummary, TrackSummary, read_result, read_track_summary
+from pps_vision.errors import InputError
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.tables import ACTIVATION, COVARIANCE, column_names, covariances, numbers, read_table
 from pps_vision.types import Array, Status
@@ -51,8 +48,8 @@ def report_folder(folder: Path) -> str:
         raise InputError(folder, f"holds neither summary.json nor batch.csv; expected {expected}")
     if not (folder / BATCH).is_file():
         write_report(folder)
-        return _measured(_read_summary(folder))
-    rows = [row for _, row in read_table(folder / BATCH, ["name", "status"])]
+        return _measured(read_track_summary(folder))
+    rows = [row for _, row in read_table(folder / BATCH, ["name", "status"], exact=True)]
     tracked = [name for name, status in rows if status == "done"]
     for name in tracked:
         write_report(folder / name)
@@ -94,45 +91,34 @@ def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array
     return np.reshape([numbers(file, line, row[:n]) for line, row in rows], (len(rows), n))
 
 
-def _read_summary(folder: Path) -> dict[str, Any]:
-    """Return what summary.json of a tracked recording holds."""
-    file = folder / SUMMARY
-    content = read_bytes(file, "the summary of a tracked recording")
-    try:
-        summary = json.loads(content)
-    except ValueError as error:
-        raise InputError(file, f"{error}; expected the summary of a tracked recording") from error
-    if not isinstance(summary, dict) or not {"frames", "status", "ms_per_pair"} <= summary.keys():
-        raise InputError(file, "is of another command; expected the summary of a tracked recording")
-    return summary
-
-
-def _warnings_of(summary: Mapping[str, Any]) -> list[str]:
+def _warnings_of(summary: TrackSummary) -> list[str]:
     """Warnings, few measurements, remedies and skipped data."""
-    warnings = list(summary.get("warnings", ()))
-    frames = max(1, int(summary["frames"]))
+    warnings = [*summary["warnings"]]
+    frames = summary["frames"]
     share = summary["status"].get("tracking", 0) / frames
     if share < _FEW_TRACKED:
         warnings.append(f"measured in {100 * share:.0f} % of {frames} pairs only")
     if lost := summary["status"].get("lost", 0):
         warnings.append(f"lost {lost} times")
-    warnings += [f"try {advice}" for advice in summary.get("diagnosis", {}).get("advice", ())]
-    warnings += [f"skipped: {n} {kind}" for kind, n in summary.get("skipped", {}).items() if n]
-    turned = summary.get("cameras", {}).get("rotation_deg") or 0
+    if "diagnosis" in summary:
+        warnings += [f"try {advice}" for advice in summary["diagnosis"]["advice"]]
+    warnings += [f"skipped: {n} {kind}" for kind, n in summary["skipped"].items() if n]
+    turned = summary["cameras"].get("rotation_deg") or 0
     if turned > 1:
         warnings.append(f"cameras that are said to be fixed turned by {turned:.1f}°")
     return warnings
 
 
-def _opening(warnings: Sequence[str]) -> str:
-    items = "".join(f"<li>{html.escape(text)}</li>" for text in warnings)
-    return f'<ul class="warnings">{items}</ul>' if items else "<p>No warnings.</p>"
+def _opening(warnings: Sequence[str]) -> Markup:
+    template = "{% for text in warnings %}<li>{{ text }}</li>{% endfor %}"
+    items = page.fragment(template, warnings=warnings)
+    return page.fragment('<ul class="warnings">{{ items }}</ul>' if items else "<p>No warnings.</p>", items=items)
 
 
 def write_report(folder: Path) -> None:
     """Write report.html into the folder of a tracked recording; InputError if it is none."""
-    summary = _read_summary(folder)
-    tracked = _read_tracked(folder, Path(str(summary.get("source", ""))))
+    summary = read_track_summary(folder)
+    tracked = _read_tracked(folder, Path(summary["source"]))
     is_finite = np.isfinite(tracked.cov).all(axis=(1, 2)) & np.isfinite(tracked.position).all(axis=1)
     truth = [("#777", tracked.truth[:, 1:])] if len(tracked.truth) else []
     path = path3d([("#2a9d4a", tracked.position), *truth], tracked.position[is_finite], tracked.cov[is_finite])
@@ -141,7 +127,8 @@ def write_report(folder: Path) -> None:
         "For every taxel the probability that what approaches will touch it; above 0.4 the arm moves away.",
         page.image(_over_the_body(tracked)) if tracked.activation else "",
     )
-    settings = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "memory") if key in summary}
+    shown = ("mode", "seed", "device", "smoothed", "map", "memory")
+    settings = {key: value for key, value in summary.items() if key in shown}
     sections = [
         *(("Images", "", images) for images in [_images(folder)] if images),
         ("Tracks in the images", "Centres of the detections, over time.", _image_tracks(folder)),
@@ -160,36 +147,33 @@ def write_report(folder: Path) -> None:
         *([over_the_body] if tracked.activation else []),
         ("Numbers", "", _numbers_table(summary)),
         ("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
-        ("To repeat it", "", _repeat(str(summary.get("command", "")), settings | summary.get("versions", {}))),
+        ("To repeat it", "", _repeat(summary.get("command", ""), settings | summary.get("versions", {}))),
     ]
     lead = f"{_measured(summary)}, {len(tracked.stamps_s)} rows"
     if size := summary.get("object"):
         interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
         lead += f", object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})"
-    page.write_page(folder, str(summary.get("source", folder)), lead, _opening(_warnings_of(summary)), sections)
+    page.write_page(folder, summary["source"], lead, _opening(_warnings_of(summary)), sections, PATH_SCRIPT)
 
 
-def _measured(summary: Mapping[str, Any]) -> str:
+def _measured(summary: TrackSummary) -> str:
     return f"{summary['status'].get('tracking', 0)} of {summary['frames']} stereo pairs measured"
 
 
-def _images(folder: Path) -> str:
+def _images(folder: Path) -> Markup:
     """The overlay video, or key frames."""
     film = folder / "overlay.mp4"
     if film.is_file() and film.stat().st_size <= _LARGEST_VIDEO:
         return page.video(film)
     frames = sorted((folder / KEY_FRAMES).glob("*.jpg"))
-    return "".join(
-        f'<img alt="{frame.stem}" src="data:image/jpeg;base64,{base64.b64encode(frame.read_bytes()).decode()}">'
-        for frame in frames
-    )
+    return Markup("").join(page.picture(frame.read_bytes(), "jpeg", frame.stem) for frame in frames)
 
 
-def _image_tracks(folder: Path) -> str:
+def _image_tracks(folder: Path) -> Markup:
     file = folder / "detections.csv"
     rows = read_table(file, ["stamp_s", "u_px", "v_px", "camera"])
     if not rows:
-        return "<p>Nothing was detected.</p>"
+        return Markup("<p>Nothing was detected.</p>")
     values = _numbers(file, rows, 3)
     camera = np.array([row[3] for _, row in rows])
     figure = Figure(figsize=(9, 3.6), layout="constrained")
@@ -251,23 +235,25 @@ def _over_the_body(tracked: Tracked) -> Figure:
     return figure
 
 
-def _numbers_table(summary: Mapping[str, Any]) -> str:
-    rows = []
-    for part, prefix in {"status": "pairs ", "errors": "", "reach": "reach: ", "cameras": "cameras: "}.items():
-        values = summary.get(part, {}).items()
-        rows += [[prefix + key, _text(value)] for key, value in values if value is not None or part != "cameras"]
+def _numbers_table(summary: TrackSummary) -> Markup:
+    rows = [["pairs " + key, _text(value)] for key, value in summary["status"].items()]
+    rows += [[key, _text(value)] for key, value in summary.get("errors", {}).items()]
+    rows += [["reach: " + key, _text(value)] for key, value in summary.get("reach", {}).items()]
+    rows += [["cameras: " + key, _text(value)] for key, value in summary["cameras"].items() if value is not None]
     return page.table(["", "value"], rows)
 
 
-def _times(summary: Mapping[str, Any]) -> str:
-    keys = ("median_ms", "q25_ms", "q75_ms", "runs")
-    rows = [[stage, *(_text(row.get(key)) for key in keys)] for stage, row in summary["ms_per_pair"].items()]
+def _times(summary: TrackSummary) -> Markup:
+    rows = [
+        [stage, *(_text(value) for value in (times["median_ms"], times["q25_ms"], times["q75_ms"], times["runs"]))]
+        for stage, times in summary["ms_per_pair"].items()
+    ]
     return page.table(["stage", "median", "lower quartile", "upper quartile", "runs"], rows)
 
 
-def _repeat(command: str, settings: Mapping[str, Any]) -> str:
+def _repeat(command: str, settings: Mapping[str, object]) -> Markup:
     rows = [[key, _text(value)] for key, value in settings.items()]
-    return f"<pre>{html.escape(command)}</pre>" + page.table(["setting or package", "value"], rows)
+    return page.fragment("<pre>{{ text }}</pre>", text=command) + page.table(["setting or package", "value"], rows)
 
 
 def write_batch_report(folder: Path) -> None:
@@ -276,14 +262,14 @@ def write_batch_report(folder: Path) -> None:
     file = folder / BATCH
     columns = tuple(TRACK_TABLE)
     rows = []
-    for line, fields in read_table(file, columns):
+    for line, fields in read_table(file, columns, exact=True):
         rows.append(dict(zip(columns, fields, strict=True)))
         numbers(file, line, [rows[-1][column] for column in columns if TRACK_TABLE[column] is not str])  # or InputError
     failed = [row for row in rows if row["status"] == "failed"]
     warned = [f"{row['name']} failed: {row['reason']}" for row in failed]
     for row in rows:
         if row["status"] != "failed":
-            warned += [f"{row['name']}: {text}" for text in _warnings_of(_read_summary(folder / row["name"]))]
+            warned += [f"{row['name']}: {text}" for text in _warnings_of(read_track_summary(folder / row["name"]))]
     text = "One dot for each recording, the first on top; a cross: it failed."
     sections = [
         ("Recordings", "", _batch_table(folder, rows, columns)),
@@ -295,16 +281,12 @@ def write_batch_report(folder: Path) -> None:
     page.write_page(folder, f"Batch {folder.name}", lead, _opening(warned), sections)
 
 
-def _repeat_batch(file: Path) -> str:
+def _repeat_batch(file: Path) -> Markup:
     """Command, settings, time and versions of the last run of a batch."""
-    expected = "the summary of a batch"
-    try:
-        summary = json.loads(read_bytes(file, expected))
-        settings = {key: value for key, value in summary["settings"].items() if value not in (None, [])}
-        settings |= {key: summary[key] for key in ("started", "seconds")} | summary["versions"]
-        return _repeat(summary["command"], settings)
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InputError(file, f"{first_line(error)}; expected {expected}") from error
+    summary = read_result(file, BatchSummary, "the summary of a batch")
+    settings = {key: value for key, value in summary["settings"].items() if value not in (None, [])}
+    settings |= {"started": summary["started"], "seconds": summary["seconds"]}
+    return _repeat(summary["command"], settings | summary["versions"])
 
 
 def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:
@@ -320,22 +302,24 @@ def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:
     axes[0].set(xlabel="pairs tracked (%)", xlim=(0, 103), ylim=(len(rows) - 0.5, -0.5))
     axes[1].set(xlabel="time a pair (ms)", xlim=(0, None))
     if len(rows) <= _MOST_NAMES:
-        axes[0].set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=8, parse_math=False)
+        axes[0].set_yticks(range(len(rows)), [_drawable(row["name"]) for row in rows], fontsize=8, parse_math=False)
     return figure
 
 
-def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
+def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> Markup:
     def cells(row: Mapping[str, str]) -> Iterator[str]:
-        name = html.escape(row["name"])
-        has_report = (folder / row["name"] / REPORT).is_file()
-        yield f'<a href="{name}/{REPORT}">{name}</a>' if has_report else name
+        name = row["name"]
+        yield page.link(name, name, REPORT) if (folder / name / REPORT).is_file() else name
         for column in columns[1:]:
             is_number = TRACK_TABLE[column] is not str and row[column]
-            yield f"{float(row[column]):.4g}" if is_number else html.escape(row[column])
+            yield f"{float(row[column]):.4g}" if is_number else row[column]
 
-    head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
-    lines = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells(row)) + "</tr>" for row in rows)
-    return f"<table><tr>{head}</tr>{lines}</table>"
+    return page.table(columns, map(cells, rows))
+
+
+def _drawable(name: str) -> str:
+    """A name with what a font cannot show escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in name)
 
 
 def _text(value: object) -> str:
