@@ -122,7 +122,7 @@ def test_folders_whose_names_are_not_utf8(approach, tmp_path):
     (tmp_path / name).symlink_to(approach)
     command = [sys.executable, "-m", "pps_vision", "track", name, "--video", "--out", f"{name}-out"]
     finished = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert (finished.returncode, finished.stderr) == (0, "")
+    assert finished.returncode == 0, finished.stderr
     assert finished.stdout.endswith("→ caf\\udce9-out\n")
     out = tmp_path / f"{name}-out"
     assert json.loads((out / "summary.json").read_text(encoding="utf-8"))["source"] == name
