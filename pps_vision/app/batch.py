@@ -14,16 +14,19 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from glob import glob
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Literal
+from urllib.parse import urlsplit
 
 from pps_vision.app.progress import progress
 from pps_vision.app.results import read_result, read_track_summary
 from pps_vision.errors import InputError, first_line
+from pps_vision.files import check_regular
 from pps_vision.parent import FOLLOWS_PARENT
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.atomic_write import BUSY, locked_folder, whole_file
@@ -113,6 +116,26 @@ class Task:
         }
 
 
+@dataclass(frozen=True)
+class Cluster:
+    """Address or scheduler file of a Dask cluster, and the folder of its certificate (cert.pem, key.pem), if it has
+    one."""
+
+    scheduler: str
+    tls: Path | None = None
+
+    @property
+    def warning(self) -> str:
+        """That nothing is encrypted on the way to another machine, or ""."""
+        address = self.scheduler
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            address = str(json.loads(Path(self.scheduler).read_text())["address"])
+        host = urlsplit(address if "://" in address else f"tcp://{address}").hostname or ""
+        if self.tls or address.startswith("tls://") or host == "localhost" or host.startswith("127.") or host == "::1":
+            return ""
+        return f"{address} is not encrypted: whoever is on the way or answers there can run any code here; see --tls"
+
+
 def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
     """Jobs from recordings (folders, videos, or patterns) and manifests: CSV files with `name` and some of `columns`.
 
@@ -173,16 +196,16 @@ def _is_number(text: str, positive: bool) -> bool:
 
 
 def run_batch(
-    jobs: Sequence[Job], task: Task, workers: int, scheduler: str | None = None, parquet: bool = False
+    jobs: Sequence[Job], task: Task, workers: int, cluster: Cluster | None = None, parquet: bool = False
 ) -> list[dict[str, object]]:
     """Run the unfinished jobs. Returns one row per job, in job order (also written to batch.csv).
 
     A recording that cannot be used does not stop the others. The results do not depend on the machine. Learning also
     writes the sum of all memories, memory.npz.
 
-    `workers`: processes on this machine; `scheduler`: address or scheduler file of a Dask cluster that runs the jobs
-    instead, OSError if it does not answer; `parquet`: also write batch.parquet (extra `parquet`). InputError if another
-    batch is writing to the folder or was begun there with other options, or a name is that of a file of the batch.
+    `workers`: processes on this machine; `cluster`: runs the jobs instead, OSError if it does not answer; `parquet`:
+    also write batch.parquet (extra `parquet`). InputError if another batch is writing to the folder or was begun there
+    with other options, or a name is that of a file of the batch.
     """
     if workers < 1:
         raise InputError("batch", f"{workers} workers; expected at least 1")
@@ -205,8 +228,8 @@ def run_batch(
             raise InputError(out, f"was begun {difference}; expected the same options, or another folder")
 
         with progress(total=len(jobs), desc="batch", unit="recording") as bar:
-            if scheduler:
-                reasons = _on_cluster(scheduler, jobs, task, bar.update)
+            if cluster:
+                reasons = _on_cluster(cluster, jobs, task, bar.update)
             else:
                 reasons = []
                 with ThreadPoolExecutor(workers) as pool:
@@ -252,16 +275,24 @@ def _add_up(memories: Sequence[Path], out: Path) -> None:
             save_memory(partial, total)
 
 
-def _on_cluster(scheduler: str, jobs: Sequence[Job], task: Task, advance: Callable[[], object]) -> list[str]:
+def _on_cluster(cluster: Cluster, jobs: Sequence[Job], task: Task, advance: Callable[[], object]) -> list[str]:
     """`_do` every job on the workers of a Dask cluster; a job whose worker dies goes to another."""
     try:
         from distributed import Client, as_completed
         from distributed.scheduler import KilledWorker
+        from distributed.security import Security
     except ImportError as error:
         expected = "the extra cluster: pip install 'pps-vision[cluster]'"
         raise InputError("batch", f"--scheduler needs Dask; expected {expected}") from error
-    address = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
-    with Client(**address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+    address = {"scheduler_file" if Path(cluster.scheduler).is_file() else "address": cluster.scheduler}
+    security = None
+    if cluster.tls:
+        cert, key = cluster.tls / "cert.pem", cluster.tls / "key.pem"
+        for file in cert, key:
+            check_regular(file, "the certificate or key of the cluster")
+        files = {"tls_ca_file": str(cert), "tls_client_cert": str(cert), "tls_client_key": str(key)}
+        security = Security(require_encryption=True, **files)  # type: ignore[no-untyped-call]
+    with Client(**address, security=security, set_as_default=False) as client:  # type: ignore[no-untyped-call]
         indices = {client.submit(_do, job, task, pure=False): k for k, job in enumerate(jobs)}
         reasons = [""] * len(jobs)
         for future in as_completed(list(indices), loop=client.loop):  # type: ignore[no-untyped-call]

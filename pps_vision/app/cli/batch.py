@@ -8,11 +8,11 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from pps_vision.app.cli.options import SourceOptions, TrackOptions, command_line, words_of
+from pps_vision.app.cli.options import SourceOptions, TrackOptions, command_line, print_skipped, words_of
 from pps_vision.errors import InputError
 
 LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urdf", "skin")
-_OF_BATCH = ("recordings", "out", "workers", "scheduler", "stalled_s", "learn", "parquet")
+_OF_BATCH = ("recordings", "out", "workers", "scheduler", "tls", "stalled_s", "learn", "parquet")
 _OF_LEARN = ("calib", "max_skew_s", "mode", "seed")
 
 
@@ -33,8 +33,11 @@ class Batch(TrackOptions):
     workers: int = 1
     """Number of parallel processes; the results do not depend on it."""
     scheduler: str | None = None
-    """Instead of --workers: a Dask cluster, by its scheduler's address (tcp://host:8786) or scheduler file; its workers
-    see the same files."""
+    """Instead of --workers: a Dask cluster, by its scheduler's address (tls://host:8786) or scheduler file; its workers
+    see the same files.  A scheduler, and whoever reaches it, can run any code in this process and in its workers."""
+    tls: Path | None = None
+    """Folder with cert.pem and key.pem, with which scheduler, workers and this process prove that they belong
+    together, as docs/cluster/slurm.sh makes them."""
     stalled_s: float = 600.0
     """End a recording that makes no progress for this long."""
     calib: tuple[Path, ...] = ()
@@ -52,7 +55,7 @@ class Batch(TrackOptions):
 
     def run(self) -> None:
         """Process the unfinished recordings and print the failures; exit code 1 if some failed, 2 if all failed."""
-        from pps_vision.app.batch import Task, jobs_of, run_batch
+        from pps_vision.app.batch import Cluster, Task, jobs_of, run_batch
         from pps_vision.app.results import BatchSummary
         from pps_vision.app.versions import versions
         from pps_vision.recordings import BATCH, SUMMARY
@@ -67,7 +70,10 @@ class Batch(TrackOptions):
         if not self.stalled_s > 0:
             raise InputError("batch", f"--stalled-s {self.stalled_s:g}; expected a positive number")
         task = Task("learn" if self.learn else "track", tuple(self._options()), self.out, self.stalled_s)
-        rows = run_batch(jobs, task, self.workers, self.scheduler, self.parquet)
+        cluster = Cluster(self.scheduler, self.tls) if self.scheduler else None
+        if cluster and cluster.warning:
+            print_skipped((), [cluster.warning])
+        rows = run_batch(jobs, task, self.workers, cluster, self.parquet)
         failed = [row for row in rows if row["status"] == "failed"]
         options = sorted(fields(self), key=lambda field: field.name != "recordings")
         summary: BatchSummary = {
