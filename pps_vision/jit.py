@@ -6,6 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 
+from pps_vision.errors import InputError
+
+if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    raise InputError("NUMBA_DISABLE_JIT", "is set; expected it unset: functions that are not compiled overflow")
+
 
 def _njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit` with these options; without a writable place for its cache it says so once and does without."""

@@ -59,7 +59,7 @@ def open_recording(
     Raises:
         InputError: Nothing usable is there; names the file, the line and what was expected.
     """
-    if folder is None and not left and not right:
+    if folder in (None, "") and not left and not right:
         raise InputError("recording", "expected either REC, or left and right images or videos with calib")
     source = Source(
         folder=None if folder is None else Path(folder),

@@ -1,6 +1,9 @@
 """Bad input ends in one line that names the fault, exit code 2, and no partial output."""
 
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +57,26 @@ def test_a_command_line_that_asks_for_the_impossible(refused, approach, tmp_path
     line = refused(*words.replace("TMP", str(tmp_path)).replace("REC", str(approach)).split())
     assert message in line
     assert not any(file.is_file() for file in tmp_path.rglob("*"))
+
+
+def test_a_place_that_is_none(refused, approach, tmp_path):
+    """An empty word, a whole disk, a link that leads nowhere."""
+    out = tmp_path / "out"
+    assert "a word is empty" in refused("track", "", "--out", out)
+    for k in range(1001):
+        (tmp_path / "disk" / str(k)).mkdir(parents=True)
+    assert "disk: holds more than 1000 folders" in refused("track", tmp_path / "disk", "--out", out)
+    for name in ("truth.csv", "icubEyes.ini"):
+        rec = shutil.copytree(approach, tmp_path / name)
+        (rec / name).unlink()
+        (rec / name).symlink_to("gone")
+        assert f"{name}: cannot be read" in refused("track", rec, "--out", out)
+
+
+def test_functions_that_are_not_compiled():
+    command = [sys.executable, "-c", "import pps_vision.jit"]
+    done = subprocess.run(command, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True)
+    assert "InputError: NUMBA_DISABLE_JIT: is set; expected it unset" in done.stderr
 
 
 @pytest.mark.parametrize(

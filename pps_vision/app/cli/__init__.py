@@ -40,9 +40,12 @@ def main(args: list[str] | None = None) -> None:
         return
     try:
         _refuse_python_control()
+        if "" in args:
+            raise InputError("command line", "a word is empty, as of a variable that is not set; expected none")
         _parsed(args).run()
-    except (InputError, OSError) as error:
-        print(f"pps-vision: {' '.join(str(error).split())}", file=sys.stderr)
+    except (InputError, OSError, MemoryError) as error:
+        message = "out of memory; expected smaller files, or more memory" if isinstance(error, MemoryError) else error
+        print(f"pps-vision: {' '.join(str(message).split())}", file=sys.stderr)
         sys.exit(2)
 
 

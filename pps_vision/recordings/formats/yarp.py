@@ -44,6 +44,7 @@ _FRAME = re.compile(r"frame_([0-9]{8,9})", re.ASCII)
 _STAMP_RESOLUTION_S = 1e-6  # of the digits in a log, and of a double in seconds since 1970
 SKIN_PARTS = {1: "left_palm", 2: "left_forearm", 4: "right_palm", 5: "right_forearm"}
 """The robot's numbers of the skin parts that have virtual taxels here."""
+_MOST_FOLDERS = 1000
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
 
@@ -85,7 +86,7 @@ def open_source(source: Source) -> Recording:
     image_size = usual_size(folder, posed, problems)
     own = folder / "icubEyes.ini"
     truth = folder / "truth.csv"
-    eyes_file = source.calib[0] if source.calib else own if own.exists() else None
+    eyes_file = source.calib[0] if source.calib else own if os.path.lexists(own) else None
     return Recording(
         name=str(folder),
         pairs=posed,
@@ -94,7 +95,7 @@ def open_source(source: Source) -> Recording:
         robot=robot,
         rig=StereoRig(*read_icub_eyes(eyes_file, image_size), robot.eye_poses) if eyes_file else None,
         touches=touches,
-        truth=read_truth(truth, problems) if truth.exists() else (),
+        truth=read_truth(truth, problems) if os.path.lexists(truth) else (),
         calibration_at="icubEyes.ini there or by --calib",
     )
 
@@ -263,9 +264,11 @@ def _type(log: Path) -> str:
 
 
 def _logs(folder: Path) -> Iterator[Path]:
-    """Every data.log below a folder; linked folders are followed, each once."""
+    """Every data.log below a folder; linked folders are followed, each once.  InputError for a whole disk."""
     visited = {os.path.realpath(folder)}
-    for place, folders, files in os.walk(folder, followlinks=True):
+    for k, (place, folders, files) in enumerate(os.walk(folder, followlinks=True)):
+        if k == _MOST_FOLDERS:
+            raise InputError(folder, f"holds more than {_MOST_FOLDERS} folders; expected the folder of one recording")
         if "data.log" in files or "data.log" in folders:  # a folder of that name is refused by its reader
             yield Path(place, "data.log")
         real = {name: os.path.realpath(Path(place, name)) for name in folders}
