@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
@@ -17,9 +16,6 @@ from pps_vision.types import Array
 
 PAGE_IN = 7.2  # width of a page
 _INK = "0.25"
-_OURS = "tab:blue"
-_BASELINE = "tab:orange"
-_NAME_PT = 7.0
 _MAX_WIDTH_IN = 14.0
 _LOG_RATIO = 30.0  # errors that span a larger ratio are drawn on a logarithmic axis
 
@@ -57,7 +53,8 @@ def speed_error(
 ) -> None:
     """Draw time (logarithmic, "ms" = quartiles) against `metric` of each method: Pareto front dotted, default ringed.
 
-    A method without an error stands at the top, marked "fails"; one that had no frame to work on is left out.
+    Ours are circles, baselines squares. A method without an error is a cross at the top; one that had no frame to work
+    on is left out.
     """
     quartiles = {name: np.concatenate(intervals([method["ms"]])) for name, method in methods.items()}
     names = [name for name, times in quartiles.items() if np.isfinite(times).all()]
@@ -75,18 +72,18 @@ def speed_error(
     front = pareto_front(list(ms[:, 1]), list(value))
     axis.plot(ms[front, 1], value[front], color=_INK, lw=1, ls=":", zorder=1)
     for k, name in enumerate(names):
-        color = _BASELINE if name in baselines else _OURS
+        color = f"C{list(methods).index(name)}"
+        marker = "s" if name in baselines else "o"
         axis.plot(ms[k, [0, 2]], [shown[k]] * 2, color=color, lw=1.2, alpha=0.6)
         axis.plot([ms[k, 1]] * 2, [low[k], high[k]], color=color, lw=1.2, alpha=0.6)
-        axis.plot(ms[k, 1], shown[k], "o" if is_finite[k] else "x", color=color, ms=5)
+        axis.plot(ms[k, 1], shown[k], marker if is_finite[k] else "x", color=color, ms=5, label=name)
         if name == default:
-            axis.plot(ms[k, 1], shown[k], "o", mfc="none", mec=_INK, ms=12, mew=1.4)
+            axis.plot(ms[k, 1], shown[k], "o", mfc="none", mec=_INK, ms=12, mew=1.4, label="default")
     if wide:
         axis.set_yscale("log")
         axis.margins(y=0.15)
     else:
-        room = 1.1 if axis.get_yscale() == "linear" else 2.5
-        axis.set_ylim(0, room * max(float(np.nanmax([*shown, *high])), 1e-9))
+        axis.set_ylim(0, 1.1 * max(float(np.nanmax([*shown, *high])), 1e-9))
     axis.set_xscale("log")
     decades = float(np.ptp(np.log10(ms[:, 1])))
     axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2 else (1.0,)))
@@ -95,17 +92,6 @@ def speed_error(
     axis.margins(x=0.2)
     axis.set(xlabel=time, ylabel=error)
     axis.grid(alpha=0.25, which="both")
-    times = np.stack([ms[:, [0, 2]], np.tile(shown[:, None], 2)], axis=-1)
-    errors = np.stack([ms[:, [1, 1]], np.column_stack([low, high])], axis=-1)
-    steps = np.stack([ms[front, 1], value[front]], axis=-1)
-    bars = np.concatenate([times, errors, np.stack([steps[:-1], steps[1:]], axis=1)])  # (m, 2 ends, 2)
-    obstacles = np.linspace(bars[:, 0], bars[:, 1], 9).reshape(-1, 2)
-    labels = [name if k else f"{name} (fails)" for name, k in zip(names, is_finite, strict=True)]
-    _write_names(axis, ms[:, 1], shown, labels, obstacles)
-    axis.plot([], [], "o", color=_OURS, label="ours")
-    if baselines:
-        axis.plot([], [], "o", color=_BASELINE, label="baseline")
-    axis.plot([], [], "o", mfc="none", mec=_INK, ms=10, label="default")
 
 
 def speed_errors(
@@ -123,7 +109,10 @@ def speed_errors(
     for k, ((scenario, methods), axis) in enumerate(zip(cells.items(), axes, strict=True)):
         axis.set_title(scenario, fontsize=10)
         speed_error(axis, methods, metric, baselines, default, time, "" if k % columns else label)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+    handles = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)}
+    title = "○ ours  □ baseline" if baselines else None
+    options = {"ncols": 3, "fontsize": 8, "markerscale": 0.8, "title": title, "title_fontsize": 8}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", **options)
     return figure
 
 
@@ -189,43 +178,3 @@ def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:
     rows = [list(value) if isinstance(value, list | tuple) else [value, value, value] for value in values]
     value, low, high = np.array(rows, dtype=float).reshape(-1, 3).T
     return value, low, high
-
-
-def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], obstacles: Array) -> None:
-    """Write names beside points, inside the axes and clear of points, names and `obstacles` (m, 2), if possible."""
-    axis.autoscale_view()
-    to_axes = (axis.transData + axis.transAxes.inverted()).transform
-    extent = axis.get_window_extent()
-    size = 72 / axis.figure.dpi * np.array([extent.width, extent.height])  # points
-    points = to_axes(np.column_stack([x, y])) * size
-    drawn = to_axes(obstacles[np.isfinite(obstacles).all(axis=1)]) * size
-    taken = np.vstack([np.hstack([points - 5, points + 5]), np.hstack([drawn - 1, drawn + 1])])
-    inside = np.array([[0.0, 0.0, *size]])
-    line = 1.2 * _NAME_PT
-    rises = [-line / 2, *(4 + i * line for i in range(4)), *(-4 - i * line for i in range(1, 5))]
-    rises.sort(key=lambda dy: abs(dy + line / 2 - 1))
-    for k in np.argsort(-points[:, 1], kind="stable").tolist():
-        length = 1.08 * TextPath((0, 0), names[k], _NAME_PT).get_extents().width
-        offsets = np.array([(dx, dy) for dy in rises for dx in (5, -5 - length)])
-        low = points[k] + offsets
-        boxes = np.hstack([low, low + np.array([length, line])])
-        best = int(np.argmin(np.round(_shared(boxes, taken) - 3 * _shared(boxes, inside), 3)))
-        taken = np.vstack([taken, boxes[best]])
-        begins = (float(offsets[best, 0] < 0), 0.5)
-        axis.annotate(
-            names[k],
-            (x[k], y[k]),
-            offsets[best],
-            textcoords="offset points",
-            fontsize=_NAME_PT,
-            color=_INK,
-            in_layout=False,
-            arrowprops={"arrowstyle": "-", "relpos": begins, "color": _INK, "lw": 0.4, "shrinkA": 0, "shrinkB": 2},
-        )
-
-
-def _shared(boxes: Array, others: Array) -> Array:
-    """(n,) area that each of the boxes (n, 4) shares with the others (m, 4), as (left, low, right, high)."""
-    low = np.maximum(boxes[:, None, :2], others[:, :2])
-    high = np.minimum(boxes[:, None, 2:], others[:, 2:])
-    return np.asarray((high - low).clip(0).prod(axis=2).sum(axis=1))

@@ -1,6 +1,6 @@
 """Forward models arm → gaze, also of robots that are no chain of ideal joints."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -20,7 +20,6 @@ from pps_vision.experiments.baselines.regressors import ArmToGaze, ForwardModel,
 from pps_vision.experiments.reach_truth import N_TEST, first, gaze_rmse_deg
 from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval
 from pps_vision.experiments.tables import Table
-from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
@@ -29,74 +28,39 @@ from pps_vision.types import Array
 
 _N_TRIED = 20_000
 _N_FIXATED_OF_J = 4400
-_N_QUERIES = 50  # timed one by one
 MODELS: dict[str, Callable[[], ForwardModel]] = {
     "model of revolute joints": RevoluteArm,
     "Gaussian process": lambda: ArmToGaze(gaussian_process()),
     "LWPR, each sample once": lambda: ArmToGaze(LWPR(4, 3, jamone.ARM_PARAMS)),
     "quintic spline (SciPy)": lambda: ArmToGaze(quintic_spline()),
 }
-_DEFAULT = "model of revolute joints"
-_BASELINES = [name for name in MODELS if name != _DEFAULT]
 
 
 def _forward_model(study: "ReachKinematics") -> dict[str, Any]:
-    """Return by model a row for every number of samples, on 700 other postures: means over sets of postures."""
+    """Return by model and number of samples the RMSE (°) on 700 other postures, with 95 % over sets of postures."""
     robot = load_icub()
-    repetitions: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in MODELS}
+    errors: dict[str, list[list[list[float]]]] = {name: [[] for _ in study.sizes] for name in MODELS}
     for seed in tqdm(study.seeds, desc="sets of postures", disable=None):
         rng = np.random.default_rng(seed)
         train = babble(robot, "right", _N_TRIED, rng)
         test = first(babble(robot, "right", 4 * N_TEST, rng), N_TEST)
-        ends = zip((0, *study.sizes), study.sizes, strict=False)
-        batches = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
         for name, make in MODELS.items():
-            repetitions[name].append(learn_and_time(make(), batches, test))
-    models = {name: [_mean_row(rows) for rows in zip(*sets, strict=True)] for name, sets in repetitions.items()}
+            model = make()
+            for units, low, high in zip(errors[name], (0, *study.sizes[:-1]), study.sizes, strict=True):
+                model.learn(train.arm_rad[low:high], train.gaze_rad[low:high])
+                units.append([gaze_rmse_deg(model, test)[0]])
+    models = {name: [{"rmse_deg": interval(units)} for units in sizes] for name, sizes in errors.items()}
     return {"samples": study.sizes, "methods": models}
 
 
-def learn_and_time(model: ForwardModel, batches: list[Babbled], test: Babbled) -> list[dict[str, Any]]:
-    """Return after each batch the RMSE (degrees), and the processor times of a query and of the update per sample.
-
-    `ms` holds the quartiles of queries of one posture.
-    """
-    rows = []
-    for batch in batches:
-        _, learning_ms = timed(partial(model.learn, batch.arm_rad, batch.gaze_rad))
-        _, fitting_ms = timed(partial(model, test.arm_rad[:1]))  # some models are fitted at their first query
-        _, query_ms = timed_steps(model, test.arm_rad[:_N_QUERIES, None])
-        rows.append(
-            {
-                "rmse_deg": gaze_rmse_deg(model, test)[0],
-                "update_ms": (learning_ms + fitting_ms) / len(batch.arm_rad),
-                "ms": np.percentile(query_ms, (25, 50, 75)).tolist(),
-            }
-        )
-    return rows
-
-
-def _mean_row(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Means of the same row of several sets of postures, and the 95 % interval of the RMSE."""
-    means = {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
-    return {**means, "rmse_deg": interval([[row["rmse_deg"]] for row in rows])}
-
-
 def _forward_model_chart(numbers: dict[str, Any]) -> Figure:
-    """Draw error over samples; time of a query and of an update against the error with all samples."""
-    models = numbers["methods"]
-    figure, (curves, query, update) = charts.panels(3, width=5.2)
-    rmse = "gaze RMSE (°)"
-    series = {name: [row["rmse_deg"] for row in rows] for name, rows in models.items()}
-    charts.curves(curves, numbers["samples"], series, "fixated postures learned from", rmse)
-    curves.plot(_N_FIXATED_OF_J, jamone.PUBLISHED["forward_model_deg"], "k*", ms=10, label="J's LWPR")
-    curves.set(xscale="log", yscale="log", title="arm → gaze, learned by babbling (J Fig 2)")
-    curves.legend(fontsize=7, loc=(0.4, 0.15))
-    last = {name: rows[-1] for name, rows in models.items()}
-    charts.speed_error(query, last, "rmse_deg", _BASELINES, _DEFAULT, "query of one posture (ms)", rmse)
-    updates = {name: {**row, "ms": [row["update_ms"]] * 3} for name, row in last.items()}
-    charts.speed_error(update, updates, "rmse_deg", _BASELINES, _DEFAULT, "update (ms per sample)", rmse)
-    query.legend(fontsize=7)
+    """Draw the error over samples (J Fig 2)."""
+    figure, (axis,) = charts.panels(1, width=charts.PAGE_IN, height=3.6)
+    series = {name: [row["rmse_deg"] for row in rows] for name, rows in numbers["methods"].items()}
+    charts.curves(axis, numbers["samples"], series, "fixated postures learned from", "gaze RMSE (°)")
+    axis.plot(_N_FIXATED_OF_J, jamone.PUBLISHED["forward_model_deg"], "k*", ms=10, label="J's LWPR")
+    axis.set(xscale="log", yscale="log", title="arm → gaze, learned by babbling (J Fig 2)")
+    axis.legend(fontsize=7)
     return figure
 
 

@@ -48,7 +48,7 @@ def triggers() -> dict[str, Method]:
     return trigger.methods(moving_square(0, 4))
 
 
-@pytest.mark.parametrize("name", [trigger.DEFAULT, "LK residual grid (R)", "DIS ultrafast − ego", "difference, warped"])
+@pytest.mark.parametrize("name", [trigger.DEFAULT, "LK residual grid (R)", "difference, warped"])
 def test_triggers_detect_the_start_of_a_motion_and_nothing_before(name, triggers):
     values = triggers[name](moving_square(5, 5), 0)
     assert max(values["delay"]) <= 3
@@ -71,18 +71,16 @@ def test_image_trackers_on_a_square_that_jumps():
         boxes.append((float(x), float(y), 20.0, 20.0))
     film = BoxedFilm(tuple(images), tuple(boxes), hue_deg=0.0)
     blob, kcf, particles = (image_trackers()[name](film, 0) for name in ("marker blob", "KCF", DEFAULT))
-    assert np.mean(blob["held"]) == pytest.approx(10 / 11)
-    assert np.median(blob["center_px"]) < 0.3
     assert np.mean(blob["iou"]) == pytest.approx(10 / 11 * np.pi / 4, abs=0.03)  # of the disc of equal area
-    assert np.mean(kcf["held"]) < 0.7
-    assert np.mean(particles["held"][:5]) == 1
+    assert np.mean(kcf["iou"] > 0) < 0.7
+    assert np.all(particles["iou"][:5] > 0)
 
 
 def test_triangulation_is_nearer_to_a_textured_ball_than_disparity():
     pairs = stereo._pairs("textured ball", "rendered", SEED)
     assert len(pairs) > 10
     values = {name: method(pairs, SEED) for name, method in stereo.methods().items()}
-    assert all(np.mean(value["found"]) > 0.9 for value in values.values())
+    assert all(len(value["error_mm"]) > 0.9 * len(value["ms"]) for value in values.values())
     error_mm = {name: rms(np.asarray(value["error_mm"])) for name, value in values.items()}
     assert error_mm[stereo.OURS] < 1.5
     assert error_mm[stereo.OURS] < error_mm["whole BM"] < 15
@@ -124,6 +122,5 @@ def test_the_quadratic_programme_keeps_limits_alone_and_least_squares_only_behin
     for scenario, cells in numbers["cells"].items():
         ours = cells[arm.OURS]
         assert ours["violating_percent"][0] == ours["touching_percent"][0] == 0
-        assert ours["distance_mm"][0] >= 20 - 0.01
         assert (cells["damped least squares"]["violating_percent"][0] > 0) == (scenario == "alone")
         assert 0 < ours["error_cm_s"][0] < 12

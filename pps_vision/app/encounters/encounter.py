@@ -34,7 +34,6 @@ Condition = Literal[
     "harmless_passing",
     "harmless_head",
     "harmless_own_arm",
-    "through_fast",
 ]
 HAZARDS: tuple[Condition, ...] = ("stop", "press", "through")
 HARMLESS: tuple[Condition, ...] = tuple(c for c in get_args(Condition) if c.startswith("harmless"))
@@ -42,8 +41,6 @@ HARMLESS: tuple[Condition, ...] = tuple(c for c in get_args(Condition) if c.star
 OBJECTS: tuple[StimulusName, ...] = ("ball", "cube", "octopus", "marker")
 """The memory is learned from the first two; the others are unseen."""
 SPEED_M_S = (0.05, 0.30)
-FAST_M_S = (0.30, 0.60)
-"""Speeds of `through_fast`, which are too high for an arm that moves at 10 cm/s."""
 PRESS_M = 0.03
 """How far an object of `press` goes on beyond the would-be contact."""
 BEYOND_M = 0.15
@@ -190,7 +187,7 @@ def draw(scene: EncounterScene, condition: Condition, number: int, seed: int) ->
     part: Part = get_args(Part)[number % 3]
     side: Side = get_args(Side)[number // 3 % 2]
     stimulus = OBJECTS[number // 6 % len(OBJECTS)]
-    speed = float(rng.uniform(*(FAST_M_S if condition == "through_fast" else SPEED_M_S)))
+    speed = float(rng.uniform(*SPEED_M_S))
     return draw_one(scene, condition, side, part, stimulus, speed, rng, number)
 
 
@@ -371,7 +368,6 @@ PATHS: dict[Condition, DrawPath] = {
     "stop": approach(0.0),
     "press": approach(PRESS_M),
     "through": approach(BEYOND_M),
-    "through_fast": approach(BEYOND_M),
     "reach": approach(-_SHORT_OF_M, _WAIT_S),
     "harmless_receding": _recede,
     "harmless_static": _rest(_REST_M),

@@ -1,4 +1,4 @@
-"""Baselines of the motion trigger: optical flow and difference of images.
+"""Baselines of the motion trigger: R's grid of optical flow, and the difference of images.
 
 Each fires above one level, which the study chooses. All take the same central part of the image (R's grid its own
 75 %) and join pixels to regions in the same way.
@@ -20,7 +20,7 @@ BoxPx = tuple[int, int, int, int]  # x, y of the top-left corner, width, height
 MotionTrigger = Callable[[Image, View], list[BoxPx]]  # the next image of one camera to its moving regions
 GreyView = tuple[NDArray[np.uint8], View]
 
-ROOM_M = 1.2  # distance for which the flow of a moving eye is predicted
+_ROOM_M = 1.2  # distance for which the motion of the image before a moving eye is predicted
 _CENTRAL = 0.92
 _MIN_AREA_PX = 16
 _JOIN_PX = 4
@@ -84,21 +84,6 @@ def _residual_grid(level: float, previous: GreyView, current: GreyView) -> list[
     ]
 
 
-def _flow_minus_ego(camera: Camera, level: float) -> MotionTrigger:
-    """Dense flow (OpenCV's DIS) less that of the eye's own motion before a scene `ROOM_M` away, above a level in px."""
-    ego = EgoMotion(camera)
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).astype(np.float32)
-
-    def compare(previous: GreyView, current: GreyView) -> list[BoxPx]:
-        moved = np.asarray(flow.calc(current[0], previous[0], np.empty(0)), dtype=np.float32)
-        if not ego.is_still(previous[1], current[1]):
-            moved = moved - (ego.maps(previous[1], current[1], 1 / ROOM_M) - pixels)
-        return regions(np.asarray(cv2.magnitude(moved[..., 0], moved[..., 1])) > level)
-
-    return _of_pairs(compare)
-
-
 def _warped_difference(camera: Camera, level: float) -> MotionTrigger:
     """Brighter or darker by a level than the last image warped to the present view."""
     ego = EgoMotion(camera)
@@ -106,7 +91,7 @@ def _warped_difference(camera: Camera, level: float) -> MotionTrigger:
     def compare(previous: GreyView, current: GreyView) -> list[BoxPx]:
         old, new = (cv2.blur(grey, (3, 3)) for grey, _ in (previous, current))
         if not ego.is_still(previous[1], current[1]):
-            old = ego.warp(np.asarray(old, np.uint8), previous[1], current[1], 1 / ROOM_M)
+            old = ego.warp(np.asarray(old, np.uint8), previous[1], current[1], 1 / _ROOM_M)
             new = np.where(old == 0, old, new)
         return regions(np.asarray(cv2.absdiff(new, old)) > level)
 
@@ -124,6 +109,5 @@ TRIGGERS: dict[str, Candidate] = {
     "LK residual grid (R)": Candidate(
         lambda _, level: _of_pairs(partial(_residual_grid, level)), (2, 3, 4, 6, 8, 12, 16, 24)
     ),
-    "DIS ultrafast − ego": Candidate(_flow_minus_ego, (0.5, 0.75, 1, 1.5, 2, 3, 4, 6)),
     "difference, warped": Candidate(_warped_difference, (4, 6, 8, 12, 16, 24, 32, 48, 64)),
 }

@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pps_vision.experiments.encounters import controllers, sessions
-from pps_vision.experiments.encounters.controllers import EncountersParameters
-from pps_vision.experiments.study import Part
+from pps_vision.experiments.study import Part, PartsStudy
 
 
 @dataclass(frozen=True)
-class Encounters(EncountersParameters):
+class Encounters(PartsStudy):
     """Parts: all controllers without rendering; ours rendered beside not rendered; R's sessions of avoidance and
     reaching (R Figs 10, 11, S1, S2, Tables 6, 7); the search for the baselines' parameters."""
 
@@ -21,3 +21,18 @@ class Encounters(EncountersParameters):
         "sessions": Part(sessions.run, sessions.chart, sessions.table),
         "tuning": Part(controllers.tune),
     }
+
+    n: int = 1500
+    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, 10 % of `reach`."""
+    n_rendered: int = 20
+    """Rendered encounters of each of stop, press and through; six tenths as many of each harmless kind."""
+    n_tuning: int = 12  # the same of the search for parameters
+    draws: int = 30  # parameters tried for each controller
+    tuning_seed: int = 9783  # seed of the search; not `seed`, which is that of the encounters that count
+    avoidance_min: float = 20.0  # length of the sessions of avoidance
+    reaching_min: float = 10.0  # length of the session of reaching
+    share: float = 1.0  # share of R's numbers of training approaches (Table 5), and of the sessions' lengths
+    controller: str = ""
+    """A further controller, "MODULE:FUNCTION" (`pps_vision.app.encounters.controllers`)."""
+    json: Path | None = None  # file for a row of every encounter of the part `controllers`
+    workers: int = 2  # parallel processes

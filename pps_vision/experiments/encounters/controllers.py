@@ -3,7 +3,6 @@
 import hashlib
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
 from pathlib import Path
@@ -15,7 +14,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.app.encounters.controllers import ControllerParams
-from pps_vision.app.encounters.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition, EncounterScene, draw
+from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, SPEED_M_S, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
     ASKING,
@@ -34,23 +33,20 @@ from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import learn
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy, code_digest, interval, median, percent_of
+from pps_vision.experiments.study import NOISE_SIGMA, code_digest, interval, median, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.atomic_write import whole_file, write_json
-from pps_vision.types import Array
 
 SLOW_M_S = 0.15  # largest speed of the objects that approached R's robot
 MIN_SELF_DISTANCE_MM = 20.0  # self-collision distance that no encounter may come below
 _HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
 _LOGARITHMIC = "gain"  # parameter drawn logarithmically
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
-_FAST_BANDS_M_S = np.linspace(*FAST_M_S, 4)
 _SHARES: dict[Condition, float] = {
     **dict.fromkeys(HAZARDS, 1.0),
     **dict.fromkeys(HARMLESS, 0.06),
     "stop": 0.2,
     "reach": 0.1,
-    "through_fast": 0.1,
 }
 _CONTROLLERS = {
     "stop, ≤ 15 cm/s": "stop, slow",
@@ -60,27 +56,6 @@ _CONTROLLERS = {
 }
 _IS_MET: dict[str, Callable[[float, float], bool]] = {"≥ ": operator.ge, "> ": operator.gt, "": operator.eq}
 Row = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class EncountersParameters(PartsStudy):
-    """Fields of `Encounters`."""
-
-    n: int = 1500
-    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a tenth of `reach`
-    and of through at 30–60 cm/s."""
-    n_rendered: int = 20
-    """Rendered encounters of each of stop, press and through; six tenths as many of each harmless kind."""
-    n_tuning: int = 12  # the same of the search for parameters
-    draws: int = 30  # parameters tried for each controller
-    tuning_seed: int = 9783  # seed of the search; not `seed`, which is that of the encounters that count
-    avoidance_min: float = 20.0  # length of the sessions of avoidance
-    reaching_min: float = 10.0  # length of the session of reaching
-    share: float = 1.0  # share of R's numbers of training approaches (Table 5), and of the sessions' lengths
-    controller: str = ""
-    """A further controller, "MODULE:FUNCTION" (`pps_vision.app.encounters.controllers`)."""
-    json: Path | None = None  # file for a row of every encounter of the part `controllers`
-    workers: int = 2  # parallel processes
 
 
 def counts(n: int) -> dict[Condition, int]:
@@ -93,14 +68,14 @@ def rate(rows: Rows, key: str) -> list[float]:
     return percent_of(sum(bool(row[key]) for row in rows), len(rows))
 
 
-def unfinished_folder(study: EncountersParameters, part: str) -> Path:
+def unfinished_folder(study: Any, part: str) -> Path:
     """Return the temporary folder of a part's finished encounters, by the study's parameters and all code."""
     parameters = {name: value for name, value in vars(study).items() if name not in ("parts", "workers", "json")}
     digest = hashlib.sha256(f"{part} {parameters}".encode() + code_digest())
     return Path(gettempdir()) / f"pps-vision-{digest.hexdigest()[:16]}"
 
 
-def run(study: EncountersParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return rates by condition, speed and controller, and paired differences from ours."""
     names = (*NAMES, study.controller) if study.controller else NAMES
     numbers = {condition: ceil(share * study.n) for condition, share in _SHARES.items()}
@@ -138,9 +113,7 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
         "stop, slow": rate(slow_stop, "untouched"),
         "stop, slow, distance_mm": _quartiles([1000 * row["distance_m"] for row in slow_stop]),
         "stop, slow, lead_s": _quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
-        "untouched": {c: rate(_of_condition(hazards, c), "untouched") for c in HAZARDS},
-        "by speed": {c: _by_speed(hazards, c, _BANDS_M_S) for c in HAZARDS},
-        "fast through, by speed": _by_speed(rows, "through_fast", _FAST_BANDS_M_S),
+        "by speed": {c: _by_speed(hazards, c) for c in HAZARDS},
         "press and through": rate(hard, "untouched"),
         "press and through, ours above": _ours_above(hard, ours),
         "fast": rate(fast, "untouched"),
@@ -167,9 +140,9 @@ def _ours_above(rows: Rows, ours: Rows) -> list[float]:
     return interval([[100.0 * (row["touched"] - touched[row["condition"], row["number"]])] for row in rows])
 
 
-def _by_speed(rows: Rows, condition: Condition, bands_m_s: Array) -> list[list[float]]:
+def _by_speed(rows: Rows, condition: Condition) -> list[list[float]]:
     rows = _of_condition(rows, condition)
-    bands = ([row for row in rows if low <= row["speed_m_s"] < high] for low, high in pairwise(bands_m_s))
+    bands = ([row for row in rows if low <= row["speed_m_s"] < high] for low, high in pairwise(_BANDS_M_S))
     return [rate(band, "untouched") for band in bands]
 
 
@@ -185,13 +158,10 @@ def _quartiles(values: Sequence[float]) -> list[float]:
 def chart(numbers: dict[str, Any]) -> Figure:
     """Draw the share not touched against speed, by controller and condition."""
     figure, axes = panels(len(HAZARDS))
-    bands = np.concatenate([_BANDS_M_S, _FAST_BANDS_M_S[1:]])
-    middle_cm_s = 50 * (bands[1:] + bands[:-1])
+    middle_cm_s = 50 * (_BANDS_M_S[1:] + _BANDS_M_S[:-1])
     for axis, condition in zip(axes, HAZARDS, strict=True):
         series = {name: cell["by speed"][condition] for name, cell in numbers["controllers"].items() if name != NONE}
-        if condition == "through":
-            series = {name: [*s, *numbers["controllers"][name]["fast through, by speed"]] for name, s in series.items()}
-        curves(axis, middle_cm_s[: len(series[OURS])], series, "speed (cm/s)", "not touched (%)")
+        curves(axis, middle_cm_s, series, "speed (cm/s)", "not touched (%)")
         axis.set_title(condition, fontsize=9)
         axis.set_ylim(-2, 102)
     axes[0].legend(fontsize=7)
@@ -236,7 +206,7 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def tune(study: EncountersParameters) -> dict[str, Any]:
+def tune(study: Any) -> dict[str, Any]:
     """Return the score of our defaults, and each controller's best draw."""
     params = {
         f"{name}#{k}": draw_params(baseline.ranges, np.random.default_rng((study.tuning_seed, j, k)))
@@ -265,7 +235,7 @@ def score(rows: Rows) -> float:
     return rate(_of_condition(rows, *HAZARDS), "touched")[0] + rate(_of_condition(rows, *HARMLESS), "commands")[0]
 
 
-def run_rendered(study: EncountersParameters) -> dict[str, Any]:
+def run_rendered(study: Any) -> dict[str, Any]:
     """Return rates of the same encounters with and without rendering, and their paired difference."""
     scene = EncounterScene()
     memories = {side: learn(scene, side, study.seed, study.share) for side in get_args(Side)}
@@ -282,8 +252,7 @@ def run_rendered(study: EncountersParameters) -> dict[str, Any]:
         quantity = "commands" if condition in HARMLESS else "touched"
         is_good = {name: not getattr(result, quantity) for name, result in results.items()}
         rows.append({"condition": condition, **is_good})
-    groups: dict[str, Rows] = {c: _of_condition(rows, c) for c in HAZARDS}
-    groups |= {"all approaching": _of_condition(rows, *HAZARDS), "harmless": _of_condition(rows, *HARMLESS)}
+    groups = {"all approaching": _of_condition(rows, *HAZARDS), "harmless": _of_condition(rows, *HARMLESS)}
     rates = {
         name: {
             "n": len(group),
@@ -299,8 +268,7 @@ def run_rendered(study: EncountersParameters) -> dict[str, Any]:
 def rendered_table(numbers: dict[str, Any]) -> Table:
     """Return the rates of both modes; a difference that misses its goal is bold."""
     rows = []
-    for name in ("all approaching", "harmless"):
-        cell = numbers["rates"][name]
+    for name, cell in numbers["rates"].items():
         difference = judged(estimate(cell["difference"]), abs(cell["difference"][0]) > 10)
         rows.append([name, str(cell["n"]), estimate(cell["rendered"]), estimate(cell["without"]), difference])
     return Table(["not touched, harmless: no command (%)", "n", "rendered", "not rendered", "difference"], rows)

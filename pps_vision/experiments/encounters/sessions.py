@@ -25,7 +25,6 @@ from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side
 from pps_vision.experiments.charts import panels
-from pps_vision.experiments.encounters.controllers import EncountersParameters
 from pps_vision.experiments.study import percent_of
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.model import Robot
@@ -51,7 +50,7 @@ _LINKS = {
 """Frames from root to tip, and colours (R S1 Fig)."""
 
 
-def run(study: EncountersParameters) -> dict[str, Any]:
+def run(study: Any) -> dict[str, Any]:
     """Return counts and ranges of each session, the palms' paths, and the first approaches frame by frame."""
     scene = EncounterScene()
     memories = {side: learn(scene, side, study.seed, study.share) for side in get_args(Side)}

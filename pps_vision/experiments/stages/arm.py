@@ -38,7 +38,6 @@ _METRICS = {
     "error_cm_s": Metric("error_cm_s", rms),
     "violating_percent": Metric("is_beyond_limits", percent),
     "touching_percent": Metric("is_too_near", percent),
-    "distance_mm": Metric("distance_mm", lambda values: float(np.min(values))),
 }
 
 
@@ -152,6 +151,5 @@ def _move(solver: Solver, task: Task, seed: int) -> Values:
         "error_cm_s": errors,
         "is_beyond_limits": [max(excess) > 1e-5],
         "is_too_near": [min(distances) < 1000 * LimitParams().clearance_m - 0.01],
-        "distance_mm": [min(distances)],
         "ms": ms,
     }

@@ -18,7 +18,7 @@ from pps_vision.experiments.films.caster import Ball, Paint
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.films.rendered import meshes
 from pps_vision.experiments.films.score import steps_of
-from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, SceneSource, Values, compare, percent, rms
+from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, SceneSource, Values, compare, rms
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
@@ -37,7 +37,7 @@ _SETTLED = 10  # first frame that counts
 _DISTANCE_M = 0.4
 _RANGE_PX = 96  # disparities that are searched: at 0.2 m an iCub's rectified eyes have 91
 _NEARER = 0.92  # of its radius: distance from the centre of a ball to the middle of its visible surface
-_METRICS = {"rms_mm": Metric("error_mm", rms), "found_percent": Metric("found", percent)}
+_METRICS = {"rms_mm": Metric("error_mm", rms)}
 
 
 class Pair(NamedTuple):
@@ -54,7 +54,7 @@ chart = cells_chart("rms_mm", "3D RMS error, 0.4 m (mm)", BASELINES, OURS)
 
 
 def run(study: Any) -> dict[str, Any]:
-    """Return by scenes and method: 3D error, share with a point, time."""
+    """Return by scenes and method: 3D error, time."""
     scenarios = study.scenarios(_pairs, ("plain ball", "textured ball"))
     return {"cells": compare(scenarios, methods(), _METRICS, study.seeds, "midpoint", TURNS)}
 
@@ -153,4 +153,4 @@ def _run(method: Callable[[Pair], Array | None], recording: list[Pair], seed: in
     points, ms = timed_steps(method, recording)
     pairs = zip(points, recording, strict=True)
     error_mm = [1000 * float(np.linalg.norm(p - pair.p)) for p, pair in pairs if p is not None]
-    return {"error_mm": error_mm, "found": [p is not None for p in points], "ms": ms}
+    return {"error_mm": error_mm, "ms": ms}

@@ -62,7 +62,7 @@ def run(study: Any) -> dict[str, Any]:
 
     calm = recording("nothing", study.seed + 10_000)
     scenarios = {name: partial(recording, name) for name in OBJECTS}
-    cells = compare(scenarios, methods(calm), _METRICS, study.seeds, "DIS ultrafast − ego", TURNS)
+    cells = compare(scenarios, methods(calm), _METRICS, study.seeds, repeated=TURNS)
     further = range(study.seed + 20_000, study.seed + 20_000 + study.n_calm)
     empty = {"nothing": scenarios["nothing"]}
     for name, cell in compare(empty, OURS, _METRICS, further)["nothing"].items():
