@@ -188,8 +188,6 @@ class MotionTrigger:
             if stamp_s - self._past[1].stamp_s <= _FLOW_INTERVAL_S - JITTER_S:
                 break  # flow is measured since the oldest one
             self._past.popleft()
-        if self._past and stamp_s - self._past[0].stamp_s > 2 * longest_s:
-            self._past.popleft()
         self._is_slow = not self._is_slow
         return _Frame(image.copy(), view, stamp_s, own)
 

@@ -196,7 +196,7 @@ def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
 class TrackReachability:
     """Reachability of the tracked object: track → gaze that fixates it → map (J, "Reachable space map")."""
 
-    def __init__(self, robot: Robot, reachable_map: ReachableMap, max_false_positives: float = 1e-3) -> None:
+    def __init__(self, robot: Robot, reachable_map: ReachableMap, max_false_positives: float) -> None:
         """At most the share `max_false_positives` of the unreachable postures is called reachable, by the map's own
         probabilities: a false positive dooms a reach, a false negative only moves the body (J)."""
         self.map = reachable_map

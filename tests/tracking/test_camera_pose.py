@@ -253,6 +253,16 @@ def test_a_told_rotation_is_no_error(reference, rng):
     assert np.abs(misalignment.rotation[:2]).max() < 0.05 * PX
 
 
+def test_a_rotation_is_measured_by_an_eye_that_has_come_nearer(reference, rng):
+    """To a wall 1.2 m away by 3 cm, which enlarges it."""
+    turn = np.deg2rad([0.3, -0.6, 0.5])
+    nearer = Camera(320, 240, 280 * 1.2 / 1.17, 280 * 1.2 / 1.17, 159.5, 119.5)
+    view = View(CAMERA, transform(translation=(0.0, 0.0, 0.03)))
+    misalignment = reference.misalignment(seen(turn, rng, camera=nearer), view, 1.2, NO_TURN)
+    assert np.abs(misalignment.rotation - turn)[:2].max() < 0.1 * PX
+    assert np.sqrt(np.diag(misalignment.cov)[:2]).max() < 0.1 * PX
+
+
 def test_where_too_few_corners_are_in_view_or_found_again_there_is_no_rotation(reference, rng):
     """Another scene; the camera is told to look elsewhere; the image shows nothing, or its corners in a part alone."""
     image_at_rest = seen(NO_TURN, rng)

@@ -92,6 +92,9 @@ def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object, rn
     place = (_U - u) ** 2 + (_V - v) ** 2 < RADIUS**2
     image, _ = seen(view, rng, (u, v) if is_object else None)
     share = background.learned_edge(image, view, place, WHOLE)
+    box = int(u) - 20, int(v) - 30, int(u) + 40, int(v) + 50
+    part = place[box[1] : box[3], box[0] : box[2]]
+    assert background.learned_edge(image, view, part, box) == pytest.approx(share, abs=0.02)
     assert share < 0.4 if is_object else share > 0.6
 
 

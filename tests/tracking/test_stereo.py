@@ -35,6 +35,15 @@ def test_only_what_the_outlines_do_not_explain_is_the_calibrations(wrong_px, rng
     assert np.mean(learned) == pytest.approx(wrong_px**2, rel=0.25, abs=0.3 * STD_PX**2)
 
 
+def test_the_first_pairs_state_more_than_their_mean():
+    """1 + 3/n times it, n being 20 at most."""
+    association = Association.untrained(StereoParams(), 320)
+    pair = replace(SEEN, residual_px=0.5 * np.sqrt(0.3**2 + STD_PX**2))
+    for n in range(1, 40):
+        association = association.learned(VIEW, pair, SHAPE, SHAPE)
+        assert association.error_px**2 == pytest.approx(0.3**2 * (1 + 3 / min(n, 20)))
+
+
 def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibration(rng):
     """Half a ball in one eye, its centre 5 px off, after the pair was seen whole for a while: the doubt stays small."""
     association = Association.untrained(StereoParams(), 320)
@@ -97,8 +106,8 @@ def test_radius_and_its_variance_are_those_of_the_sine_law():
 
 
 def test_why_two_outlines_are_no_pair_is_said():
-    """The epipolar gate is 3.5 σ of 0.8 % of 320 px, times √2, and narrows as pairs agree; the object is 6 baselines
-    away, and by default may be 0.7 to 300."""
+    """The epipolar gate is 3.5 σ of 0.8 % of 320 px, times √2: 12.7 px; its square narrows by a twentieth with every
+    pair that agrees.  The object is 6 baselines away, and by default may be 0.7 to 300."""
     left = exact_outline(VIEW.left)
     right = exact_outline(VIEW.right)
     association = Association.untrained(StereoParams(), 320)
@@ -113,8 +122,11 @@ def test_why_two_outlines_are_no_pair_is_said():
         assert (association.observe(VIEW, left, changed, 0.0) is None) == (reason is not None)
         return reason
 
-    assert refusal(association, up_px=10.0) is None
-    assert refusal(association, up_px=16.0) == "epipolar gate"
+    agreed = association
+    for gate_px in 3.5 * 2.56 * np.sqrt(2) * 0.95 ** (0.5 * np.arange(30)):
+        assert refusal(agreed, up_px=0.98 * gate_px) is None
+        assert refusal(agreed, up_px=1.02 * gate_px) == "epipolar gate"
+        agreed = agreed.learned(VIEW, replace(SEEN, p_root=P, residual_px=0.0), left, right)
     assert refusal(association, larger=1.5) is None
     assert refusal(association, larger=2.0) == refusal(association, larger=0.5) == "size"
     beyond = replace(right, center_px=left.center_px + np.array([20.0, 0.0]))  # the lines of sight diverge

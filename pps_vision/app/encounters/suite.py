@@ -148,7 +148,7 @@ def _memories(folder: Path) -> dict[Side, Memories]:
 
 @cache
 def _maps(folder: Path) -> dict[Side, TrackReachability]:
-    return {s: TrackReachability(_scene().robot, ReachableMap.load(_files(folder, s)[2])) for s in get_args(Side)}
+    return {s: TrackReachability(_scene().robot, ReachableMap.load(_files(folder, s)[2]), 1e-3) for s in get_args(Side)}
 
 
 def _files(folder: Path, side: str) -> tuple[Path, Path, Path]:

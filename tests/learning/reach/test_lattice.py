@@ -150,7 +150,7 @@ def at_gaze(*gaze_rad: float) -> np.ndarray:
 @pytest.mark.parametrize("status", [Status.TRACKING, Status.COASTING])
 @pytest.mark.parametrize("yaw", [-0.4, -0.05, 0.05, 0.4])
 def test_the_map_is_asked_for_the_gaze_that_fixates_the_track(yaw, status):
-    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3), status))
+    reach = TrackReachability(ROBOT, left_half(), 1e-3)(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3), status))
     np.testing.assert_allclose(reach.gaze_rad, [yaw, -0.3, 0.3], atol=1e-9)
     assert reach.stamp_s == 3.5
     assert reach.status == (ReachStatus.REACHABLE if yaw < 0 else ReachStatus.UNREACHABLE)
@@ -160,7 +160,7 @@ def test_the_map_is_asked_for_the_gaze_that_fixates_the_track(yaw, status):
 
 
 def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all():
-    judge = TrackReachability(ROBOT, left_half())
+    judge = TrackReachability(ROBOT, left_half(), 1e-3)
     rng = np.random.default_rng(0)
     point = at_gaze(-0.2, -0.3, 0.3)
     chest = ROBOT.at(np.zeros(ROBOT.n_joints)).T_root("chest")
@@ -182,7 +182,7 @@ def test_head_and_arms_do_not_matter_and_a_turned_torso_carries_all():
     ],
 )
 def test_of_what_is_unknown_or_beyond_the_maps_limits_nothing_is_claimed(current, status):
-    reach = TrackReachability(ROBOT, left_half())(home(ROBOT), current)
+    reach = TrackReachability(ROBOT, left_half(), 1e-3)(home(ROBOT), current)
     assert reach.status == status
     assert not reach.is_reachable
     assert np.isnan([*reach.gaze_rad, reach.probability, reach.degree]).all()
@@ -191,7 +191,7 @@ def test_of_what_is_unknown_or_beyond_the_maps_limits_nothing_is_claimed(current
 def test_the_limits_are_the_maps_own():
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
     below = track(at_gaze(-0.2, -1.2, 0.3))
-    assert TrackReachability(ROBOT, left_half(wide))(home(ROBOT), below).is_reachable
+    assert TrackReachability(ROBOT, left_half(wide), 1e-3)(home(ROBOT), below).is_reachable
 
 
 def test_few_false_positives_are_asked_for_by_a_higher_probability():
@@ -205,7 +205,7 @@ def test_few_false_positives_are_asked_for_by_a_higher_probability():
 
 def test_a_border_that_lies_between_points_of_the_lattice_leaves_what_is_sure_reachable():
     """All of the lattice's probabilities but one are 0 or 1."""
-    judge = TrackReachability(ROBOT, left_half(softness=1e-6))
+    judge = TrackReachability(ROBOT, left_half(softness=1e-6), 1e-3)
     said = [judge(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3))).is_reachable for yaw in (-0.4, -0.001, 0.001, 0.4)]
     assert said == [True, True, False, False]
 
