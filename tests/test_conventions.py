@@ -25,6 +25,7 @@ def decorated(name: str) -> Iterator[tuple[Path, str, dict[str, object]]]:
 def test_messages_params_and_states_cannot_be_changed():
     dataclasses = list(decorated("dataclass"))
     assert len(dataclasses) > 100
+    assert [(file.name, name) for file, name, options in dataclasses if not options.get("slots", True)] == []
     changeable = {(file.name, name) for file, name, options in dataclasses if not options.get("frozen")}
     assert changeable == {(file, name) for file, names in MUTABLE.items() for name in names}
 

@@ -118,8 +118,6 @@ class Background:
         if not self.is_known(view):
             self._view = view if self.ego.is_still(last, view) else None
             if self._view is not None:
-                self._row = 0
-                self._learned_s = stamp_s
                 self._recent = smoothed(image, (0, 0, image.shape[1], len(image)))
                 self._mean = self._recent.astype(np.float32)
                 self._since_s = np.full(image.shape[:2], stamp_s)
