@@ -1,4 +1,4 @@
-"""Demands on a tracker before, during and after a disturbance, asserted in one place; tested in `test_judge`."""
+"""Demands on a tracker before, during and after a disturbance, asserted in one place."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

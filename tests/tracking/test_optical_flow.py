@@ -121,7 +121,8 @@ def test_surroundings_at_an_unknown_distance_make_flow_less_certain(rng):
     beside = View(LEFT_EYE, transform(translation=(0.02, 0.0, 0.0)))
     still = measured(images).flow
     moved = measured(images, beside).flow
-    assert np.linalg.eigvalsh(moved.cov - still.cov).min() * DT**2 > 0.5 * (0.4 * 219 * 0.02 / 1.2) ** 2
+    more_px = np.sqrt(np.linalg.eigvalsh(moved.cov - still.cov)) * DT
+    np.testing.assert_allclose(more_px, 0.4 * LEFT_EYE.focal_px * 0.02 / 1.2, rtol=0.02)
 
 
 def flows_of(
