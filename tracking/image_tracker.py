@@ -250,22 +250,16 @@ class ImageTracker:
             gap = 1 if backdrop is not None else max(int(_GAP * size), 1)
             hard = masks.closed(hard, masks.square(gap))
         w, h = size * shape[0], size * shape[1]
-        mask = hard
+        component = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
+        if component is None:
+            return None
         joined = None
-        for k in range(2):
-            component = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
-            if component is None:
-                return None
-            mask = component
-            allowed = masks.ellipse(roi, center, _REACH * w, _REACH * h)
-            beyond = np.count_nonzero(component & ~allowed)
-            if not beyond:
-                break
-            if k == 0 and beyond > _TOUCHING * fill * size**2:
+        within = component & masks.ellipse(roi, center, _REACH * w, _REACH * h)
+        if beyond := np.count_nonzero(component) - np.count_nonzero(within):
+            if beyond > _TOUCHING * fill * size**2:
                 joined = masks.filled(component, backdrop)
-            mask = _without_thin_parts(component & allowed, size)
-            center = masks.centroid(mask, roi)
-        mask = masks.filled(mask, backdrop)
+            component = _without_thin_parts(within, size)
+        mask = masks.filled(component, backdrop)
         return (mask, joined) if np.count_nonzero(mask) >= _MIN_AREA_PX else None
 
 
