@@ -108,7 +108,12 @@ def test_the_bound_of_the_error_is_that_of_the_binomial_distribution():
     wrong = int(np.sum(learned.query(gaze).reachable != verdicts(gaze)))
     assert 15 < wrong < 60
     assert learned.error_bound == pytest.approx(binomtest(wrong, 300).proportion_ci(0.9, "exact").high)
-    assert learned_from(plane, "right", np.random.default_rng(SEED), replace(params, n_test=0)).error_bound == 1.0
+    untested = learned_from(plane, "right", np.random.default_rng(SEED), replace(params, n_test=0))
+    assert untested.error_bound == 1.0
+    opposite = learned_from(
+        plane, "right", np.random.default_rng(SEED), params, verdicts=lambda gaze: ~untested.query(gaze).reachable
+    )
+    assert opposite.error_bound == 1.0
 
 
 def test_a_test_that_fails_leaves_less_risk_to_the_next():
