@@ -3,6 +3,7 @@ before a photograph-like wall that is drawn by a homography, whose rotation is t
 """
 
 import math
+from copy import deepcopy
 from functools import cache
 
 import cv2
@@ -162,6 +163,22 @@ def test_the_delay_of_a_swaying_heads_joints_is_found(late_s, rng):
     assert abs(motion.delay_s - late_s) < 4 * motion.delay_std_s + 1e-4
     assert estimate.stamp_error_s == motion.delay_std_s
     assert np.abs(off_rad[-20:]).max() < 1.0 / 280  # a pixel; 25 ms too early or late is 4 of them
+    for gap_s, is_as_told in ((0.24, False), (0.3, True)):  # after which the rate of the joints is not known
+        later = deepcopy(poses).step(StereoFrame(image, image, t + gap_s, t + gap_s, 1.01 * q, 1.01 * q))
+        assert np.array_equal(later.view.left.T_root_camera, posed(1.01 * q.item())[0]) == is_as_told
+
+
+def test_the_jitter_of_a_swaying_head_is_stated(rng):
+    """0.2° about each axis from image to image, which no delay explains."""
+    poses = PoseEstimator(TURNING, PRIOR_S)
+    stated = []
+    for k in range(100):
+        t = 0.04 * k
+        angle = np.deg2rad(8) * np.sin(2 * np.pi * t / 1.6)
+        image = seen(np.array([0.0, angle, 0.0]) + np.deg2rad(0.2) * rng.standard_normal(3), rng)
+        q = np.array([angle])
+        stated.append(poses.step(StereoFrame(image, image, t, t, q, q)).rotation_std_rad)
+    assert np.mean(stated[50:]) == pytest.approx(np.deg2rad(0.2), rel=0.25)
 
 
 STILL = View(CAMERA, np.eye(4))

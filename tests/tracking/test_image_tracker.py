@@ -16,7 +16,7 @@ from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_sa
 from tracking.image_tracker import ImageDetection, ImageTracker, ImageTrackerParams
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics
-from tracking.particle_filter import SHARPNESS, Particles, Prior, box_sums, likelihoods, resample
+from tracking.particle_filter import SHARPNESS, Particles, Prior, box_sums, likelihoods, propagate, resample, sample
 
 BLUE = (30.0, 60.0, 210.0)
 RED = (200.0, 40.0, 40.0)
@@ -335,6 +335,19 @@ def test_weights_add_up_to_one_even_where_no_box_holds_the_object():
     np.testing.assert_allclose(weights[:3], 1 / 3)
     shifted = likelihoods(Particles(current[3:], current[3:]), 1e3 * integral, (0, 0), (0.01, 0.01))
     np.testing.assert_allclose(shifted, 0.5)
+
+
+@pytest.mark.parametrize(("std_px", "spread_px"), [(None, 10.0), (1.0, 2.2), (9.0, 9.0)])
+def test_particles_go_on_as_before_or_to_the_prediction(std_px, spread_px, rng):
+    """Of an object of 40 px, without a prediction ± a quarter of it; with one that it grows by a tenth, ± at least a
+    twentieth; in size ± 4 %."""
+    before = sample(5000, np.array([100.0, 50.0]), 40.0, 0.5, rng, np.array([6.0, -3.0]))
+    prior = None if std_px is None else Prior(np.array([90.0, 60.0]), std_px, 1.1)
+    x, y, size = propagate(before, prior, rng).current.T
+    np.testing.assert_allclose((x.mean(), y.mean()), (90, 60) if prior else (106, 47), atol=0.6)
+    np.testing.assert_allclose((x.std(), y.std()), np.hypot(spread_px, 0.5), rtol=0.05)
+    assert np.log(size / 40).mean() == pytest.approx(np.log(1.1) if prior else 0.0, abs=0.003)
+    assert np.log(size).std() == pytest.approx(0.04, rel=0.05)
 
 
 def test_resampled_particles_keep_their_past(rng):
