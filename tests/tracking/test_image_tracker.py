@@ -13,6 +13,7 @@ from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Image, Mask
 from tracking.acquisition import segment
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
+from tracking.ego_motion import Box
 from tracking.image_tracker import ImageDetection, ImageTracker, ImageTrackerParams
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics
@@ -240,15 +241,33 @@ def test_a_long_object_is_followed_over_its_whole_length(scene):
     np.testing.assert_allclose(scene.step(images[1], 145.5, 109.5, 2.0).outline.box_px, (106, 105, 80, 10), atol=1)
 
 
+class _Unchanged:
+    """A foreground that shows nothing, and leaves it to distinct colours."""
+
+    def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
+        return is_distinct
+
+    def moved_mask(self, seed: Mask, box: Box) -> None: ...
+
+    disoccluded_mask = moved_mask
+
+
 def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng):
-    """Blue among specks: as many as in the disc, half as many, or none."""
+    """Blue among specks: none, an eighth, a quarter, or two thirds as many as in the disc; with few of them its colours
+    alone tell it where a foreground is known."""
     v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
     disc = np.hypot(u - 150, v - 110) < 15
     region = Region2D((138, 98, 25, 25), np.ones((25, 25), bool), 1.0)
-    for around, is_taken in ((0.0, True), (0.25, True), (0.6, False)):
+    for around, is_taken, is_distinct in (
+        (0.0, True, True),
+        (0.12, True, False),
+        (0.25, True, False),
+        (0.6, False, False),
+    ):
         blue = rng.random(disc.shape) < np.where(disc, 0.9, around)
         image = np.where(blue[..., None], BLUE, RED).astype(np.uint8)
         assert (segment(image, region, Optics(LEFT_EYE)) is not None) == is_taken
+        assert (segment(image, region, Optics(LEFT_EYE), _Unchanged()) is not None) == is_distinct
 
 
 def test_bins_are_hue_and_saturation_or_value(rng):
