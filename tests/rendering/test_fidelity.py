@@ -67,19 +67,3 @@ def test_a_ball_is_lit_by_lamberts_law(robot, rig, q, lighting, gamma, diffuse):
         assert (lamps @ normal)[0] > 0
         light = (0.55**gamma + np.maximum(lamps @ normal, 0) @ strengths) ** (1 / gamma)
         assert image[v, u] == pytest.approx(np.minimum(255 * light * np.array(RED), 255), abs=4)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"scale": 0.4}, "expected scale 0.5–2"),
-        ({"scale": np.nan}, "expected scale 0.5–2"),
-        ({"fineness": 7}, "fineness 0–6"),
-        ({"lighting": "candle"}, "a lighting of baked, lights"),
-        ({"blur_step_px": 0.0}, "a positive step"),
-        ({"blur_step_px": np.nan}, "a positive step"),
-    ],
-)
-def test_senseless_fidelities_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        Fidelity(**change)

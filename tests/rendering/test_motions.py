@@ -137,14 +137,3 @@ def test_a_recede_is_an_approach_reversed():
     for t in np.linspace(0, near_end.contact_s, 7):
         assert far_end(t)[0] == pytest.approx(near_end(near_end.contact_s - t)[0], abs=1e-9)
     assert not far_end(100.0)[1].any()
-
-
-def test_senseless_motions_are_refused():
-    rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match=r"motion: 'hop'.*approach"):
-        make_motion("hop", rng, CENTER, SPEED)
-    for speed in (0.0, -0.1, np.nan):
-        with pytest.raises(ValueError, match="expected a positive number"):
-            make_motion("circle", rng, CENTER, speed)
-    with pytest.raises(ValueError, match="needs a target"):
-        make_motion("approach", rng, CENTER, SPEED)

@@ -84,13 +84,3 @@ def test_a_carrier_stands_where_it_is_told(direction):
     assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
     if np.abs(T[2, 2]) < 1:
         assert T[2, 1] == pytest.approx(np.sqrt(1 - T[2, 2] ** 2))  # the back of the hand is as far up as it can be
-
-
-def test_senseless_things_are_refused():
-    with pytest.raises(ValueError, match=r"stimulus: 'whale'.*marker"):
-        make_stimulus("whale")
-    for radius in (0.0, -1.0, np.nan):
-        with pytest.raises(ValueError, match="radius"):
-            make_stimulus("ball", radius)
-    with pytest.raises(ValueError, match=r"carrier 'drone'.*none, stick, hand"):
-        carrier_parts("drone", 0.03, 3)
