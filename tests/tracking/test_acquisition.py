@@ -54,10 +54,9 @@ class Search:
                 background.update(camera.image, camera.view, frame.stamp_s, None)
         return pair
 
-    def find_marker(self, left: Image, right: Image) -> SearchCounts:
-        cameras = camera_frames(StereoFrame(left, right, 0.0, 0.0), self._view)
-        self._acquisition.find_marker(MarkerParams(), cameras, self._view, 0.0, self._association)
-        return self.counts
+    def find_marker(self, left: Image, right: Image, stamp_s: float = 0.0) -> tuple[Outline, Outline] | None:
+        cameras = camera_frames(StereoFrame(left, right, stamp_s, stamp_s), self._view)
+        return self._acquisition.find_marker(MarkerParams(), cameras, self._view, stamp_s, self._association)
 
 
 @pytest.fixture
@@ -254,8 +253,8 @@ def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whol
 )
 def test_a_marker_is_compact_and_whole(box, is_taken, search):
     """A square is a marker; a meadow that the image cuts and a bar are none, before eyes that move."""
-    counts = search.find_marker(green(box), green(box))
-    assert (counts["candidates_left"], counts["candidates_right"]) == (is_taken, is_taken)
+    search.find_marker(green(box), green(box))
+    assert (search.counts["candidates_left"], search.counts["candidates_right"]) == (is_taken, is_taken)
 
 
 @pytest.mark.parametrize(
@@ -269,12 +268,32 @@ def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(side, shi
     for eye, side_px, down in ((view.left, 20, 0), (view.right, side, shift)):
         u, v = np.rint(eye.project(center)).astype(int) - (side_px // 2, side_px // 2 - down)
         images.append(green((u, v, u + side_px, v + side_px)))
-    counts = search.find_marker(*images)
+    search.find_marker(*images)
+    counts = search.counts
     assert (counts["candidates_left"], counts["candidates_right"]) == (1, 1)
     said = [key for key, n in counts.items() if key.startswith("rejected by") and n]
     assert len(said) == (refused is not None)
     assert (refused or "") in "".join(said)
     assert counts["rejected since it did not move"] == (refused is None)
+
+
+@pytest.mark.parametrize("moving_eyes", [(0, 1), (0,), (1,), ()])
+def test_before_unknown_surroundings_the_marker_is_the_one_that_moves_in_both_images(moving_eyes, search, view):
+    """Of two squares of 20 px at 0.4 m, one of which moves by 4 px an image."""
+    for k in range(5):
+        images = []
+        for n, eye in enumerate((view.left, view.right)):
+            corners = [
+                np.rint(eye.project(view.left.center + 0.4 * view.left.rays([x, y]))).astype(int)
+                for x, y in ((90, 80), (200, 140))
+            ]
+            corners[1][0] += 4 * k if n in moving_eyes else 0
+            images.append(green(*((u, v, u + 20, v + 20) for u, v in corners)))
+        pair = search.find_marker(*images, DT * k)
+        assert search.counts["candidates_left"] == search.counts["candidates_right"] == 2 * (k + 1)
+    assert (pair is not None) == (len(moving_eyes) == 2)
+    if pair is not None:
+        assert abs(pair[0].center_px[0] - (200 + 16 + 9.5)) < 2
 
 
 @pytest.mark.parametrize(("right_color", "is_one"), [((210, 45, 40), True), ((40, 60, 210), False)])
