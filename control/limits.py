@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from control.commands import posture_after
 from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -54,12 +55,12 @@ def limit(
 ) -> JointVelocity:
     """The command nearest to `wanted` that keeps every limit until it expires; the robot is at `posture` at its stamp.
 
-    The change from braking to `wanted` is scaled uniformly, separately for the joints that move bodies and for the
-    head.  Braking continues along the `last` command (None: the robot rests) and ends where that would have ended: if
-    the robot is where it was predicted to be from `last_q_rad` (n_joints,) at the last stamp, that path has been
-    checked.  A limit that is already exceeded is not exceeded further: a joint beyond its limit stays or returns, and
-    two bodies that are too near or overlap may only separate.  The self-collision distance takes precedence over the
-    acceleration limit.
+    If the `last` command leads elsewhere from `last_q_rad` (n_joints,), the posture predicted at its stamp, every limit
+    is kept from both postures.  The change from braking to `wanted` is scaled uniformly, separately for the joints that
+    move bodies and for the head.  Braking continues along the `last` command (None: the robot rests) and ends where
+    that would have ended: if the robot is where it was predicted to be, that path has been checked.  A limit that is
+    already exceeded is not exceeded further: a joint beyond its limit stays or returns, and two bodies that are too
+    near or overlap may only separate.  The self-collision distance takes precedence over the acceleration limit.
 
     InputError if a rate or stamp is not finite, the stamp precedes the last, or `hold_s` is out of (0, MAX_HOLD_S].
     """
@@ -68,10 +69,22 @@ def limit(
     moves_bodies = self_collision.moving
     if wanted.dq_rad_s.shape != (robot.n_joints,) or not np.isfinite(wanted.dq_rad_s).all():
         raise InputError("command", f"rates {wanted.dq_rad_s}; expected {robot.n_joints} finite numbers in rad/s")
-    q = posture.q_rad
+    postures = [posture.q_rad]
+    is_as_predicted = False
+    if last is not None and last_q_rad is not None:
+        predicted = posture_after(last_q_rad, [last], last.stamp_s, wanted.stamp_s, 0.0)
+        is_as_predicted = np.allclose(posture.q_rad, predicted, rtol=0.0, atol=_MARGIN_RAD)
+        if not is_as_predicted:
+            postures.append(predicted)
+
+    def clear_share(rates: Array) -> float:
+        """Share of the motion at rates (n_joints,) that is free from every posture."""
+        change = wanted.hold_s * rates
+        return min(self_collision.clear_share(q, change, params.clearance_m) for q in postures)
+
     rate = fastest(params, robot) * min(1.0, wanted.hold_s / params.speed_up_s)  # from which it stops within hold_s
-    lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / wanted.hold_s, -rate, 0.0)
-    upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / wanted.hold_s, 0.0, rate)
+    lower = np.clip((robot.lower_rad + _MARGIN_RAD - np.min(postures, axis=0)) / wanted.hold_s, -rate, 0.0)
+    upper = np.clip((robot.upper_rad - _MARGIN_RAD - np.max(postures, axis=0)) / wanted.hold_s, 0.0, rate)
     rates, change = change_limits(params, robot, wanted.stamp_s, last)
     brake = rates
     if last is not None and rates.any():  # the last command ends where it would have
@@ -85,15 +98,10 @@ def limit(
         share = _largest_share(brake[group], dq[group], lower[group], upper[group])
         dq[group] = brake[group] + share * (dq[group] - brake[group])
     dq = np.clip(dq, lower, upper)  # against rounding
-    share = self_collision.clear_share(q, wanted.hold_s * dq, params.clearance_m)
-    free = np.where(moves_bodies, share * dq, dq)
+    free = np.where(moves_bodies, clear_share(dq) * dq, dq)
     if np.any((free < lower) | (free > upper)):  # too sudden a stop: brake along the last command
-        is_as_predicted = False
-        if last is not None and last_q_rad is not None:
-            predicted = last_q_rad + (wanted.stamp_s - last.stamp_s) * last.dq_rad_s
-            is_as_predicted = np.allclose(q, predicted, rtol=0.0, atol=_MARGIN_RAD)
         if not is_as_predicted:
-            brake = brake * self_collision.clear_share(q, wanted.hold_s * brake, params.clearance_m)
+            brake = brake * clear_share(brake)
         free = np.where(moves_bodies, brake, dq)
     return JointVelocity(wanted.stamp_s, free, wanted.hold_s)
 

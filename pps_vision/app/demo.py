@@ -68,6 +68,7 @@ _COLUMNS = {
     "track_rms_mm": "3D RMS (mm)",
     "reachable_share": "reachable (share)",
     "degree_of_reach": "degree of reach",
+    "mismatch_deg": "posture off its prediction (°)",
 }
 
 
@@ -98,7 +99,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         )
     for log in logs:
         touched = "touched" if log.was_touched else "not touched"
-        print(f"{log.title:42s} {touched:12s} arm {'moved' if log.was_commanded else 'still'}")
+        print(f"{log.title:42s} {touched:12s} arm {'moved' if log.was_commanded else 'still'}{_mismatch(log)}")
     print(f"→ {out / REPORT}")
 
 
@@ -168,7 +169,17 @@ def _numbers(log: EpisodeLog) -> dict[str, object]:
         "track_rms_mm": 1000 * float(np.sqrt(np.mean(error**2))) if len(error) else None,
         "reachable_share": float(np.mean([reach.is_reachable for reach in tracked])) if tracked else None,
         "degree_of_reach": float(np.mean(degrees)) if degrees else None,
+        "mismatch_deg": float(np.rad2deg(log.mismatch_rad.max())),
     }
+
+
+def _mismatch(log: EpisodeLog) -> str:
+    """End of an episode's line where the robot was repeatedly not where its commands should have led."""
+    frames = np.flatnonzero(log.mismatch_rad > 0)
+    if not frames.size:
+        return ""
+    seconds = log.stamps_s[frames[0]] - log.stamps_s[0]
+    return f", up to {np.rad2deg(log.mismatch_rad.max()):.1f}° off the predicted posture from {seconds:.1f} s on"
 
 
 def _cell(value: object) -> str:

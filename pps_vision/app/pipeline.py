@@ -11,7 +11,7 @@ import numpy as np
 
 from control import avoidance, fixation, lean, limits, neck_and_eyes, reaching, search
 from control.avoidance import ArmInput, ArmState, AvoidanceParams, Response
-from control.commands import combine, posture_after
+from control.commands import MAX_LATE_S, Prediction, combine, posture_after, predict
 from control.fixation import FixationParams
 from control.head import carried_velocity, gaze_of
 from control.lean import LeanParams
@@ -48,6 +48,9 @@ class PipelineParams:
     """Time for which a command may be held if no later one comes."""
     latency_s: float = 0.0
     """Time from a frame's stamp until its command takes effect; target and posture are predicted to then."""
+    encoder_noise_rad: float = float(np.deg2rad(0.1))
+    """Largest difference of two readings of a joint at rest (iCub: two steps of 0.05°); where the robot repeatedly
+    differs from the prediction by more, it does not obey, or the latency or the readings' age is not the stated one."""
     search_for_s: float = 30.0
     """Duration of the gaze search after the object was lost; the covering search sees every point that can be fixated
     within this time, points at least 8 cm before the eyes within half of it."""
@@ -88,7 +91,8 @@ class PipelineState:
     last_taxels: tuple[float, Array] | None = None
     """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
     commands: tuple[JointVelocity, ...] = ()  # commands that may still be obeyed; the last is the last frame's
-    last_q_rad: Array | None = None  # predicted joints (n_joints,) when the last command took effect
+    last_q_rad: Array | None = None  # reported joints (n_joints,), extrapolated to when the last command took effect
+    prediction: Prediction | None = None  # the same by the commands alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +106,8 @@ class PipelineStep:
     reachability: Reachability | None
     responses: tuple[Response, ...]
     command: JointVelocity
+    mismatch_rad: float
+    """Largest difference of a joint from its prediction that two frames of the last second show; 0: within noise."""
 
     @property
     def response(self) -> Response:
@@ -209,10 +215,12 @@ class Pipeline:
         arms, responses = self._move_arms(state.arms, leaning, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
         wanted = combine([*(response.command for response in responses), torso_command, gaze_command])
-        command = limits.limit(
-            params.limits, self._self_collision, inputs.posture, wanted, self._last_command, state.last_q_rad
-        )
-        obeyed_since_s = stamp_s - params.latency_s - MAX_HOLD_S
+        last_q = state.prediction.q_rad if state.prediction else None
+        command = limits.limit(params.limits, self._self_collision, at_effect, wanted, self._last_command, last_q)
+        prediction = predict(state.prediction, state.commands, posture.q_rad, at_effect.q_rad, stamp_s)
+        repeated_rad = prediction.repeated_rad
+        mismatch_rad = repeated_rad if repeated_rad > params.encoder_noise_rad else 0.0
+        obeyed_since_s = stamp_s - params.latency_s - MAX_HOLD_S - MAX_LATE_S
         self._state = PipelineState(
             learning=learned,
             arms=arms,
@@ -221,9 +229,10 @@ class Pipeline:
             last_known_s=stamp_s if track.is_known else state.last_known_s,
             last_taxels=(stamp_s, taxels.positions),
             commands=(*(earlier for earlier in state.commands if earlier.stamp_s > obeyed_since_s), command),
-            last_q_rad=inputs.posture.q_rad,
+            last_q_rad=at_effect.q_rad,
+            prediction=prediction,
         )
-        return PipelineStep(posture, tracking, events, activation, reachability, responses, command)
+        return PipelineStep(posture, tracking, events, activation, reachability, responses, command, mismatch_rad)
 
     def finish(self) -> PPSMemory:
         """Learn from a contact that has not ended; return the memory."""

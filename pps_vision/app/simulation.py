@@ -140,6 +140,7 @@ class EpisodeLog:
     arm_commanded: Mask  # whether the arm was commanded to move, the return home included
     touched: Mask
     q_rad: Array
+    mismatch_rad: Array  # repeated difference of the posture from its prediction; 0: none, or the arm does not obey
     reachability: tuple[Reachability, ...] = ()  # empty without a reachable-space map
 
     @property
@@ -228,6 +229,7 @@ def log_of(scene: SimulationScene, episode: Episode, steps: Iterable[SimulationS
         arm_commanded=np.array([avoid and bool(np.any(row.step.command.dq_rad_s[arm])) for row in rows]),
         touched=np.array([row.touched for row in rows]),
         q_rad=np.array([row.q_rad for row in rows]),
+        mismatch_rad=avoid * np.array([row.step.mismatch_rad for row in rows]),
         reachability=tuple(row.step.reachability for row in rows if row.step.reachability),
     )
 

@@ -79,6 +79,32 @@ def test_gaze_follows_a_moving_object_without_lag(gaze, latency_s):
     assert np.rad2deg(max(errors[-5:])) < 0.2
 
 
+@pytest.mark.parametrize("stated_s", [0.0, 0.1])
+@pytest.mark.parametrize(("true_s", "noise_deg"), [(0.0, 0.0), (0.0, 0.05), (0.1, 0.0), (0.1, 0.05)])
+def test_a_latency_that_is_not_the_stated_one_is_reported_but_not_the_noise_of_the_encoders(
+    stated_s, true_s, noise_deg
+):
+    """The eyes follow an object; readings are steps of an encoder."""
+    params = PipelineParams(latency_s=stated_s)
+    pipeline = following(lambda t: (np.array([-0.35, -0.15 + 0.1 * t, 0.3]), np.array([0.0, 0.1, 0.0])), params)
+    accepted = pipeline.step
+
+    def noisy(frame: StereoFrame) -> PipelineStep:
+        step_rad = np.deg2rad(noise_deg)
+        q = np.round(frame.joints_left_rad / step_rad) * step_rad if noise_deg else frame.joints_left_rad
+        return accepted(replace(frame, joints_left_rad=q, joints_right_rad=q))
+
+    pipeline.step = noisy
+    steps, joints = run(pipeline, 2.0, true_s)
+    assert np.abs(joints[-1] - joints[0]).max() > np.deg2rad(5)
+    reported = [k for k, step in enumerate(steps) if step.mismatch_rad > 0]
+    if stated_s == true_s:
+        assert reported == []
+    else:
+        assert reported[0] <= 4
+        assert np.rad2deg(max(step.mismatch_rad for step in steps)) > 1.0
+
+
 def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_keeps_still():
     target = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
     params = PipelineParams(search_for_s=0.6)

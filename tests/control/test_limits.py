@@ -295,3 +295,25 @@ def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot, bodies):
     held = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.001, last.dq_rad_s, HOLD_S), last)
     assert smallest_distance(bodies, q, held) >= 0.02 - 2e-6
     assert np.abs(held.dq_rad_s).max() < 0.1 * np.abs(last.dq_rad_s).max()
+
+
+def test_limits_hold_from_the_reported_and_from_the_predicted_posture(robot, rng, bodies):
+    """Joints and distance, for commands and for braking."""
+    stopped = 0
+    for _ in range(60):
+        q, predicted = near_the_chest(robot, bodies, 0.03), near_the_chest(robot, bodies, 0.05)
+        (neck,) = robot.indices(("neck_yaw",))
+        q[neck] = robot.upper_rad[neck] - 0.2
+        predicted[neck] = robot.upper_rad[neck] - rng.uniform(0.0, 0.1)
+        if rng.random() < 0.5:
+            q, predicted = predicted, q
+        last = JointVelocity(0.0, 0.2 * rng.random() * towards_the_chest(robot, q), HOLD_S)
+        last_q = predicted - 0.05 * last.dq_rad_s
+        dq = rng.uniform(0, 3) * towards_the_chest(robot, q) + command(robot, neck_yaw=rng.uniform(-0.5, 0.5)).dq_rad_s
+        held = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.05, dq, HOLD_S), last, last_q)
+        for start in (q, predicted):
+            assert not excess(robot, start + HOLD_S * held.dq_rad_s).any()
+            assert smallest_distance(bodies, start, held) >= 0.02 - 2e-6
+        alone = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.05, dq, HOLD_S), last)
+        stopped += np.abs(held.dq_rad_s).max() < np.abs(alone.dq_rad_s).max() - 1e-6
+    assert 5 < stopped < 55

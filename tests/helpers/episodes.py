@@ -20,6 +20,6 @@ def episode_log(with_reach: bool) -> EpisodeLog:
     return EpisodeLog(
         *("approach", ("arm:1", "arm:2"), STAMPS, (Status.TRACKING,) * T),
         *(truth, truth + np.array([0.003, 0.0, 0.004]), np.full((T, 3), 0.002), rng.uniform(0, 0.2, (T, 2))),
-        *(rng.uniform(0, 1, (T, 2)), rng.uniform(0, 0.1, T), np.zeros(T, bool), touched, np.zeros((T, 3))),
+        *(rng.uniform(0, 1, (T, 2)), rng.uniform(0, 0.1, T), np.zeros(T, bool), touched, np.zeros((T, 3)), np.zeros(T)),
         tuple(reach) if with_reach else (),
     )

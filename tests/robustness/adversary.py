@@ -25,9 +25,9 @@ from tracking.tracker import TrackerStep
 STARTS = "home", "random", "at limits", "outside limits", "near itself"
 PATHS = "through the arm", "jumping", "at rest on the arm", "far"
 COVARIANCES = "zero", "small", "large", "huge", "NaN", "infinite", "indefinite"
-_LIMITS = LimitParams()
-_TOLERANCE = 1e-9  # rad, rad/s
-_DISTANCE_TOLERANCE_M = 1e-5
+LIMITS = LimitParams()
+TOLERANCE = 1e-9  # rad, rad/s
+DISTANCE_TOLERANCE_M = 1e-5
 
 
 class AttackResult:
@@ -55,25 +55,30 @@ class AdversarialTracker:
         return TrackerStep(self.track, (), None, np.zeros(3))
 
 
-def attack(steps: int, seed: int, episode_steps: int) -> AttackResult:
-    """Run episodes of at most `episode_steps` frames until `steps` frames were given; every kind of start and path in
-    turn."""
+def attack(
+    steps: int, seed: int, episode_steps: int, new: "type[Episode] | None" = None, result: AttackResult | None = None
+) -> AttackResult:
+    """Run `new` episodes of at most `episode_steps` frames until `steps` frames were given, which add to a `result`;
+    every kind of start and path in turn."""
     robot = load_icub()
     skins = {side: icub_skin((f"{side}_forearm", f"{side}_palm")) for side in ("left", "right")}
     self_collision = SelfCollision(robot), SelfCollision(robot)
-    result = AttackResult()
+    new = new or Episode
+    result = result or AttackResult()
     number = 0
     while result.steps < steps:
         side = ("left", "right")[number % 2]
         kind = STARTS[number % len(STARTS)], PATHS[number // len(STARTS) % len(PATHS)]
-        episode = _Episode(robot, skins[side], side, self_collision, kind, (seed, number), result)
+        episode = new(robot, skins[side], side, self_collision, kind, (seed, number), result)
         episode.run(min(episode_steps, steps - result.steps))
         number += 1
     return result
 
 
-class _Episode:
+class Episode:
     """One start, one kind of path."""
+
+    latency_s = 0.0  # as the pipeline assumes it
 
     def __init__(
         self,
@@ -100,7 +105,8 @@ class _Episode:
         waits = {"confirmation_s": float(rng.choice((0.0, 0.15))), "min_approach_m": float(rng.choice((0.0, 0.01)))}
         arm = AvoidanceParams(HOME_ARM_RAD, side=side, **waits)
         other_arm = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
-        params = PipelineParams(arm=arm, other_arm=other_arm, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
+        hold_s = float(rng.choice((0.5, 0.5, 0.2, 0.05)))
+        params = PipelineParams(arm=arm, other_arm=other_arm, hold_s=hold_s, latency_s=self.latency_s)
         self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
         if behaviour == "reach":  # as with a map that calls everything reachable
@@ -126,14 +132,14 @@ class _Episode:
                 self._watch()  # a command that is held on from there knows nothing of it
             self.tracker.track = self._track(given_s)
             joints = np.full_like(self.q, np.nan) if self.rng.random() < 0.005 else self.q
-            step = self._step(StereoFrame(_BLACK, _BLACK, given_s, given_s, joints, joints))
+            step = self._step(StereoFrame(BLACK, BLACK, given_s, given_s, joints, joints))
             self.result.steps += 1
             if step is not None:
                 self._check(step.command, as_predicted=in_order and not self.disturbed)
                 self.result.modes[step.response.mode] += 1
                 self.command, self.taxels = step.command, self.skin.at(step.posture)
         self._watch()
-        self.result.freed += self.start == "near itself" and self.clear_m == _LIMITS.clearance_m
+        self.result.freed += self.start == "near itself" and self.clear_m == LIMITS.clearance_m
 
     def _step(self, frame: StereoFrame) -> PipelineStep | None:
         try:
@@ -158,13 +164,13 @@ class _Episode:
                 outwards = rng.uniform(0.0, 0.3, robot.n_joints) * (self.start == "outside limits")
                 up = rng.random(robot.n_joints) < 0.5
                 q = np.where(chosen, np.where(up, robot.upper_rad + outwards, robot.lower_rad - outwards), q)
-            if (self.self_collision.distance_m(q) < _LIMITS.clearance_m) == (self.start == "near itself"):
+            if (self.self_collision.distance_m(q) < LIMITS.clearance_m) == (self.start == "near itself"):
                 return q
         raise ValueError(f"no posture {self.start}")
 
     def _watch(self) -> None:
         """Remember by how much limits are exceeded."""
-        self.clear_m = min(_LIMITS.clearance_m, self.self_collision.distance_m(self.q))
+        self.clear_m = min(LIMITS.clearance_m, self.self_collision.distance_m(self.q))
 
     def _obey(self, until_s: float) -> None:
         """Move for as long as the command is valid, and check the distance on the way."""
@@ -182,30 +188,30 @@ class _Episode:
         excess = [np.maximum(np.maximum(p - robot.upper_rad, robot.lower_rad - p), 0.0) for p in (q, end)]
         if np.any(excess[1] > excess[0]):
             self._fault(f"joint limits left by {np.max(excess[1] - excess[0]):.3g} rad")
-        fastest = np.full(robot.n_joints, _LIMITS.joint_rad_s)
-        fastest[robot.indices(robot.names.gaze_joints[2:])] = _LIMITS.eyes_rad_s
-        if np.any(np.abs(dq) > fastest + _TOLERANCE):
+        fastest = np.full(robot.n_joints, LIMITS.joint_rad_s)
+        fastest[robot.indices(robot.names.gaze_joints[2:])] = LIMITS.eyes_rad_s
+        if np.any(np.abs(dq) > fastest + TOLERANCE):
             self._fault(f"rate {np.max(np.abs(dq) / fastest):.6g} times its limit")
         elapsed_s = command.stamp_s - self.command.stamp_s
         if elapsed_s < self.command.hold_s:
             change = np.abs(dq - self.command.dq_rad_s)
-            sudden = change > fastest / _LIMITS.speed_up_s * elapsed_s + _TOLERANCE
-            if np.any(sudden & (np.abs(dq) > np.abs(self.command.dq_rad_s) + _TOLERANCE)):
+            sudden = change > fastest / LIMITS.speed_up_s * elapsed_s + TOLERANCE
+            if np.any(sudden & (np.abs(dq) > np.abs(self.command.dq_rad_s) + TOLERANCE)):
                 self._fault("acceleration limit left by a joint that speeds up")
             self.result.sudden_stops += bool(sudden.any())
             if sudden.any() and as_predicted:
                 self._fault("sudden stop")
         if not np.any(dq[self.self_collision.moving]):
             return
-        if self.clear_m < _LIMITS.clearance_m and as_predicted:
+        if self.clear_m < LIMITS.clearance_m and as_predicted:
             last_m = self.clear_m
             self._watch()
             self.clear_m = max(self.clear_m, last_m)  # does not go back
         shares = np.append(self.rng.random(2), 1.0)
         distance_m = min(self.self_collision.distance_m(q + s * command.hold_s * dq) for s in shares)
-        if distance_m < self.clear_m - _DISTANCE_TOLERANCE_M:
+        if distance_m < self.clear_m - DISTANCE_TOLERANCE_M:
             self._fault(f"self-collision distance {1000 * distance_m:.4f} of {1000 * self.clear_m:.4f} mm")
-        if self.clear_m == _LIMITS.clearance_m:
+        if self.clear_m == LIMITS.clearance_m:
             self.result.smallest_distance_mm = min(self.result.smallest_distance_mm, 1000 * distance_m)
 
     def _next_stamp(self) -> float:
@@ -253,7 +259,7 @@ class _Episode:
         return np.eye(12) * scale[kind] if np.isfinite(scale[kind]) else np.full((12, 12), scale[kind])
 
 
-_BLACK = np.zeros((2, 2, 3), np.uint8)
+BLACK = np.zeros((2, 2, 3), np.uint8)
 
 
 def _anxious(skin: Skin) -> PPSMemory:
