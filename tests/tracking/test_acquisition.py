@@ -121,7 +121,7 @@ def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(search, vi
         pair = search.step(search.frame(k, *balls))
         taken_px += [pair[0].outline.center_px[0]] if pair else []
     assert taken_px
-    assert np.abs(np.array(taken_px) - 240).max() < 10
+    assert np.abs(np.array(taken_px) - 240).max() < 1
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(search,
             shares.append(pair[0].mask.sum() / pair[1].mask.sum())
             errors.append(pair[0].outline.center_px - (u, v))
     assert min(shares) < 0.75
-    assert np.abs(errors).max() < 2.5
+    assert np.abs(errors).max() < 1.2
 
 
 def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(rng, rig, view):
@@ -236,7 +236,7 @@ def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whol
             errors.append(pair[1].outline.center_px - view.right.project(p))
             assert pair[1].outline.box_px[0] < 0  # goes on beyond the image
     assert len(errors) >= 2
-    assert np.abs(errors).max() < 2.5  # ball radius: 22 px
+    assert np.abs(errors).max() < 0.6  # ball radius: 22 px
 
 
 @pytest.mark.parametrize(

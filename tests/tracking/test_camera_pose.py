@@ -159,7 +159,7 @@ def test_the_delay_of_a_swaying_heads_joints_is_found(late_s, rng):
         estimate = poses.step(StereoFrame(image, image, t, t, q, q))
         off_rad.append(cv2.Rodrigues(estimate.view.left.T_root_camera[:3, :3])[0][1, 0] - angle(t))
     motion = poses.motion
-    assert abs(motion.delay_s - late_s) < 0.002
+    assert abs(motion.delay_s - late_s) < 0.0005
     assert abs(motion.delay_s - late_s) < 4 * motion.delay_std_s + 1e-4
     assert estimate.stamp_error_s == motion.delay_std_s
     assert np.abs(off_rad[-20:]).max() < 1.0 / 280  # a pixel; 25 ms too early or late is 4 of them
@@ -178,7 +178,7 @@ def test_the_jitter_of_a_swaying_head_is_stated(rng):
         image = seen(np.array([0.0, angle, 0.0]) + np.deg2rad(0.2) * rng.standard_normal(3), rng)
         q = np.array([angle])
         stated.append(poses.step(StereoFrame(image, image, t, t, q, q)).rotation_std_rad)
-    assert np.mean(stated[50:]) == pytest.approx(np.deg2rad(0.2), rel=0.25)
+    assert np.mean(stated[50:]) == pytest.approx(np.deg2rad(0.2), rel=0.15)
 
 
 STILL = View(CAMERA, np.eye(4))
@@ -207,18 +207,18 @@ def brighter(image: Image, gain: float) -> Image:
 @pytest.mark.parametrize(
     ("degrees", "change", "off_px"),
     [
-        ((0.0, 1.0, 0.0), None, 0.05),
-        ((0.3, -0.6, 0.5), None, 0.05),
-        ((-1.5, 2.0, 1.0), None, 0.05),
-        ((0.05, 0.0, -0.05), None, 0.05),
-        ((0.0, 0.5, 0.0), lambda image: covered(image, 0.3), 0.1),
-        # Lucas–Kanade alone takes the change of light for motion, of twice as much as is allowed here
-        ((0.3, -0.6, 0.5), lambda image: brighter(image, 0.9), 0.1),
-        ((0.3, -0.6, 0.5), lambda image: brighter(image, 1.1), 0.1),
+        ((0.0, 1.0, 0.0), None, 0.02),
+        ((0.3, -0.6, 0.5), None, 0.02),
+        ((-1.5, 2.0, 1.0), None, 0.02),
+        ((0.05, 0.0, -0.05), None, 0.02),
+        ((0.0, 0.5, 0.0), lambda image: covered(image, 0.3), 0.03),
+        # Lucas–Kanade alone takes the change of light for motion, of six times as much as is allowed here
+        ((0.3, -0.6, 0.5), lambda image: brighter(image, 0.9), 0.03),
+        ((0.3, -0.6, 0.5), lambda image: brighter(image, 1.1), 0.03),
     ],
 )
-def test_a_rotation_is_measured_to_a_twentieth_of_a_pixel(degrees, change, off_px, reference, rng):
-    """A tenth where a third of the image is covered, or under another light."""
+def test_a_rotation_is_measured_to_a_fiftieth_of_a_pixel(degrees, change, off_px, reference, rng):
+    """A thirtieth where a third of the image is covered, or under another light."""
     turn = np.deg2rad(degrees)
     image = seen(turn, rng)
     image = image if change is None else change(image)
@@ -235,7 +235,7 @@ def test_a_rotation_is_measured_in_large_images(rng):
     reference = Reference(camera, seen(NO_TURN, rng, camera=camera), np.eye(4))
     assert reference.is_still(seen(NO_TURN, rng, camera=camera))
     misalignment = reference.misalignment(seen(turn, rng, camera=camera), View(camera, np.eye(4)), 1.2, NO_TURN)
-    assert np.abs(misalignment.rotation - turn)[:2].max() < 0.1 * PX
+    assert np.abs(misalignment.rotation - turn)[:2].max() < 0.02 * PX
 
 
 def test_a_rotation_is_measured_on_a_blurred_wall(rng):
@@ -247,7 +247,7 @@ def test_a_rotation_is_measured_on_a_blurred_wall(rng):
     assert reference.is_still(seen(NO_TURN, rng, wall=soft))
     image = seen(turn, rng, wall=soft)
     assert not reference.is_still(image)
-    assert np.abs(reference.misalignment(image, STILL, 1.2, NO_TURN).rotation - turn)[:2].max() < 0.1 * PX
+    assert np.abs(reference.misalignment(image, STILL, 1.2, NO_TURN).rotation - turn)[:2].max() < 0.03 * PX
 
 
 def test_an_eye_that_rests_is_still_through_noise_and_a_change_of_light(reference, rng):
@@ -267,7 +267,7 @@ def test_a_told_rotation_is_no_error(reference, rng):
     turn = np.deg2rad([0.4, -1.2, 0.2])
     nominal = View(CAMERA, transform(cv2.Rodrigues(turn)[0]))
     misalignment = reference.misalignment(seen(turn, rng), nominal, 1.2, NO_TURN)
-    assert np.abs(misalignment.rotation[:2]).max() < 0.05 * PX
+    assert np.abs(misalignment.rotation[:2]).max() < 0.015 * PX
 
 
 def test_a_rotation_is_measured_by_an_eye_that_has_come_nearer(reference, rng):

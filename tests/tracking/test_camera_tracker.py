@@ -144,7 +144,7 @@ def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng):
     state = CameraState(size_px=36.0)
     for x, expected in ((145.0, 120), (160.0, 185)):
         _, detection = tracker.find(state, camera, Prior(np.array([x, 110.0]), 3.0, 1.0))
-        assert np.linalg.norm(detection.outline.center_px - [expected, 110]) < 0.3
+        assert np.linalg.norm(detection.outline.center_px - [expected, 110]) < 0.1
     for x in (40.0, 120.0):
         again, detection = tracker.find(state, camera, Prior(np.array([x, 205.0]), 1.0, 1.0))
         assert detection is None
@@ -201,7 +201,7 @@ def test_what_has_turned_abruptly_is_found_where_it_was(rng):
         _, detection = tracker.find(state, seen_from(image), prior)
         assert (detection is not None) == is_found
         if detection is not None:
-            assert np.linalg.norm(detection.outline.center_px - [154, 112]) < 0.5
+            assert np.linalg.norm(detection.outline.center_px - [154, 112]) < 0.1
 
 
 def test_an_object_of_the_walls_colour_is_told_by_the_background(rng):
@@ -230,4 +230,4 @@ def test_an_outline_that_was_found_beforehand_moves_the_particles(rng):
     assert moved.target.size == pytest.approx(56.0, rel=0.05)
     later = picture(rng, (disc(x, y, 28), BLUE))
     _, detection = tracker.image_tracker.step(moved.target, later, Prior(np.array([x, y]), 1.0, 1.0))
-    assert np.linalg.norm(detection.outline.center_px - [x, y]) < 0.3
+    assert np.linalg.norm(detection.outline.center_px - [x, y]) < 0.15

@@ -42,7 +42,7 @@ def model(babbled):
 def test_two_hundred_samples_teach_the_arm_and_the_head(model, babbled):
     error, silent = gaze_rmse_deg(model, babbled[1])
     print(f"{error:.1e} °")
-    assert error < 1e-3  # J: 0.84; asked for: 0.02
+    assert error < 1e-6  # J: 0.84; asked for: 0.02
     assert silent == 0
 
 
@@ -74,16 +74,16 @@ def test_what_was_fixated_wrongly_is_left_out(babbled):
     arm = np.where(stuck[:, None] & (np.arange(4) == 3), 1.0, train.arm_rad)
     error, silent = gaze_rmse_deg(taught(arm, gaze), test)
     print(f"{error:.1e} °")
-    assert error < 0.01
+    assert error < 1e-6
     assert silent == 0
 
 
 @pytest.mark.parametrize(
     ("noise_deg", "n", "most_deg"),
     [
-        (1.0, 1100, 1 / 3),  # for 247 numbers: less than a third of the noise remains
-        (3.0, 1100, 1.0),
-        (1.0, 200, 0.82),  # held by the prior: 0.76; with a prior of 4 or 0.25 eye distances 0.87 and 0.99
+        (1.0, 1100, 0.25),  # for 247 numbers: less than a quarter of the noise remains
+        (3.0, 1100, 0.7),
+        (1.0, 200, 0.78),  # held by the prior: 0.75; with a prior of 4 or 0.25 eye distances 0.87 and 0.99
         (0.0, 100, 0.03),  # 300 angles: 0.01; with a ridge of 1e-12 in place of the first prior 0.05
     ],
 )
@@ -124,7 +124,7 @@ def test_what_no_ideal_arm_can_do_is_left_to_the_process(bent):
     (error, silent) = gaze_rmse_deg(learned, test)
     (left, _) = gaze_rmse_deg(structure, test)
     print(f"{error:.3f} ° of {left:.3f} °")
-    assert error < left / 2
+    assert error < left / 5
     assert silent == 0
 
 

@@ -51,9 +51,9 @@ def test_judges_random_gaze_postures(learned, fresh):
     je, fn, fp = rates(learned.query(fresh.gaze_rad).reachable, fresh.reachable)
     print(f"gaze space: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
     assert fresh.reachable.mean() == pytest.approx(0.19, abs=0.02)  # by an independent sampling of the same tables
-    assert je <= 0.005
-    assert fn <= 0.01
-    assert fp <= 0.005
+    assert je <= 0.003
+    assert fn <= 0.005
+    assert fp <= 0.003
 
 
 def test_judges_the_box_of_locations_that_j_tested(learned):
@@ -63,7 +63,7 @@ def test_judges_the_box_of_locations_that_j_tested(learned):
     gaze = gaze[np.isfinite(gaze[:, 0])]
     je, fn, fp = rates(learned.query(gaze).reachable, truth(gaze)[0])
     print(f"{len(gaze)} of 4000 locations fixated: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
-    assert je <= 0.013  # J's Basic map
+    assert je <= 0.01  # J's Basic map: 0.013
 
 
 def test_the_farthest_and_the_closest_reachable_point():
@@ -95,7 +95,7 @@ def test_degree(learned, fresh):
     degree = learned.query(fresh.gaze_rad).degree
     rmse = np.sqrt(np.nanmean((degree - expected) ** 2))
     print(f"degree of reachability: RMSE {rmse:.4f}")
-    assert rmse <= 0.015  # J's Enhanced map: 0.022
+    assert rmse <= 0.011  # J's Enhanced map: 0.022
     assert degree.min() >= 0
     assert degree.max() <= 1
 
