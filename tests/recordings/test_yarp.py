@@ -7,8 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from recorded import ROBOT, START_S, Written, write_recording
 
 from pps_vision.errors import InputError
@@ -334,35 +332,3 @@ def test_an_image_of_another_size_is_left_out(rec):
     recording = open_recording(rec.folder)
     assert 1 not in [number for number, _ in recording.numbered()]
     assert "cam/right/data.log:2: 00000001.ppm is 2×1 pixels; expected 8×6" in str(recording.problems[-1])
-
-
-rows = st.lists(
-    st.lists(
-        st.sampled_from(
-            ["0", "-1", str(START_S), str(START_S + 0.1), "nan", "1e308", "00000000.ppm", "skin:1", "\x00"]
-        ),
-        max_size=9,
-    ).map(" ".join),
-    max_size=6,
-)
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
-@given(
-    port=st.sampled_from(["cam/left", "cam/right", "head", "torso", "skin"]),
-    content=st.one_of(st.binary(max_size=200), rows.map(lambda lines: "\n".join(lines).encode())),
-)
-def test_no_content_of_a_log_breaks_the_reader(rec, port, content):
-    log = rec.folder / port / "data.log"
-    sound = log.read_bytes()
-    log.write_bytes(content)
-    refusal = str(rec.folder)
-    joints = []
-    try:
-        joints = [frame.joints_left_rad for frame in open_recording(rec.folder)]
-    except InputError as error:
-        refusal = str(error)
-    finally:
-        log.write_bytes(sound)
-    assert str(rec.folder) in refusal
-    assert np.all(np.isfinite(joints))

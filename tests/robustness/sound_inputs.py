@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import copytree
+from tempfile import TemporaryDirectory
 from typing import Literal, cast
 
 import av
@@ -10,22 +12,26 @@ import cv2
 import numpy as np
 import trimesh
 from bags import BagWriter
+from results import write_results
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
 from learning.reach.labels import Labels
 from learning.reach.map import ReachableMap
-from pps_vision.app.batch import jobs_of
+from pps_vision.app.batch import TRACK_TABLE, Task, jobs_of, run_batch
 from pps_vision.app.convert_taxels import from_maps
 from pps_vision.app.evaluate import evaluate, read_path
 from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
+from pps_vision.app.report.tracking import report_folder
+from pps_vision.app.versions import versions
 from pps_vision.errors import InputError
+from pps_vision.recordings.atomic_write import write_json
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import read_times
 from pps_vision.recordings.robot_file import read_robot
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
-from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets
+from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets, write_table
 from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
 from pps_vision.recordings.video import open_video
 from pps_vision.recordings.warnings import Problem
@@ -395,6 +401,26 @@ def _read_map(folder: Path) -> None:
         reachable.query(np.array([[0.0, 0.0, 0.2], [0.1, -0.1, 0.3]]))
 
 
+def _results(folder: Path) -> list[Path]:
+    """What `batch` and `track` have written, without its pictures."""
+    write_results(folder / "a")
+    write_table(folder / "batch.csv", list(TRACK_TABLE), [("a", "done", 40, 40, 0.925, "", 1.5, "0.1.0", "")])
+    (folder / "settings.json").write_text('["track", "--order=3"]')
+    summary = {"command": "pps-vision batch a", "settings": {"order": 3}, "recordings": 1, "failed": 0}
+    write_json(folder / "summary.json", {**summary, "started": "today", "seconds": 1.5, "versions": versions()})
+    return sorted(file for file in folder.rglob("*") if file.suffix in (".csv", ".json"))
+
+
+def _read_results(folder: Path) -> None:
+    """Go on with the batch and write the reports, in a copy."""
+    with TemporaryDirectory() as copy:
+        out = Path(copy, "out")
+        copytree(folder, out)
+        run_batch([], Task("track", ("--order=3",), out, 600.0), 1)
+        (out / "batch.csv").write_bytes((folder / "batch.csv").read_bytes())
+        report_folder(out)
+
+
 READERS: Mapping[str, Reader] = {
     "recording": Reader(_recording, _read_recording),
     "recording_of_videos": Reader(_dumped_videos, _read_recording),
@@ -426,6 +452,7 @@ READERS: Mapping[str, Reader] = {
     ),
     "times": Reader(_times, lambda folder: read_times(folder / "times.csv")),
     **{f"mesh_{suffix}": _mesh(suffix) for suffix in ("stl", "obj", "ply")},
+    "results": Reader(_results, _read_results),
     "memory": Reader(_memory, lambda folder: _use_memory(load_memory(folder / "memory.npz"))),
     "map": Reader(_map, _read_map),
 }
