@@ -188,7 +188,7 @@ def _fit_circle(edge: Array, radius: float) -> tuple[float, float, float, float,
             dx = edge[(i + separation) % n, 0] - edge[i, 0]
             dy = edge[(i + separation) % n, 1] - edge[i, 1]
             chord2 = dx * dx + dy * dy
-            if chord2 < 0.25 * radius**2 or chord2 > 4 * radius**2:
+            if chord2 > 4 * radius**2:
                 continue
             height = math.sqrt((radius**2 - 0.25 * chord2) / chord2)
             for side in (-height, height):

@@ -102,7 +102,7 @@ def _solved(
     A = [(K[block].T * precision[block]) @ K[block] for block in blocks]
     b = [(K[block].T * precision[block]) @ y[block] for block in blocks]
     A_all = sum(A, start=noise * _kernel(points, points))
-    b_all = sum(b, start=np.zeros_like(b[0]))
+    b_all = np.sum(b, axis=0)
     held_out = y.copy()
     for block, A_own, b_own in zip(blocks, A, b, strict=True):
         held_out[block] -= K[block] @ _solve(A_all - A_own, b_all - b_own)

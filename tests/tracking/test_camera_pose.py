@@ -18,6 +18,7 @@ from tracking.image_rotation import Reference, _fitted_rotation
 
 PRIOR_S = 0.02
 CAMERA = Camera(320, 240, 280.0, 280.0, 159.5, 119.5)
+PX = 1 / CAMERA.fx
 
 
 @cache
@@ -130,6 +131,17 @@ def test_the_first_image_of_a_shaking_rig_is_not_at_the_told_pose(rng):
     assert estimate.rotation_std_rad == pytest.approx(np.deg2rad(0.3), rel=0.25)
 
 
+def test_a_rig_turns_as_one_eye_says_where_the_other_sees_nothing(rng):
+    poses = PoseEstimator(FIXED, 0.0)
+    turn = np.deg2rad([0.1, 0.4, 0.0])
+    poses.step(pair(np.zeros(3), np.zeros(3), 0.0, rng))
+    images = [seen(turn, rng), np.full((240, 320, 3), 128, np.uint8)]
+    for k, (left, right) in enumerate((images, images[::-1])):
+        estimate = poses.step(StereoFrame(left, right, 0.1 + 0.1 * k, 0.1 + 0.1 * k))
+        assert estimate.is_known
+        np.testing.assert_allclose(estimate.view.left.T_root_camera[:3, :3], cv2.Rodrigues(turn)[0], atol=0.1 * PX)
+
+
 def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng):
     """By 0.4° about the vertical, 2 px; then a new scene, which is the reference half a second later."""
     poses = PoseEstimator(FIXED, 0.0)
@@ -183,7 +195,6 @@ def test_the_jitter_of_a_swaying_head_is_stated(rng):
 
 STILL = View(CAMERA, np.eye(4))
 NO_TURN = np.zeros(3)
-PX = 1 / CAMERA.fx
 
 
 @pytest.fixture
