@@ -173,7 +173,7 @@ def test_the_delay_of_a_swaying_heads_joints_is_found(late_s, rng):
     motion = poses.motion
     assert abs(motion.delay_s - late_s) < 0.0005
     assert abs(motion.delay_s - late_s) < 4 * motion.delay_std_s + 1e-4
-    assert estimate.stamp_error_s == motion.delay_std_s
+    assert estimate.stamp_error_s == motion.delay_std_s < 0.0005
     assert np.abs(off_rad[-20:]).max() < 1.0 / 280  # a pixel; 25 ms too early or late is 4 of them
     for gap_s, is_as_told in ((0.24, False), (0.3, True)):  # after which the rate of the joints is not known
         later = deepcopy(poses).step(StereoFrame(image, image, t + gap_s, t + gap_s, 1.01 * q, 1.01 * q))
