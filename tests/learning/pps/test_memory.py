@@ -165,17 +165,6 @@ def test_a_bad_file_is_refused_by_name(tmp_path, changes, message):
         load_memory(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 broken", np.zeros(3)])
-def test_a_file_of_another_kind_is_refused(tmp_path, content):
-    path = tmp_path / "memory.npz"
-    with pytest.raises(InputError, match="No such file"):
-        load_memory(path)
-    with path.open("wb") as file:
-        np.save(file, content) if isinstance(content, np.ndarray) else file.write(content)
-    with pytest.raises(InputError, match=r"memory\.npz: is not a readable"):
-        load_memory(path)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
