@@ -41,6 +41,9 @@ def test_only_named_arrays_count_and_must_be_numbers_or_text(tmp_path):
     assert (arrays["x"], arrays["written_by"]) == (1, "unknown")
     with pytest.raises(InputError, match="z holds complex128"):
         read_archive(file, "map", 2, ("z",))
+    file.write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(InputError, match=r"a\.npz: is not a readable"):
+        read_archive(file, "map", 2, ("x",))
 
 
 def test_more_than_256_mib_are_refused(tmp_path):
