@@ -119,14 +119,8 @@ def main() -> None:
             result = tried(copy, mutant, tests_of(words.root, mutant["file"]), results["seconds"], words.seconds)
             results["mutants"].append(mutant | {"source": None, "outcome": result, "judged": None})
             words.out.write_text(json.dumps(results, indent=1))
-            print(
-                f"{len(results['mutants'])}/{len(chosen)}",
-                mutant["file"],
-                mutant["line"],
-                mutant["mutation"],
-                result,
-                flush=True,
-            )
+            about = [mutant[key] for key in ("file", "line", "mutation")]
+            print(f"{len(results['mutants'])}/{len(chosen)}", *about, result, flush=True)
 
 
 if __name__ == "__main__":

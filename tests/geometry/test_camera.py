@@ -134,11 +134,6 @@ def test_a_reduced_image_is_the_mean_of_whole_blocks():
     np.testing.assert_allclose(reduced_image(image, 2), expected, atol=0.5)  # rounded to whole values
 
 
-def test_the_middle_of_two_eyes_is_between_them():
-    view = StereoRig.fixed(LEFT_EYE, RIGHT_EYE, transform(translation=(0.068, 0.02, 0.0))).view()
-    np.testing.assert_allclose(view.midpoint, [0.034, 0.01, 0.0])
-
-
 def test_a_view_sees_to_the_edge_of_the_image_or_to_a_margin():
     """The pixel is 319.25, in the outer half of the last column."""
     view = View(PINHOLE, np.eye(4))

@@ -66,6 +66,15 @@ def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng):
     assert overlap(evidence > 0.5, disc[70:180, 100:220]) > 0.85
 
 
+def test_an_eye_that_begins_to_move_knows_what_it_saw_at_rest(rng):
+    background = Background(EgoMotion(LEFT_EYE), 0.3)
+    for k in range(4):
+        background.update(seen(turned(0), rng)[0], turned(0), DT * k, None)
+    image, disc = seen(turned(1), rng, (150.0, 120.0))
+    part = background.behind_moving_eye(turned(1), 4 * DT).differs(image, turned(1), (100, 70, 220, 180))
+    assert overlap(part, disc[70:180, 100:220]) > 0.85
+
+
 def test_nothing_moves_and_nothing_differs(rng):
     """Except at the side where new background comes into view; with a pose that is 1.5° off everything does."""
     background = learned(rng, 12)
