@@ -1,4 +1,4 @@
-"""Tracking on ray-cast scenes and on rendered ones, case by case, beside baselines and goals.
+"""Tracking on ray-cast scenes, case by case, beside baselines and goals.
 
 Right: status tracking and an error below 30 mm; share of the frames from 1 s on (of `start` rest: from 1 s after the
 object first moves) in which both eyes see at least half of the object. False claim: status tracking and an error above
@@ -8,7 +8,7 @@ balls either may be tracked, but the same one throughout. Baselines get the true
 whole object.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,10 +22,9 @@ from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES
 from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.films.cases import CASES, Case
 from pps_vision.experiments.films.caster import PHOTOS
-from pps_vision.experiments.films.rendered import RenderedFilm, can_render
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.films.score import OURS, Scores, measure_film, summary
-from pps_vision.experiments.study import DATA, SceneSource, TrackingStudy, median
+from pps_vision.experiments.study import DATA, Scenes, TrackingStudy, median
 from pps_vision.experiments.tables import Table, estimate
 
 CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]  # scores of each film by case and tracker
@@ -56,54 +55,42 @@ class Independent(TrackingStudy):
     SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 
     n: int = 6  # ray-cast films of each case, before different photographs
-    n_rendered: int = 1  # rendered films of each case that our renderer can draw
+    scenes: Scenes = "independent"  # the only ones
     n_compared: int = 1  # ray-cast films of each case on which the baselines run too
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
     only: str = ""  # only the cases whose names contain this
 
     def run(self) -> dict[str, Any]:
-        """Return by source, case and tracker the scores of each film."""
+        """Return by case and tracker the scores of each film."""
         chosen = [case for case in CASES if self.only in case.name]
         if not chosen:
             raise InputError("bench independent", f"--only {self.only!r}; expected a part of a case's name")
-        numbers: dict[str, Any] = {source: {} for source in self.sources}
-        for source in self.sources:
-            for case in tqdm(chosen, desc=source, unit="case", disable=None):
-                if films := list(self._films(source, case)):
-                    scores = {name: [film[name] for film in films if name in film] for name in films[0]}
-                    numbers[source][case.name] = scores
+        if self.scenes != "independent":
+            raise InputError("bench independent", f"--scenes {self.scenes}; expected independent, or `bench tracking`")
+        by_case = {}
+        for case in tqdm(chosen, unit="case", disable=None):
+            films = [self._film(case, k) for k in range(self.n)]
+            by_case[case.name] = {name: [film[name] for film in films if name in film] for name in films[0]}
         absent = [name for name in PHOTOS if not (self.data / name).exists()]
-        return {**numbers, "procedural_instead_of": absent}
+        return {"independent": by_case, "procedural_instead_of": absent}
 
-    def _films(self, source: SceneSource, case: Case) -> Iterator[dict[str, Scores]]:
-        """Scores of each film by tracker; nothing where the source cannot draw the case."""
-        if source == "independent":
-            for k in range(self.n):
-                film = Film(case.scene(k), self.seed + k, self.data)
-                yield measure_film(film, case.tracker(film.hue_deg), k < self.n_compared)
-        elif can_render(case.base):
-            for k in range(self.n_rendered):
-                film = RenderedFilm(case.scene(k), self.seed + k, self.data)
-                yield measure_film(film, case.tracker(film.hue_deg))
+    def _film(self, case: Case, k: int) -> dict[str, Scores]:
+        """Scores of a film by tracker."""
+        film = Film(case.scene(k), self.seed + k, self.data)
+        return measure_film(film, case.tracker(film.hue_deg), k < self.n_compared)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Draw right and median error of every case, ours beside the baselines; hollow: rendered scenes."""
-        cells = _by_source(numbers)
-        names = list(dict.fromkeys(name for by_case in cells.values() for name in by_case))
+        """Draw right and median error of every case, ours beside the baselines."""
+        cells: CaseScores = numbers["independent"]
+        names = list(cells)
         figure, axes = panels(2, width=PAGE_IN / 2, height=1.0 + 0.15 * len(names))
         for axis, key in zip(axes, ("right_percent", "median_mm"), strict=True):
-            for source, by_case in cells.items():
-                for tracker, color in _COLORS.items():
-                    points = {
-                        names.index(name): summary(_compared_films(films)[tracker])[key]
-                        for name, films in by_case.items()
-                        if tracker in films
-                    }
-                    if points:
-                        (line,) = axis.plot(list(points.values()), list(points), "o", color=color, ms=4)
-                        line.set(label=f"{tracker}, {source}", zorder=3 if tracker == OURS else 2)
-                        line.set_fillstyle("full" if source == "independent" else "none")
+            for tracker, color in _COLORS.items():
+                shown = {k: cells[name] for k, name in enumerate(names) if tracker in cells[name]}
+                values = [summary(_compared_films(films)[tracker])[key] for films in shown.values()]
+                (line,) = axis.plot(values, list(shown), "o", color=color, ms=4)
+                line.set(label=tracker, zorder=3 if tracker == OURS else 2)
             axis.set_xlabel(COLUMNS[key], fontsize=8)
             axis.set_yticks(range(len(names)), names if axis is axes[0] else [], fontsize=5)
             axis.set_ylim(len(names) - 0.5, -0.5)
@@ -114,12 +101,8 @@ class Independent(TrackingStudy):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the number of cases that meet each goal, and ours beside the baselines."""
-        cells = _by_source(numbers)
+        cells = numbers["independent"]
         return {"goals": _goals_table(cells), "baselines": _baselines_table(cells)}
-
-
-def _by_source(numbers: dict[str, Any]) -> dict[str, CaseScores]:
-    return {source: numbers.get(source, {}) for source in ("independent", "rendered")}
 
 
 def _compared_films(by_tracker: Mapping[str, Sequence[Scores]]) -> dict[str, Sequence[Scores]]:
@@ -128,33 +111,29 @@ def _compared_films(by_tracker: Mapping[str, Sequence[Scores]]) -> dict[str, Seq
     return {tracker: films[:n] for tracker, films in by_tracker.items()}
 
 
-def _goals_table(by_source: Mapping[str, CaseScores]) -> Table:
+def _goals_table(cells: CaseScores) -> Table:
     """Number of the cases with a goal that meet it, one row a score."""
-    by_case = [{name: summary(films[OURS]) for name, films in cells.items()} for cells in by_source.values()]
+    scores = {name: summary(films[OURS]) for name, films in cells.items()}
     rows = []
     for key, text in COLUMNS.items():
-        counts = []
-        for scores in by_case:
-            judged = {name: _CASES[name].goals[key] for name in scores if key in _CASES[name].goals}
-            met = sum(not any(goal.missed(scores[name][key]) for goal in goals) for name, goals in judged.items())
-            counts.append(f"{met} of {len(judged)}" if judged else "–")
-        if set(counts) != {"–"}:
-            rows.append([text, *counts])
-    return Table(["goal met, cases", *by_source], rows)
+        judged = {name: _CASES[name].goals[key] for name in scores if key in _CASES[name].goals}
+        met = sum(not any(goal.missed(scores[name][key]) for goal in goals) for name, goals in judged.items())
+        if judged:
+            rows.append([text, f"{met} of {len(judged)}"])
+    return Table(["goal", "cases that meet it"], rows)
 
 
-def _baselines_table(by_source: Mapping[str, CaseScores]) -> Table:
-    """One row a source and tracker, over the films on which all trackers ran."""
+def _baselines_table(cells: CaseScores) -> Table:
+    """One row a tracker, over the films on which all trackers ran."""
     rows = []
-    for source, cells in by_source.items():
-        films = [_compared_films(by_tracker) for by_tracker in cells.values()]
-        for tracker in _COLORS:
-            scores = [summary(by_tracker[tracker]) for by_tracker in films if tracker in by_tracker]
-            if scores:
-                right, false, mm, ms = (np.array([score[key] for score in scores]) for key in _COMPARED_COLUMNS)
-                cases = f"{np.count_nonzero(right >= _RIGHT_PERCENT)} of {len(scores)}"
-                means = [estimate([float(x.mean())]) for x in (right, false)]
-                medians = [estimate([median(x[np.isfinite(x)])]) for x in (mm, ms)]
-                rows.append([f"{source}: {tracker}", cases, *means, *medians])
+    films = [_compared_films(by_tracker) for by_tracker in cells.values()]
+    for tracker in _COLORS:
+        scores = [summary(by_tracker[tracker]) for by_tracker in films if tracker in by_tracker]
+        if scores:
+            right, false, mm, ms = (np.array([score[key] for score in scores]) for key in _COMPARED_COLUMNS)
+            cases = f"{np.count_nonzero(right >= _RIGHT_PERCENT)} of {len(scores)}"
+            means = [estimate([float(x.mean())]) for x in (right, false)]
+            medians = [estimate([median(x[np.isfinite(x)])]) for x in (mm, ms)]
+            rows.append([tracker, cases, *means, *medians])
     header = ["right (%), mean", "false claims (%), mean", "median error (mm), median", "ms per pair, median"]
-    return Table(["scenes: tracker", f"cases right in {_RIGHT_PERCENT:g} %", *header], rows)
+    return Table(["tracker", f"cases right in {_RIGHT_PERCENT:g} %", *header], rows)

@@ -1,15 +1,13 @@
-"""Adapters between the two scene sources: films by our renderer, and the ray caster in place of the renderer's eyes."""
+"""The ray caster in place of the renderer's eyes, and its solids as meshes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from pps_vision.experiments.films.caster import (
     INSTANTS,
@@ -26,18 +24,12 @@ from pps_vision.experiments.films.caster import (
     visible_share,
 )
 from pps_vision.experiments.films.scenes import (
-    HALF_BASELINE_M,
     T_ROOT_STAGE_HEAD,
-    Film,
-    FilmScene,
-    camera_of,
-    configuration,
     head_pose,
 )
 from pps_vision.experiments.study import DATA, SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import move_points, rotation_to
-from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask, StereoFrame, Truth
 from rendering.eyes import Eyes
@@ -53,80 +45,6 @@ _T_STAGE_ROOT = np.linalg.inv(T_ROOT_STAGE_HEAD)
 _FRONT_WALL_M = 1.3
 _ROUND = 1.05  # largest ratio of the extents of a prop that is a ball
 _POINT_M = 1e-4
-
-
-class RenderedFilm(Film):
-    """A scene's film by our renderer. Motion, sensor and truth are those of `Film`, the images are not.
-
-    The eyes are an iCub's, 68 mm apart; its neck turns or shakes a rig. The rendered room replaces the photographs.
-    `can_render` tells which scenes it has.
-    """
-
-    def __init__(self, scene: FilmScene, seed: int, data: Path = DATA) -> None:
-        super().__init__(replace(scene, rig="head", rig_known=False), seed, data)
-        self._motion_of_rig = scene.rig
-        self._joints_known = scene.rig == "head" or scene.rig_known
-
-    def head_joints(self, t_s: float) -> dict[str, float]:
-        """Return the head's joints (rad)."""
-        if self._motion_of_rig == "head":
-            return super().head_joints(t_s)
-        half_vergence = float(np.arctan2(HALF_BASELINE_M, self.scene.distance_m))
-        pitch, yaw, roll = self.rig_rotation(self._motion_of_rig, t_s).tolist()
-        neck = {"neck_pitch": pitch, "neck_yaw": yaw, "neck_roll": roll}
-        return {**neck, "left_eye_pan": half_vergence, "right_eye_pan": -half_vergence}
-
-    def joints(self, t_s: float) -> Array | None:
-        """Return the head's configuration, unless the rig is declared fixed."""
-        return super().joints(t_s) if self._joints_known else None
-
-    @cached_property
-    def _true_rig(self) -> StereoRig:
-        return icub_rig(load_icub(), *(camera_of(lens) for lens in self._lenses))
-
-    @cached_property
-    def rig(self) -> StereoRig:
-        """Cameras and their poses: by the frame's joints, or at rest if they are declared fixed."""
-        if self._joints_known:
-            return self._true_rig
-        at_rest = self._true_rig.eye_poses(configuration({**self.head_joints(0.0), **_NECK_AT_REST}))
-        return StereoRig(self._true_rig.left, self._true_rig.right, lambda _: at_rest)
-
-    @cached_property
-    def _background_mean(self) -> Array:
-        plain = Stimulus("ball", 0.01, (sphere(0.01, (1.0, 1.0, 1.0)),))
-        with Eyes(load_icub(), self._true_rig, plain) as eyes:
-            empty = eyes.render(SceneState(configuration(self.head_joints(0.0))), 0.0)
-        return np.asarray(empty.left.mean(axis=(0, 1)))
-
-    def _state(self, t_s: float) -> SceneState:
-        """The scene for the renderer, with the velocities that blur it."""
-        R = self.T_root_stage[:3, :3]
-        before_s = t_s - _INSTANT_S / 2
-        after_s = t_s + _INSTANT_S / 2
-        q_rad = configuration(self.head_joints(t_s))
-        dq_rad_s = 2 * (configuration(self.head_joints(after_s)) - q_rad) / _INSTANT_S
-        ends = zip(self.all_solids(before_s), self.all_solids(after_s), strict=True)
-        rates = [R @ (end.center - begin.center) / _INSTANT_S for begin, end in ends]
-        ball, *props = (
-            PropPose(R @ solid.center + self.T_root_stage[:3, 3], rate, R @ _rotation_of(solid))
-            for solid, rate in zip(self.all_solids(t_s), rates, strict=True)
-        )
-        return SceneState(q_rad, ball.position, ball.velocity, dq_rad_s, ball.rotation, props=tuple(props))
-
-    def _lights(self) -> Iterator[list[NDArray[np.float32]]]:
-        ball, *props = (meshes(solid) for solid in self.all_solids(0.0))
-        stimulus = Stimulus("ball", self.scene.radius_m, ball)
-        sensor = Sensor(blur_s=self.scene.shutter_s)
-        with Eyes(load_icub(), self._true_rig, stimulus, "none", sensor, tuple(props)) as eyes:
-            for t in self.stamps_s.tolist():
-                drawn = eyes.render(self._state(t), t)
-                yield [image.astype(np.float32) for image in (drawn.left, drawn.right)]
-
-
-def can_render(scene: FilmScene) -> bool:
-    """Whether our renderer can draw the objects of a scene."""
-    return scene.shape == "ball" and scene.pattern in _FINENESS
 
 
 def meshes(solid: Solid) -> tuple[Part, ...]:
