@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from pps_vision.experiments.films.caster import (
     INSTANTS,
@@ -29,13 +28,13 @@ from pps_vision.experiments.films.scenes import (
 )
 from pps_vision.experiments.study import DATA, SceneSource
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.geometry.se3 import move_points, rotation_to
+from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask, StereoFrame, Truth
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
-from rendering.shapes import Part, board, sphere
+from rendering.shapes import Part, sphere
 from rendering.stimuli import Stimulus
 
 _FINENESS = {"plain": 4, "striped": 5, "chequered": 5}  # of balls; a pattern's edges are right to 1/40 of the radius
@@ -47,14 +46,9 @@ _ROUND = 1.05  # largest ratio of the extents of a prop that is a ball
 _POINT_M = 1e-4
 
 
-def meshes(solid: Solid) -> tuple[Part, ...]:
-    """Return the meshes of a solid, about its centre."""
+def meshes(solid: Ball) -> tuple[Part, ...]:
+    """Return the meshes of a ball, about its centre."""
     color = _unit_color(solid.paint.color)
-    if isinstance(solid, Panel):
-        return (board(2 * float(np.linalg.norm(solid.right)), 2 * float(np.linalg.norm(solid.down)), color),)
-    if not isinstance(solid, Ball):
-        length_m = 2 * float(np.linalg.norm(solid.half))
-        return (Part(trimesh.creation.cylinder(solid.radius_m, length_m, sections=48), color),)
     ball = sphere(solid.radius_m, color, fineness=_FINENESS[solid.paint.pattern])
     if solid.paint.pattern == "plain":
         return (ball,)
@@ -75,16 +69,6 @@ def _has_second_color(paint: Paint, points: Array) -> Mask:
     u = (np.arctan2(y, x) / np.pi + 1) / 2
     v = np.arcsin(z.clip(-1, 1)) / np.pi + 0.5
     return np.asarray((np.floor(2 * u * paint.count) + np.floor(v * paint.count)) % 2 == 1)
-
-
-def _rotation_of(solid: Solid) -> Array:
-    """(3, 3) from a solid's mesh to the stage: a board's x and y are its edges, a cylinder's z its axis."""
-    if isinstance(solid, Ball):
-        return solid.R_stage_body
-    if isinstance(solid, Panel):
-        x, y = (edge / np.linalg.norm(edge) for edge in (solid.right, solid.down))
-        return np.column_stack([x, y, np.cross(x, y)])
-    return rotation_to(solid.half)
 
 
 def eyes_of(source: SceneSource, photo: int) -> Callable[..., Any]:

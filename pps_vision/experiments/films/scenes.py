@@ -12,7 +12,6 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pps_vision.experiments.baselines.image_trackers import BoxPx
 from pps_vision.experiments.films.caster import (
@@ -218,10 +217,10 @@ class Film:
             T_stage_root = np.linalg.inv(T_ROOT_STAGE_HEAD)
             joints = self.head_joints(t_s)
             return T_stage_root @ head_pose(joints, "left"), T_stage_root @ head_pose(joints, "right")
-        R = _rotation(self.rig_rotation(self.scene.rig, t_s))
+        R = _rotation(self._rig_rotation(self.scene.rig, t_s))
         return transform(R, -0.5 * _BASELINE_M * R[:, 0]), transform(R, 0.5 * _BASELINE_M * R[:, 0])
 
-    def rig_rotation(self, rig: str, t_s: float) -> Array:
+    def _rig_rotation(self, rig: str, t_s: float) -> Array:
         """Return the rotation vector (3,) of a rotating or shaking rig (rad)."""
         if rig == "rotating":
             return np.array([0, _ROTATION_RAD * np.sin(2 * np.pi * _ROTATION_HZ * t_s), 0])
@@ -336,22 +335,19 @@ class Film:
         """Yield the frames in the order of their stamps."""
         rng = np.random.default_rng((self.seed, 1))
         tape = noise_tape(rng)
-        for t, lights in zip(self.stamps_s.tolist(), self._lights(), strict=True):
-            sensor = self.scene.sensor
-            left, right = (sensor.expose(light, self.gain(eye, t), rng, tape) for eye, light in enumerate(lights))
-            joints = self.joints(t)
-            yield StereoFrame(left, right, t, t, joints, joints)
-
-    def _lights(self) -> Iterator[list[NDArray[np.float32]]]:
-        """The light (h, w, 3) on both sensors for each stamp."""
-        casters = [RayCaster(lens, self.scene.background, self.data) for lens in self._lenses]
-        n = INSTANTS if self.scene.shutter_s > 0 else 1
-        for t in self.stamps_s:
-            instants = t + self.scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
+        scene = self.scene
+        casters = [RayCaster(lens, scene.background, self.data) for lens in self._lenses]
+        n = INSTANTS if scene.shutter_s > 0 else 1
+        for t in self.stamps_s.tolist():
+            instants = t + scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
             solids = [self.solids(instant) for instant in instants]
             poses = zip(*(self.eye_poses(instant) for instant in instants), strict=True)
-            pairs = zip(casters, poses, strict=True)
-            yield [caster.light(list(of_eye), solids, self.static) for caster, of_eye in pairs]
+            left, right = (
+                scene.sensor.expose(caster.light(list(seen), solids, self.static), self.gain(eye, t), rng, tape)
+                for eye, (caster, seen) in enumerate(zip(casters, poses, strict=True))
+            )
+            joints = self.joints(t)
+            yield StereoFrame(left, right, t, t, joints, joints)
 
     def gain(self, eye: int, t_s: float) -> float:
         """Return the factor of an eye's (0 left, 1 right) levels: drift of the gain, and the light's flicker."""
