@@ -165,6 +165,15 @@ def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Beli
     return belief._replace(stamp_s=stamp_s, mean=mean, cov=P), cross
 
 
+def shifted(belief: Belief, var_m2: float) -> Belief:
+    """Return the belief if the point that is measured has moved on the object, with this variance (m²) per axis."""
+    if var_m2 == 0:
+        return belief
+    cov = belief.cov.copy()
+    cov[:3, :3] += var_m2 * np.eye(3)
+    return belief._replace(cov=cov)
+
+
 def update(
     params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None = None
 ) -> Belief:

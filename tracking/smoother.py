@@ -13,6 +13,7 @@ import numpy as np
 from pps_vision.types import Array, Track3D
 from tracking import kalman
 from tracking.kalman import Belief, KalmanParams
+from tracking.stereo import outline_shift_var
 from tracking.tracker import TrackerStep
 
 LAG = 400
@@ -21,13 +22,15 @@ LAG = 400
 
 @dataclass(frozen=True)
 class Measurement:
-    """Position (3,) m with covariance (3, 3) m² at a stamp, None if nothing was measured, and the part of the
-    covariance that is known to be correlated from frame to frame (None: 0)."""
+    """Position (3,) m with covariance (3, 3) m² at a stamp, None if nothing was measured, the part of the covariance
+    that is known to be correlated from frame to frame (None: 0), and the variance (m²) by which the measured point may
+    have moved on the object since the last measurement."""
 
     stamp_s: float
     position: Array | None = None
     cov: Array | None = None
     correlated: Array | None = None
+    shift_var_m2: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ def follow(params: KalmanParams, first: Belief, measurements: Sequence[Measureme
         if measurement.position is None or measurement.cov is None:
             steps.append(FilterStep(predicted, (predicted, cross)))
             continue
+        predicted = kalman.shifted(predicted, measurement.shift_var_m2)
         arguments = (params, predicted, measurement.position, measurement.cov, measurement.correlated)
         gated = kalman.gate(*arguments)
         belief = kalman.update(*arguments)
@@ -124,7 +128,7 @@ class _Segment:
         self.steps = steps[n:]
         if self._start is None:
             return steps[:n]
-        filtered = follow(self._params, self._start, [_measurement(step) for step in steps[1:]])
+        filtered = follow(self._params, self._start, _measurements(steps))
         smoothed = smooth(filtered)
         if self.steps:
             self._start = filtered[n].belief
@@ -136,11 +140,20 @@ class _Segment:
         ]
 
 
-def _measurement(step: TrackerStep) -> Measurement:
-    observation = step.observation
-    if observation is None:
-        return Measurement(step.track.stamp_s)
-    return Measurement(step.track.stamp_s, observation.p_root, observation.cov_root, observation.correlated_cov_root)
+def _measurements(steps: Sequence[TrackerStep]) -> list[Measurement]:
+    """Measurements of all steps but the first."""
+    measurements = []
+    last = steps[0].observation
+    for step in steps[1:]:
+        stamp_s, observation = step.track.stamp_s, step.observation
+        if observation is None:
+            measurements.append(Measurement(stamp_s))
+            continue
+        shift_var = outline_shift_var(last, observation) if last else 0.0
+        measured = observation.p_root, observation.cov_root, observation.correlated_cov_root
+        measurements.append(Measurement(stamp_s, *measured, shift_var))
+        last = observation
+    return measurements
 
 
 def _is_unconfirmed(step: TrackerStep) -> bool:

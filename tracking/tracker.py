@@ -25,7 +25,15 @@ from tracking.marker import MarkerParams
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
-from tracking.stereo import Association, CameraFrames, Outlines, StereoParams, camera_frames, with_pose_error
+from tracking.stereo import (
+    Association,
+    CameraFrames,
+    Outlines,
+    StereoParams,
+    camera_frames,
+    outline_shift_var,
+    with_pose_error,
+)
 
 Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
@@ -107,7 +115,7 @@ class TrackerState(NamedTuple):
     radius_m: float = math.nan
     radius_var_m2: float = math.nan
     hits: int = 0  # frames in which the object was observed
-    observed_s: float = -math.inf  # stamp of the last observation
+    observed: Observation3D | None = None  # the last observation
     stamps_s: Stamps = (-math.inf, -math.inf)  # of the last frame, as are `images` and `view`
     images: Fingerprints | None = None
     view: StereoView | None = None
@@ -375,7 +383,8 @@ class Tracker:
             return state, predicted, False
         if predicted is not None:
             measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-            belief = kalman.update(state.kalman, predicted, *measurement)
+            shift_var = outline_shift_var(state.observed, observation) if state.observed else 0.0
+            belief = kalman.update(state.kalman, kalman.shifted(predicted, shift_var), *measurement)
             return state, belief, belief.rejections == 0
         params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
         flows = (state.search_result[0].flow, state.search_result[1].flow) if state.search_result else (None, None)
@@ -402,8 +411,8 @@ class Tracker:
             return state, Track3D.unknown(stamp_s)
         confirmed = state.hits >= self.params.confirm_frames
         if observation is not None:
-            state = _with_radius(state._replace(hits=state.hits + 1, observed_s=stamp_s), observation)
-        elif stamp_s - state.observed_s > self.params.lost_after_s:
+            state = _with_radius(state._replace(hits=state.hits + 1, observed=observation), observation)
+        elif state.observed is not None and stamp_s - state.observed.stamp_s > self.params.lost_after_s:
             return self._initial, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING)
         elif not confirmed and not blind:
             return self._initial, Track3D.unknown(stamp_s)

@@ -114,6 +114,18 @@ def test_a_size_that_changes_is_followed():
     assert abs(tracks(shapes)[-1].radius_m / RADIUS_M - 1.1) < 0.01
 
 
+def test_an_outline_that_shows_more_of_the_object_is_no_motion():
+    """Of an object at rest the outlines in both eyes grow by 3 mm, whose middle is 3 mm aside: the velocity that is
+    stated holds that of the object, which it would not if the radius had stayed."""
+    aside = P + 0.003 * LOOKING[:, 0]
+    chi2 = []
+    for radius_m in (RADIUS_M + 0.003, RADIUS_M):
+        results = tracks([both()] * 12 + [both(aside, radius_m=radius_m)] * 8)[12:]
+        chi2.append(max(t.velocity @ np.linalg.solve(t.cov[3:6, 3:6], t.velocity) for t in results))
+        assert np.linalg.norm(results[-1].position - aside) < 0.001
+    assert chi2[0] < 8 < 16 < chi2[1]
+
+
 def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew():
     """5 cm aside, where the search finds it in the frame in which it is not seen where it was predicted."""
     aside = P + 0.05 * LOOKING[:, 0]

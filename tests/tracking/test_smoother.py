@@ -16,9 +16,15 @@ from tracking.tracker import TrackerStep
 R = np.diag([1e-5, 4e-6, 9e-6])
 
 
-def _batch(params: KalmanParams, stamps: Array, z: Array, jump: int | None = None) -> tuple[Array, Array]:
+SHIFT_VAR_M2 = 4e-4
+
+
+def _batch(
+    params: KalmanParams, stamps: Array, z: Array, jump: int | None = None, shift: int | None = None
+) -> tuple[Array, Array]:
     """Mean (n, order) and covariance (n, order, order) of one axis by one weighted least squares over all stamps; NaN:
-    not measured.  On the step to the `jump` the derivatives may change by their prior covariance."""
+    not measured.  On the step to the `jump` the derivatives may change by their prior covariance, on that to the
+    `shift` the position by `SHIFT_VAR_M2`."""
     n = len(stamps)
     order = params.order
     rows = []
@@ -41,6 +47,8 @@ def _batch(params: KalmanParams, stamps: Array, z: Array, jump: int | None = Non
             Q = params.noise_density * Q
             if k == jump:
                 Q = Q + F @ np.diag([0.0, *params.prior_std[: order - 1]]) ** 2 @ F.T
+            if k == shift:
+                Q[0, 0] += SHIFT_VAR_M2
             add({k: np.eye(order), k - 1: -F}, np.zeros(order), Q)
     A = np.vstack(rows)
     cov = np.linalg.inv(A.T @ A).reshape(n, order, n, order)
@@ -49,21 +57,27 @@ def _batch(params: KalmanParams, stamps: Array, z: Array, jump: int | None = Non
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
-@pytest.mark.parametrize("jump", [None, 10])
-def test_it_is_least_squares_over_the_whole_path(order, jump, rng):
-    """A noisy path with a gap; or a ball at rest that from the tenth measurement on moves at 0.6 m/s."""
+@pytest.mark.parametrize(("jump", "shift"), [(None, None), (10, None), (None, 5)])
+def test_it_is_least_squares_over_the_whole_path(order, jump, shift, rng):
+    """A noisy path with a gap; a ball at rest that from the tenth measurement on moves at 0.6 m/s; or a path on which
+    from the fifth measurement on a point 2 cm aside is measured."""
     params = replace(KalmanParams.of_order(order), white_share=1.0, adaptation_rate=0)
     if jump is None:
         params = replace(params, gate_chi2=1e9)
         stamps = np.cumsum(rng.uniform(0.03, 0.08, 15)).round(6)
         z = 0.05 * np.sin(3 * stamps)[:, None] + rng.standard_normal((15, 3)) * np.sqrt(np.diag(R))
         z[6:9] = np.nan
+        z[shift if shift else len(z) :] += 0.02
     else:
         stamps = 0.05 * np.arange(15)
         z = 0.6 * np.maximum(stamps - stamps[9], 0.0)[:, None] * np.array([1.0, 0.0, 0.0])
-    measurements = [Measurement(t) if np.isnan(p[0]) else Measurement(t, p, R) for t, p in zip(stamps, z, strict=True)]
+    shift_vars = [SHIFT_VAR_M2 if k == shift else 0.0 for k in range(15)]
+    measurements = [
+        Measurement(t) if np.isnan(p[0]) else Measurement(t, p, R, shift_var_m2=var)
+        for t, p, var in zip(stamps, z, shift_vars, strict=True)
+    ]
     path = smooth(follow(params, start(params, stamps[0], z[0], R), measurements[1:]))
-    mean, cov = _batch(params, stamps, z[:, 0], jump)
+    mean, cov = _batch(params, stamps, z[:, 0], jump, shift)
     np.testing.assert_allclose([belief.mean[:, 0] for belief in path], mean, rtol=1e-5, atol=1e-6)
     std = np.sqrt(np.einsum("kii->ki", cov))
     relative = np.array([belief.cov[::3, ::3] for belief in path]) / (std[:, :, None] * std[:, None])

@@ -1,11 +1,14 @@
 """Calibration and outline errors estimated from pairs, and the covariance of objects that are not balls."""
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from ranges import check_range
+from scipy.spatial.transform import Rotation
 
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import move_points, transform
@@ -16,6 +19,7 @@ from tracking.stereo import Association, StereoParams, apparent_velocity, with_p
 
 CAMERA = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
 VIEW = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.068, 0.0, 0.0))).view()
+EYES = VIEW.left, VIEW.right
 STD_PX = 0.03
 SHAPE = Outline(np.array([160.0, 120.0]), STD_PX**2 * np.eye(2), 0.05, 1e-9, (150.0, 110.0, 20.0, 20.0), 314.0, False)
 SEEN = Observation3D(0.0, np.array([0.034, 0.0, 0.4]), 1e-8 * np.eye(3), 0.03, 1e-8, 0.0)
@@ -167,6 +171,26 @@ def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts():
     np.testing.assert_allclose(result.cov_root, 2 * calm.cov_root, rtol=1e-9)
 
 
+def test_differences_of_both_outlines_that_stay_are_a_correlated_error(rng):
+    """Radii of both eyes that differ by 0.5 px for the same distance, always or by chance: only what stays is
+    correlated."""
+    correlated = {}
+    for stays in (True, False):
+        association = Association.untrained(StereoParams(), 320)
+        shares = []
+        for k in range(60):
+            more_px = 0.5 if stays else 0.5 * rng.standard_normal()
+            left, right = (replace(exact_outline(eye), cov_px=STD_PX**2 * np.eye(2)) for eye in EYES)
+            left = replace(left, angular_radius_rad=left.angular_radius_rad + more_px / CAMERA.focal_px)
+            association = association.learned(VIEW, replace(SEEN, p_root=P), left, right)
+            observation = association.observe(VIEW, left, right, 0.0)
+            if k >= 20:
+                shares.append(np.trace(observation.correlated_cov_root) / np.trace(observation.cov_root))
+        correlated[stays] = np.mean(shares)
+    assert correlated[True] > 0.9
+    assert correlated[False] < 0.4
+
+
 def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat():
     """A blur by σ = √2 px adds 2σ² to the mean square of R²/2: 8/R² of it, here of 12 px."""
     association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
@@ -213,28 +237,49 @@ def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng):
         assert alike or 0.5 < depth < 1.6
 
 
-def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be():
-    """The lines of sight to the mean directions of a square that faces the eyes meet behind it: by quadrature."""
-    side = 0.08
-    z = 0.6
-    grid = np.linspace(-side / 2, side / 2, 81)
-    points = np.stack([*np.meshgrid(grid + 0.034, grid), np.full((81, 81), z)], axis=-1)
-    outlines = []
-    for eye in (VIEW.left, VIEW.right):
-        rays = points - eye.center
-        distances = np.linalg.norm(rays, axis=-1, keepdims=True)
-        solid_angle = z / distances**3 * side**2 / 80**2
-        mean = np.sum(solid_angle * rays / distances, axis=(0, 1))
-        angle = float(np.arccos(1 - solid_angle.sum() / (2 * np.pi)))
-        exact = replace(SHAPE, center_px=eye.project(eye.center + mean), angular_radius_rad=angle)
-        outlines.append(exact)
-    association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
-    ball = association.observe(VIEW, *outlines, 0.0)
-    flat = association.observe(VIEW, *(replace(shape, non_circularity=0.2) for shape in outlines), 0.0)
-    behind = ball.p_root[2] - z
-    assert behind == pytest.approx(ball.radius_m**2 / z, rel=0.1)
-    assert flat.cov_root[2, 2] - ball.cov_root[2, 2] == pytest.approx(behind**2 / 3, rel=0.2)
-    assert 0 < flat.cov_root[0, 0] - ball.cov_root[0, 0] < behind**2 / 6
+CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+CIRCLE = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 40, endpoint=False)])
+BODIES = {
+    "cube": CORNERS,
+    "plate": CORNERS * [1.0, 1.0, 0.1],
+    "rod": CORNERS * [0.4, 0.4, 1.0],
+    "cone": np.vstack([CIRCLE - [0, 0, 0.5], [[0, 0, 1.5]]]),  # the centre is a quarter of its height above the base
+    "tetrahedron": CORNERS[[0, 3, 5, 6]],
+}
+"""Corners of convex bodies about their centres of mass."""
+
+
+def silhouette(eye: View, corners: Array, optics: Optics) -> Outline:
+    """The outline of a convex body, its pixels' shares sampled 8 times finer."""
+    px = eye.project(corners)
+    x0, y0 = (px.min(axis=0) - 3).astype(int)
+    x1, y1 = (px.max(axis=0) + 4).astype(int)
+    fine = np.zeros((8 * (y1 - y0), 8 * (x1 - x0)), np.uint8)
+    cv2.fillConvexPoly(fine, cv2.convexHull(np.rint((px - [x0, y0] + 0.5) * 8 - 0.5).astype(np.int32)), (1,))
+    alpha = fine.reshape(y1 - y0, 8, x1 - x0, 8).mean(axis=(1, 3), dtype=np.float32)
+    return outline(Coverage(alpha, np.zeros_like(alpha), (x0, y0, x1, y1)), optics)
+
+
+def test_the_centre_of_a_body_that_is_no_ball_is_off_as_far_as_is_stated(rng):
+    """Bodies of about 3 cm radius in any orientation, seen without any other error: mean square of the distance from
+    their centres to the observed points and mean of its stated variance, along the line of sight and across it."""
+    optics = Optics(CAMERA)
+    association = Association.untrained(StereoParams(1e-9, 1e9), 320)
+    squared, stated = [], []
+    for corners in BODIES.values():
+        size_m = 0.04 / np.linalg.norm(corners, axis=1).mean()
+        for rotation in Rotation.random(20, random_state=int(rng.integers(2**31))):
+            center = np.array([0.034, 0.0, 0.4]) + 0.03 * rng.standard_normal(3)
+            outlines = [silhouette(eye, center + size_m * rotation.apply(corners), optics) for eye in EYES]
+            observation = association.observe(VIEW, *outlines, 0.0)
+            off = observation.p_root - center
+            ahead = (center - VIEW.midpoint) / np.linalg.norm(center - VIEW.midpoint)
+            variance = float(ahead @ observation.cov_root @ ahead)
+            squared.append((float(off @ ahead) ** 2, off @ off - float(off @ ahead) ** 2))
+            stated.append((variance, np.trace(observation.cov_root) - variance))
+    ratio = np.mean(squared, axis=0) / np.mean(stated, axis=0)
+    assert (ratio > 0.4).all()
+    assert (ratio < 2.5).all()
 
 
 def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment():
