@@ -26,6 +26,7 @@ _RING_POINTS = 300  # pixels of the surroundings that are compared
 _MAX_INVERSE_DISTANCE = 0.8  # largest inverse distance of the surroundings, relative to the marker's
 _DISTANCES = 16  # hypotheses of the surroundings' distance
 _MAX_RATIO = 0.7  # ratio of the image differences at the surroundings' distance and at the marker's
+_MARGIN_PX = 8  # of background around a blob that its outline is fitted in: the whole image takes half as long again
 _MIN_AREA_PX = 8  # smallest blob
 _MAX_COMPARED = 40  # blobs that are compared with the background
 _MAX_BLOBS = 4  # blobs that are outlined, the largest and roundest: it limits the time in an image full of the hue
@@ -136,8 +137,7 @@ def blob_outlines(
     blobs = [blob for blob in map(_blob, contours) if blob.area_px >= _MIN_AREA_PX]
     largest = sorted(blobs, key=lambda blob: -blob.weight)[:_MAX_COMPARED]
     chosen = (blob for blob in largest if is_candidate(box[0] + blob.box[0], box[1] + blob.box[1], *blob.box[2:]))
-    masks_of = (_filled(blob, mask.shape) for blob in islice(chosen, _MAX_BLOBS))
-    fits = (fit_outline(image, blob_mask, box, optics, expected_area_px) for blob_mask in masks_of)
+    fits = (fit_outline(image, *_cut_out(blob, box), optics, expected_area_px) for blob in islice(chosen, _MAX_BLOBS))
     return [outline for outline in fits if outline]
 
 
@@ -164,11 +164,18 @@ def _blob(contour: NDArray[Any]) -> _Blob:
     return _Blob(contour, (x, y, w, h), area, area * min(roundness, 1.0) ** 2)
 
 
-def _filled(blob: _Blob, shape: tuple[int, ...]) -> Mask:
-    """The blob's mask (h, w), holes filled."""
-    mask = np.zeros(shape, np.uint8)
-    cv2.drawContours(mask, [blob.contour], 0, (1,), cv2.FILLED)
-    return mask.view(bool)
+def _cut_out(blob: _Blob, within: Box) -> tuple[Mask, Box]:
+    """Return the blob's mask, holes filled, and its box in the image: `_MARGIN_PX` wider than the blob, but inside
+    `within`, from whose corner the blob's coordinates count."""
+    x, y, w, h = blob.box
+    x0, y0, x1, y1 = within
+    left = max(x0 + x - _MARGIN_PX, x0)
+    top = max(y0 + y - _MARGIN_PX, y0)
+    right = min(x0 + x + w + _MARGIN_PX, x1)
+    bottom = min(y0 + y + h + _MARGIN_PX, y1)
+    mask = np.zeros((bottom - top, right - left), np.uint8)
+    cv2.drawContours(mask, [blob.contour], 0, (1,), cv2.FILLED, offset=(x0 - left, y0 - top))
+    return mask.view(bool), (left, top, right, bottom)
 
 
 def moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:

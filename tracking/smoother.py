@@ -149,7 +149,7 @@ def _measurements(steps: Sequence[TrackerStep]) -> list[Measurement]:
         if observation is None:
             measurements.append(Measurement(stamp_s))
             continue
-        shift_var = outline_shift_var(last, observation) if last else 0.0
+        shift_var = outline_shift_var(last, observation)
         measured = observation.p_root, observation.cov_root, observation.correlated_cov_root
         measurements.append(Measurement(stamp_s, *measured, shift_var))
         last = observation

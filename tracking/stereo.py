@@ -145,7 +145,8 @@ class Association:
             (*view.left.place, left.angular_radius_rad, left.angular_radius_var),
             (*view.right.place, right.angular_radius_rad, right.angular_radius_var),
         )
-        own_px2, outline_px2 = _mean_var(left, right), max(self.outline_var_px2, 0.0)
+        own_px2 = _mean_var(left, right)
+        outline_px2 = max(self.outline_var_px2, 0.0)
         error_cov = point.cov_root / (own_px2 + self.error_px**2)  # per px²
         excess_px2 = max(self.mean_outline_var_px2, 0.0) - outline_px2
         added = max(excess_px2, 0.0) * error_cov + self._shared_cov(view, point.p_root, left, right, radius)
@@ -290,12 +291,15 @@ def _mean_var(left: Outline, right: Outline) -> float:
     return 0.25 * float(left.cov_px[0, 0] + left.cov_px[1, 1] + right.cov_px[0, 0] + right.cov_px[1, 1])
 
 
-def outline_shift_var(previous: Observation3D, observation: Observation3D) -> float:
-    """Variance (m²) per axis of the observed centre's shift on the object, if its outline shows more or less of it.
+def outline_shift_var(previous: Observation3D | None, observation: Observation3D) -> float:
+    """Variance (m²) per axis of the observed centre's shift on the object, if its outline shows more or less of it
+    than the previous one; 0 without a previous one.
 
     It moves about as far as the radius changes: a part at the rim with a small share ε of the area changes the radius
     by ε/2 of itself and moves the centre by ε of it, 2/√3 as much per axis.  Changes within its variance are noise.
     """
+    if previous is None:
+        return 0.0
     change_m = observation.radius_m - previous.radius_m
     return max(change_m**2 - previous.radius_var_m2 - observation.radius_var_m2, 0.0)
 

@@ -383,7 +383,7 @@ class Tracker:
             return state, predicted, False
         if predicted is not None:
             measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-            shift_var = outline_shift_var(state.observed, observation) if state.observed else 0.0
+            shift_var = outline_shift_var(state.observed, observation)
             belief = kalman.update(state.kalman, kalman.shifted(predicted, shift_var), *measurement)
             return state, belief, belief.rejections == 0
         params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
