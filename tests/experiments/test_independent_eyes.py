@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from control.fixation import gaze_at
+from pps_vision.experiments.films.ray_cast_eyes import RayCastEyes
 from pps_vision.experiments.films.recordings import moving
-from pps_vision.experiments.films.rendered import RayCastEyes
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState

@@ -11,7 +11,7 @@ from control.fixation import gaze_at
 from pps_vision.app.render import scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
-from pps_vision.experiments.films.rendered import eyes_of
+from pps_vision.experiments.films.ray_cast_eyes import eyes_of
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import NOISE_SIGMA, SceneSource
 from pps_vision.geometry.camera import StereoRig

@@ -38,7 +38,7 @@ from pps_vision.types import Array, StereoFrame, Truth
 
 TimedPath = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
 VISIBLE_SHARE = 0.5  # an eye sees the object if this share of its image is visible
-HALF_BASELINE_M = 0.034  # of the iCub's eyes
+_HALF_BASELINE_M = 0.034  # of the iCub's eyes
 FOCAL = 0.86  # focal length as a share of the width
 _BASELINE_M = 0.12  # between the eyes of a rig without a head
 _DISTORTION = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])  # of the left eye
@@ -168,7 +168,7 @@ class Film:
     @cached_property
     def rig(self) -> StereoRig:
         """Cameras and, as far as the tracker may know them, their poses by the frame's joints."""
-        left, right = (camera_of(lens) for lens in self._lenses)
+        left, right = (_camera_of(lens) for lens in self._lenses)
         if self.scene.rig == "head":
             return icub_rig(load_icub(), left, right)
         T_left_right = transform(translation=(_BASELINE_M, 0, 0))
@@ -208,7 +208,7 @@ class Film:
         angles = amplitude * np.sin(2 * np.pi * _SWAY_HZ * t_s + self._joint_phases[:5])
         sway = dict(zip(_SWAYING_JOINTS, angles, strict=True))
         version = sway.pop("version")
-        half_vergence = np.arctan2(HALF_BASELINE_M, self.scene.distance_m)
+        half_vergence = np.arctan2(_HALF_BASELINE_M, self.scene.distance_m)
         return {**sway, "left_eye_pan": version + half_vergence, "right_eye_pan": version - half_vergence}
 
     def eye_poses(self, t_s: float) -> tuple[Array, Array]:
@@ -267,10 +267,6 @@ class Film:
             solids.append(Cylinder(middle, half, FINGER_RADIUS_M, Paint(FINGER)))
         return tuple(solids)
 
-    def all_solids(self, t_s: float) -> Solids:
-        """Return the moving solids and the board."""
-        return (*self.solids(t_s), *self.static)
-
     @cached_property
     def _truths_and_shares(self) -> list[tuple[tuple[Truth, ...], Array]]:
         """Of the object, and of the second ball if there is one."""
@@ -281,7 +277,7 @@ class Film:
         rows = []
         shares = []
         for t in self.stamps_s.tolist():
-            solids = self.all_solids(t)
+            solids = (*self.solids(t), *self.static)
             solid = solids[k]
             assert not isinstance(solid, Cylinder)
             views = list(zip(self._lenses, self.eye_poses(t), strict=True))
@@ -365,7 +361,7 @@ def configuration(joints_rad: Mapping[str, float]) -> Array:
     return np.array([joints_rad.get(name, 0.0) for name in _joint_names()])
 
 
-def camera_of(lens: FilmLens) -> Camera:
+def _camera_of(lens: FilmLens) -> Camera:
     """Return the project's camera of the same numbers."""
     (fx, _, cx), (_, fy, cy), _ = lens.K.tolist()
     k1, k2, p1, p2, k3 = lens.distortion.tolist()

@@ -15,8 +15,8 @@ import numpy as np
 from pps_vision.experiments.baselines.stereo_pipelines import intersection
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.caster import Ball, Paint
+from pps_vision.experiments.films.ray_cast_eyes import meshes
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
-from pps_vision.experiments.films.rendered import meshes
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, SceneSource, Values, compare, rms
 from pps_vision.experiments.timing import timed_steps
