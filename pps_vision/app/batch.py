@@ -128,8 +128,8 @@ class Cluster:
     def warning(self) -> str:
         """That nothing is encrypted on the way to another machine, or ""."""
         address = self.scheduler
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            address = str(json.loads(Path(self.scheduler).read_text())["address"])
+        with suppress(InputError, KeyError):
+            address = str(read_result(Path(self.scheduler), dict[str, object], "a scheduler file")["address"])
         host = urlsplit(address if "://" in address else f"tcp://{address}").hostname or ""
         if self.tls or address.startswith("tls://") or host == "localhost" or host.startswith("127.") or host == "::1":
             return ""

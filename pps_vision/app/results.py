@@ -1,4 +1,4 @@
-"""What the commands write into summary.json and settings.json, and read back."""
+"""Types of the JSON files that commands write and read back, and their reader."""
 
 import json
 import math
@@ -10,6 +10,7 @@ from typeguard import CollectionCheckStrategy, TypeCheckError, check_type
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
+from pps_vision.recordings import SUMMARY
 
 T = TypeVar("T")
 
@@ -90,7 +91,8 @@ def read_result(file: Path, kind: type[T], expected: str) -> T:
 
 def read_track_summary(folder: Path) -> TrackSummary:
     """The summary of a tracked recording; InputError if there is none."""
-    file, expected = folder / "summary.json", "the summary of a tracked recording"
+    file = folder / SUMMARY
+    expected = "the summary of a tracked recording"
     summary = read_result(file, TrackSummary, expected)
     if summary["frames"] < 1 or "total" not in summary["ms_per_pair"]:
         raise InputError(file, f"has no frames or no times; expected {expected}")

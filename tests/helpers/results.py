@@ -21,6 +21,11 @@ from pps_vision.recordings.tables import (
 from pps_vision.types import Activation, Detection2D, Reachability, ReachStatus, Status, Track3D
 
 N = 40
+ODD_NAMES = [
+    *("a", "javascript:alert(1)", "a#b", "a?b", "a%41b", "<b>", '"onerror="x', "a&amp;b", "{{ 7*7 }}"),
+    *("..a", " a ", "ä\udcff", "=1+1\n"),
+]
+"""Names of folders that a page must show as text and link to."""
 
 
 def write_results(folder: Path) -> Path:

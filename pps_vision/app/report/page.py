@@ -5,11 +5,12 @@ import hashlib
 import io
 import os
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -37,6 +38,10 @@ _PAGE = """
 <h1>{{ title }}</h1><p class="lead">{{ lead }}</p>{{ opening }}
 {% for name, text, body in sections %}<h2>{{ name }}</h2><p>{{ text }}</p>{{ body }}{% endfor %}
 </html>"""
+_POLICY = (
+    "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; "
+    "base-uri 'none'; form-action 'none'"
+)
 _TABLE = """
 <table><tr>{% for cell in header %}<th>{{ cell }}</th>{% endfor %}</tr>
 {% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table>"""
@@ -48,11 +53,16 @@ Section = tuple[str, str, str]
 
 def fragment(template: str, **values: object) -> Markup:
     """HTML from a Jinja2 template; values are escaped unless they are fragments."""
-    return Markup(_TEMPLATES.from_string(template).render(values))
+    return Markup(_compiled(template).render(values))
+
+
+@cache
+def _compiled(template: str) -> Template:
+    return _TEMPLATES.from_string(template)
 
 
 def picture(content: bytes, kind: str, name: str = "") -> Markup:
-    """The content of an image file of a kind (png, jpeg); `name`: what it shows."""
+    """The content of an image file of a kind (png, jpeg) as an HTML fragment, with a name."""
     data = base64.b64encode(content).decode()
     return fragment(
         '<img alt="{{ name }}" src="data:image/{{ kind }};base64,{{ data }}">', name=name, kind=kind, data=data
@@ -89,12 +99,8 @@ def write_page(
     """Write report.html; nothing in it refers to another file but links, and no script runs but `script`, which a
     fragment of `sections` holds."""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    policy = (
-        f"default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'"
-    )
-    policy += "; base-uri 'none'; form-action 'none'"
-    style = Markup(_STYLE)
-    page = fragment(_PAGE, policy=policy, style=style, title=title, lead=lead, opening=opening, sections=sections)
+    values = {"style": Markup(_STYLE), "title": title, "lead": lead, "opening": opening, "sections": sections}
+    page = fragment(_PAGE, policy=_POLICY.format(digest=digest), **values)
     with whole_file(folder / REPORT) as partial:
         partial.write_text(page, encoding="utf-8", errors="backslashreplace")
 

@@ -21,6 +21,9 @@ KEY_FRAMES = "keyframes"
 _COLORS = {Status.TRACKING: "#2a9d4a", Status.COASTING: "#e0a020", Status.LOST: "#d33", Status.SEARCHING: "#999"}
 _FEW_TRACKED = 0.5  # share of pairs, below which the report says so first
 _MOST_NAMES = 80  # recordings of a batch that are named in its figure
+_WARNINGS = """
+{% if warnings %}<ul class="warnings">{% for text in warnings %}<li>{{ text }}</li>{% endfor %}</ul>
+{% else %}<p>No warnings.</p>{% endif %}"""
 _LARGEST_VIDEO = 20 * 2**20
 
 
@@ -110,9 +113,7 @@ def _warnings_of(summary: TrackSummary) -> list[str]:
 
 
 def _opening(warnings: Sequence[str]) -> Markup:
-    template = "{% for text in warnings %}<li>{{ text }}</li>{% endfor %}"
-    items = page.fragment(template, warnings=warnings)
-    return page.fragment('<ul class="warnings">{{ items }}</ul>' if items else "<p>No warnings.</p>", items=items)
+    return page.fragment(_WARNINGS, warnings=warnings)
 
 
 def write_report(folder: Path) -> None:
@@ -318,7 +319,7 @@ def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Seque
 
 
 def _drawable(name: str) -> str:
-    """A name with what a font cannot show escaped."""
+    """A name whose unprintable characters are escaped."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in name)
 
 
