@@ -1,9 +1,10 @@
-"""Settings that must stand before the packages are imported."""
+"""Settings that must stand before the packages are imported, the robot at hand, and one seeded generator a test."""
 
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -20,3 +21,15 @@ def _no_figure_stays_open() -> Iterator[None]:
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+@pytest.fixture(scope="session")
+def robot():
+    from pps_vision.robot.icub import load_icub
+
+    return load_icub()
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)

@@ -25,16 +25,6 @@ def test_only_a_regular_file_is_read(tmp_path):
             assert str(refused.value) == f"{tmp_path / name}: {problem}; expected a table"
 
 
-def test_a_file_that_fails_while_it_is_read_is_refused(tmp_path, monkeypatch):
-    def fails(file: Path) -> bytes:
-        raise OSError(5, "Input/output error")
-
-    (tmp_path / "file").touch()
-    monkeypatch.setattr(Path, "read_bytes", fails)
-    with pytest.raises(InputError, match="file: cannot be read: Input/output error; expected a table"):
-        read_bytes(tmp_path / "file", "a table")
-
-
 def test_a_message_is_one_line_and_a_long_one_has_its_beginning_and_its_end():
     assert cite("a.csv", None, "two\nlines") == "a.csv: two lines"
     assert cite(Path("a.csv"), 0, "odd") == "a.csv:0: odd"

@@ -8,13 +8,11 @@ import pytest
 from control.arm import KeepIn
 from control.fixation import features
 from control.head import gaze_columns, gaze_of
-from pps_vision.robot.icub import home, load_icub, set_gaze
+from pps_vision.robot.icub import load_icub, set_gaze
 from pps_vision.types import Array
 
 ROBOT = load_icub()
 POINT = np.array([0.03, -0.05, 0.08])
-ARM = ROBOT.indices(ROBOT.names.arm("left"))
-CHAIN = ROBOT.chain(ROBOT.names.arm("left"), "left_palm", home(ROBOT))
 
 
 def central_differences(f: Callable[[Array], Array], x: Array, h: float = 1e-6) -> Array:
@@ -71,11 +69,6 @@ def test_derivatives_by_the_joints(name, q):
 def test_rotations_by_the_joints(frame, q):
     rotation, jacobian = orientation_of(frame)
     np.testing.assert_allclose(jacobian(q), rotation_rates(rotation, q), atol=1e-6)
-
-
-def test_a_chains_position_by_its_joints(q):
-    expected = central_differences(lambda q: CHAIN.positions(q[None], POINT)[0][0], q[ARM])
-    np.testing.assert_allclose(CHAIN.positions(q[None, ARM], POINT)[1][0], expected, atol=1e-6)
 
 
 def test_features_of_fixation_by_the_target(q):

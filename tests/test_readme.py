@@ -16,13 +16,16 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from calibrations import store, write_camchain
 from commands import prepare
 from documents import ROOT, typed
+from flat_patterns import SIZE, K, R, T
 from laboratory import film, write_laboratory
 from sound_inputs import READERS
 
 from learning.pps.memory import PPSMemory, save_memory
 from pps_vision.app.cli import main
+from pps_vision.geometry.se3 import transform
 from pps_vision.recordings.exchange import write_tum_rows
 from pps_vision.robot.skin import icub_skin
 
@@ -35,13 +38,6 @@ REPLACEMENTS = {  # for hardware and packages that may be missing, and for long 
     "bench loop --n 20": "bench loop --short --out measured --n 1",
 }
 LONG = ("render", "reach train", "demo", "bench", "batch", "--report", "--device")
-KALIBR = """{name}:
-  camera_model: pinhole
-  distortion_coeffs: [0, 0, 0, 0]
-  distortion_model: radtan
-  intrinsics: [{K[0][0]}, {K[1][1]}, {K[0][2]}, {K[1][2]}]
-  resolution: [640, 480]
-"""
 
 
 def is_long(line: str) -> bool:
@@ -85,16 +81,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def write_calibrations(folder: Path) -> None:
     """The laboratory's cameras as Kalibr writes them, and in an OpenCV file in inches."""
-    read = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_READ)
-    K1, K2, R, T = (read.getNode(key).mat() for key in ("K1", "K2", "R", "T"))
-    pose = np.vstack([np.column_stack([R, T.ravel()]), [0, 0, 0, 1]])
-    text = KALIBR.format(name="cam0", K=K1) + KALIBR.format(name="cam1", K=K2)
-    (folder / "camchain.yaml").write_text(f"{text}  T_cn_cnm1: {pose.tolist()}\n")
     (folder / "seq").mkdir()
-    storage = cv2.FileStorage(str(folder / "seq" / "calibration_1.xml"), cv2.FILE_STORAGE_WRITE)
-    for key, value in {"K1": K1, "K2": K2, "R": R, "T": T / 0.0254}.items():
-        storage.write(key, value)
-    storage.release()
+    write_camchain(folder / "camchain.yaml", *K, transform(R, T), SIZE)
+    store(folder / "seq" / "calibration_1.xml", K1=K[0], K2=K[1], R=R, T=T / 0.0254)
 
 
 @contextmanager

@@ -7,7 +7,11 @@ import sys
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import numpy as np
+from calibrations import write_camchain
 from videos import write_video
+
+from pps_vision.geometry.se3 import transform
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = """
@@ -57,10 +61,8 @@ def test_the_commands_need_nothing_else(tmp_path):
     refused += ["pinocchio", "coal", "eigenpy"]  # lie in a folder of their own, which importlib.metadata does not list
     assert {"torch", "kornia", "trimesh", "sklearn", "pandas"} <= set(refused)
     write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
-    camera = "  camera_model: pinhole\n  distortion_coeffs: [0, 0, 0, 0]\n  distortion_model: radtan\n"
-    camera += "  intrinsics: [80, 80, 40, 60]\n  resolution: [80, 120]\n"
-    pose = "  T_cn_cnm1:\n  - [1, 0, 0, -0.12]\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n  - [0, 0, 0, 1]\n"
-    (tmp_path / "camchain.yaml").write_text(f"cam0:\n{camera}cam1:\n{pose}{camera}")
+    K = np.array([[80.0, 0, 40], [0, 80, 60], [0, 0, 1]])
+    write_camchain(tmp_path / "camchain.yaml", K, K, transform(translation=(-0.12, 0, 0)), (80, 120))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", SCRIPT, ",".join(refused)]
     process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from videos import write_calibration
+from calibrations import write_calibration
 
 from pps_vision.app.cli import main
 

@@ -4,10 +4,10 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from data import ARM7
 from videos import write_video
 
 from learning.pps.memory import PPSMemory, save_memory
@@ -182,7 +182,7 @@ def test_python_control_beside_us_is_refused(refused, monkeypatch, tmp_path):
 def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path, calib):
     """Videos have none; the arm of seven joints is a right one, and its cameras are not the iCub's."""
     write_video(tmp_path / "a.mp4", [0.0, 0.05])
-    arm7, out = ("--robot", Path(__file__).parents[1] / "arm7" / "robot.toml"), ("--out", tmp_path / "out")
+    arm7, out = ("--robot", ARM7), ("--out", tmp_path / "out")
     video = tmp_path / "a.mp4", "--calib", calib, *out
     assert "without a robot; expected it with an iCub's REC" in refused("track", *video, "--memory", tmp_path / "m.npz")
     recording = open_recording(tmp_path / "a.mp4", calib=[calib])

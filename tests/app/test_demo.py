@@ -72,12 +72,7 @@ def test_the_demo_writes_its_report(tmp_path, monkeypatch, capsys):
     assert len(said) == 5
     assert said[4] == f"→ {tmp_path / 'out' / 'report.html'}"
     assert said[0].split() == ["octopus", "approaching,", "avoidance", "off", "not", "touched", "arm", "still"]
-    assert said[2].split(maxsplit=5)[2:] == [
-        "not",
-        "touched",
-        "arm",
-        "still, up to 2.0° off the predicted posture from 0.1 s on",
-    ]
+    assert said[2].endswith("still, up to 2.0° off the predicted posture from 0.1 s on")
     assert sum("off the predicted posture" in line for line in said) == 1
 
 

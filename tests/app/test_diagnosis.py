@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from calibrations import store
 
 from pps_vision.app.cli import main
 from pps_vision.app.diagnosis import diagnose
@@ -22,14 +23,7 @@ from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
 
-CALIBRATION = """%YAML:1.0
-M1: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
-D1: !!opencv-matrix {{rows: 1, cols: 5, dt: d, data: [0, 0, 0, 0, 0]}}
-M2: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
-D2: !!opencv-matrix {{rows: 1, cols: 5, dt: d, data: [0, 0, 0, 0, 0]}}
-R: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
-T: !!opencv-matrix {{rows: 3, cols: 1, dt: d, data: [{baseline}, 0, 0]}}
-"""
+K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])
 N = 16
 
 
@@ -121,7 +115,7 @@ def drawn(
     folder: Path, disparity_px: float, wall: Callable[[int], np.ndarray], radius_px: int = 14, baseline_m: float = -0.1
 ) -> list[object]:
     """Images of fixed cameras: a red ball that moves 4 px a frame before a wall, with options for `track`."""
-    (folder / "c.yml").write_text(CALIBRATION.format(baseline=baseline_m))
+    store(folder / "c.yml", K1=K, K2=K, R=np.eye(3), T=np.array([baseline_m, 0, 0]))
     for k in range(N):
         for side, shift in (("L", 0.0), ("R", -disparity_px)):
             image = wall(k).copy()
@@ -200,7 +194,7 @@ def test_cameras_that_move_are_seen_in_a_few_images(tmp_path, capsys, wall, shif
 
 def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered, tmp_path, capsys):
     """Its calibration (OpenCV's form) does not say how large the images are."""
-    (tmp_path / "calib.yml").write_text(CALIBRATION.format(baseline=-0.068))
+    store(tmp_path / "calib.yml", K1=K, K2=K, R=np.eye(3), T=np.array([-0.068, 0, 0]))
     left, right = (
         [cv2.imread(str(file)) for file in sorted((rendered / "cam" / eye).glob("*.ppm"))] for eye in ("left", "right")
     )

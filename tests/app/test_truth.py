@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from calibrations import store
 from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
 
@@ -28,14 +29,9 @@ def tagged(tmp_path: Path) -> tuple[list[str], np.ndarray]:
         for side, name in enumerate(("left", "right")):
             cv2.imwrite(str(tmp_path / f"{name}{k}.png"), seen(tag, TAG_MM / 1000 / TAG_PX, turn, at, side))
         truth.append(at + turn @ np.array([0, 0, 0.03]))  # in the image's frame z points into the tag
-    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
-    for key, value in {"K1": K[0], "K2": K[1], "R": R, "T": T}.items():
-        storage.write(key, value)
-    storage.write("image_width", SIZE[0])
-    storage.write("image_height", SIZE[1])
-    storage.release()
+    calib = store(tmp_path / "calib.yml", K1=K[0], K2=K[1], R=R, T=T, image_width=SIZE[0], image_height=SIZE[1])
     images = ["--left", str(tmp_path / "left*.png"), "--right", str(tmp_path / "right*.png"), "--fps", "10"]
-    return [*images, "--calib", str(tmp_path / "calib.yml")], np.array(truth)
+    return [*images, "--calib", str(calib)], np.array(truth)
 
 
 def test_the_path_of_a_point_behind_the_tag(tmp_path, tagged, capsys):

@@ -299,9 +299,9 @@ def test_no_ball_that_turns_back_touches_an_arm_with_avoidance(robot, rng, side)
     """Every ball touches an arm without activation; 1.2 s of warning are enough, and mostly 0.2 s."""
     skin = icub_skin((f"{side}_forearm",))
     params = replace(PARAMS, side=side)
-    balls = [Ball(robot, skin, taxel, rng, rng.uniform(0.05, 0.15), turns=True) for taxel in range(12)]
+    balls = [Ball(robot, skin, taxel, rng, rng.uniform(0.05, 0.15), turns=True) for taxel in range(0, 12, 2)]
     touching = {lead_s: sum(ball.touches(params, lead_s) for ball in balls) for lead_s in (-1.0, 0.2, 1.2)}
-    assert touching[-1.0] == 12
+    assert touching[-1.0] == 6
     assert touching[0.2] <= 1
     assert touching[1.2] == 0
 

@@ -50,14 +50,6 @@ def test_the_commands_on_the_way_are_obeyed_in_turn(rng, latency_s):
     np.testing.assert_allclose(posture_after(q0, commands, from_s, until_s, latency_s), expected, atol=2e-3)
 
 
-def test_nothing_moves_in_no_time_or_without_commands():
-    q = np.arange(3.0)
-    command = JointVelocity(0.0, np.ones(3), 0.5)
-    np.testing.assert_array_equal(posture_after(q, [command], 0.2, 0.2, 0.0), q)
-    np.testing.assert_array_equal(posture_after(q, [], 0.0, 1.0, 0.0), q)
-    np.testing.assert_array_equal(posture_after(q, [command], 0.5, 1.0, 0.0), q)
-
-
 @pytest.mark.parametrize(("late_s", "frames_old"), [(0.0, 0), (0.0, 1), (0.05, 0), (0.13, 0), (0.3, 0), (0.1, 1)])
 @pytest.mark.parametrize("stated_s", [0.0, 0.1])
 def test_the_prediction_is_the_true_posture_whatever_the_delay(rng, stated_s, late_s, frames_old):

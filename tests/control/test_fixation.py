@@ -88,7 +88,7 @@ def test_the_tilt_returns_to_zero_at_twice_itself_per_second_while_the_point_sta
 def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot, rng):
     rig = icub_rig(robot)
     checked = 0
-    while checked < 60:
+    while checked < 25:
         p = fixation_point(robot.at(random_gaze(robot, rng)))
         q = random_gaze(robot, rng)
         view = rig.view(q)
@@ -168,12 +168,10 @@ def test_a_joint_may_reach_its_limit_in_one_step(robot):
     assert max(np.abs(dx_dq).max(), np.abs(dx_dp).max()) < 1e7
 
 
-@pytest.mark.parametrize(
-    ("p", "v"), [((np.nan, 0, 0), (0, 0, 0)), ((-0.3, 0, 0), (0, np.inf, 0)), ((-0.3, 0), (0, 0, 0))]
-)
-def test_a_target_that_is_not_finite_is_refused(robot, p, v):
-    with pytest.raises(ValueError, match="expected a known point and velocity"):
-        step(PARAMS, robot.at(home(robot)), p, v)
+def test_a_target_that_is_not_finite_is_refused(robot):
+    for p, v in (((np.nan, 0, 0), (0, 0, 0)), ((-0.3, 0, 0), (0, np.inf, 0)), ((-0.3, 0), (0, 0, 0))):
+        with pytest.raises(ValueError, match="expected a known point and velocity"):
+            step(PARAMS, robot.at(home(robot)), p, v)
 
 
 def test_gaze_columns_move_what_gaze_of_reads(robot):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from control import fixation, head, lean
-from control.fixation import FixationParams, fixation_error, gaze_at
+from control import head, lean
 from control.lean import LeanParams
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
@@ -84,16 +83,6 @@ def test_within_reach_and_out_of_reach_the_torso_rests():
         assert status == expected
         assert not command.dq_rad_s.any()
         assert command.stamp_s == 3.0
-
-
-def test_the_head_compensates_for_the_torso():
-    q = gaze_at(ROBOT, START, ASIDE)
-    dq = np.zeros(ROBOT.n_joints)
-    dq[TORSO] = np.deg2rad([12.0, -9.0])
-    carried = head.carried_velocity(ROBOT.at(q), ASIDE, dq)
-    rates = (fixation.step(FixationParams(), ROBOT.at(q), ASIDE, v, DT).dq_rad_s for v in (-carried, 0 * carried))
-    compensated, uncompensated = (fixation_error(ROBOT.at(q + DT * (dq + gaze)), ASIDE) for gaze in rates)
-    assert compensated < 0.05 * uncompensated
 
 
 def test_a_carried_point_moves_with_the_torso_whatever_else_moves():

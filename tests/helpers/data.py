@@ -1,4 +1,4 @@
-"""What tests are given from outside: real data nobody here made, and the seed of measurements."""
+"""What tests are given: real data nobody here made, an arm of seven joints, and the seed of measurements."""
 
 import os
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 SEED = int(os.environ.get("PPS_VISION_SEED", "2016"))  # of the tests that measure: any other must do as well
+ARM7 = Path(__file__).parents[1] / "arm7" / "robot.toml"
 DATA = Path(os.environ.get("PPS_VISION_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import av
 import cv2
 import numpy as np
+from calibrations import store
+from data import ARM7
 from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
 
@@ -57,10 +59,7 @@ def write_laboratory(folder: Path) -> None:
         film(folder / f"recs/{name}.mp4", side_by_side[:20])
     rows = [(*(c - 29 for c in place(0, at)), 60, 60) for at in PATH]  # pixels count from 1, as in OTB
     np.savetxt(folder / "true_boxes.txt", rows, delimiter=",")
-    storage = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_WRITE)
-    for key, value in {"K1": K[0], "K2": K[1], "R": R, "T": T}.items():
-        storage.write(key, value)
-    storage.release()
+    store(folder / "calibration.yml", K1=K[0], K2=K[1], R=R, T=T)
     (folder / "tag").mkdir()
     shutil.copy(folder / "calibration.yml", folder / "tag")
     y, x = np.mgrid[:360, :540] // 60
@@ -75,4 +74,4 @@ def write_laboratory(folder: Path) -> None:
         for side, name in enumerate(("left", "right")):
             write(folder / f"board/{name}{k}.png", seen(board, 0.03 / 60, turn, at, side))
             write(folder / f"tag/{name}/{k}.png", seen(tag, 0.048 / 240, np.eye(3), at, side))
-    shutil.copytree(Path(__file__).parents[1] / "arm7", folder / "arm7")
+    shutil.copytree(ARM7.parent, folder / "arm7")

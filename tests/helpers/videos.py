@@ -1,11 +1,10 @@
-"""Small videos with known stamps, written with PyAV, and a calibration of two equal cameras."""
+"""Small videos with known stamps, written with PyAV."""
 
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 
 BITS = 10
@@ -42,19 +41,4 @@ def write_video(
             frame.time_base = Fraction(1, 1000)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    return file
-
-
-def write_calibration(
-    file: Path, focal_px: float, center_px: tuple[float, float], size: tuple[int, int] | None = None
-) -> Path:
-    """OpenCV's YAML of parallel cameras 10 cm apart, with the size (width, height) of their images if given; returns
-    the file."""
-    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
-    K = np.array([[focal_px, 0, center_px[0]], [0, focal_px, center_px[1]], [0, 0, 1]])
-    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
-        storage.write(key, value)
-    for key, px in zip(("image_width", "image_height"), size or (), strict=False):
-        storage.write(key, px)
-    storage.release()
     return file

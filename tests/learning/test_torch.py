@@ -15,11 +15,6 @@ from pps_vision.robot.gaze import GazeLimits
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(3)
-
-
 @pytest.fixture(params=[1 << 18, 7])
 def rows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Cases at a time: all, and few."""

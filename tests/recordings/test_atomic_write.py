@@ -20,27 +20,6 @@ def test_a_folder_appears_when_the_block_ends(tmp_path):
     assert [p.name for p in target.parent.iterdir()] == ["out"]
 
 
-def test_a_failed_folder_leaves_nothing(tmp_path):
-    def interrupted() -> None:
-        with whole_folder(tmp_path / "out") as folder:
-            (folder / "a").write_text("1")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path):
-    target = tmp_path / "out"
-    target.mkdir()
-    with whole_folder(target) as folder:
-        (folder / "mine").write_text("1")
-    with pytest.raises(InputError, match="already holds mine"), whole_folder(target):
-        pass
-    assert (target / "mine").read_text() == "1"
-
-
 def test_an_existing_folder_stays_the_same_folder(tmp_path, monkeypatch):
     target = tmp_path / "out"
     target.mkdir()

@@ -15,7 +15,7 @@ from tracks import track_at
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
-from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_coco, open_forms, write_mot, write_tum_rows
+from pps_vision.recordings.exchange import TrackedPair, open_forms, write_tum_rows
 from pps_vision.types import Detection2D, Status, Track3D
 
 N = 12
@@ -103,27 +103,11 @@ def test_pycocotools_reads_coco(tmp_path, pairs):
         (image,) = read.loadImgs([annotation["image_id"]])
         k = image["frame_id"] - 1
         assert image["file_name"] == f"{image['camera']}/{k}.png"
-        assert annotation["bbox"] == [10.0 + k, 20.5, 8.0, 6.0 + (image["camera"] == "right")]
+        assert annotation["bbox"] == [10.0 + k, 20.5, 8.0, height := 6.0 + (image["camera"] == "right")]
+        assert annotation["area"] == 8 * height
         assert annotation["track_id"] == (1 if k < 5 else 2)
         assert annotation["iscrowd"] == 0, "an object, not a crowd"
         assert read.annToMask(annotation | {"segmentation": [[0, 0, 4, 0, 4, 4, 0, 4]]}).shape == (240, 320)
-
-
-def test_boxes_of_one_camera_are_written_as_mot(tmp_path):
-    write_mot(tmp_path / "a.txt", [SeenBox(2, 1, (1, 2.5, 3, 4), 0.5), SeenBox(3, 1, (2, 2, 3, 4), 1.0)])
-    read = motmetrics.io.loadtxt(str(tmp_path / "a.txt"), fmt="mot15-2D")
-    assert read.index.tolist() == [(2, 1), (3, 1)]
-    np.testing.assert_allclose(read[["X", "Y", "Width", "Height"]], [[1, 2.5, 3, 4], [2, 2, 3, 4]])
-
-
-def test_one_view(tmp_path):
-    with open_coco(tmp_path / "a.json", (9, 9)) as add:
-        add("", 1, Path("1.png"), [])
-        add("", 2, Path("2.png"), [SeenBox(2, 1, (1, 2, 3, 4), 0.5)])
-    assert [file.name for file in tmp_path.iterdir()] == ["a.json"]
-    read = COCO(str(tmp_path / "a.json"))
-    (annotation,) = read.loadAnns(read.getAnnIds())
-    assert (read.loadImgs([annotation["image_id"]])[0]["file_name"], annotation["area"]) == ("2.png", 12)
 
 
 def test_without_rosbags_its_extra_is_named(tmp_path, monkeypatch):

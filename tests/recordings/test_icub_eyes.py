@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import Camera
 from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes, write_icub_eyes
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
@@ -54,11 +53,6 @@ def test_what_is_missing_is_named(ini, old, new, message):
     ini.write_text(ini.read_text().replace(old, new))
     with pytest.raises(InputError, match=message):
         read_icub_eyes(ini)
-
-
-def test_k3_has_no_place_in_the_form(tmp_path):
-    with pytest.raises(ValueError, match=r"right camera has k3 = 0\.5"):
-        write_icub_eyes(tmp_path / "a.ini", LEFT_EYE, Camera(4, 3, 1, 1, 0, 0, (0, 0, 0, 0, 0.5)))
 
 
 def test_a_resized_image_shows_the_same_point_at_the_resized_camera(ini):

@@ -98,12 +98,6 @@ def test_a_number_that_comes_twice_is_refused(tmp_path):
         open_stereo_images([str(tmp_path / "*L1.png")], right, fps=10)
 
 
-@pytest.mark.parametrize("fps", [0, -1, float("nan"), float("inf")])
-def test_a_frame_rate_must_be_one(tmp_path, fps):
-    with pytest.raises(ValueError, match="fps"):
-        open_stereo_images(*stereo(tmp_path, [1], [1]), fps=fps)
-
-
 def test_a_folder_of_frames_in_natural_order(tmp_path):
     for number in (1, 2, 10):
         write(tmp_path / f"f{number}.PNG", number)
@@ -111,26 +105,6 @@ def test_a_folder_of_frames_in_natural_order(tmp_path):
     frames = open_frames(tmp_path)
     assert [(frame, image[0, 0, 0]) for frame, image in frames] == [(1, 1), (2, 2), (3, 10)]
     assert (len(frames), frames.image_size, frames.problems) == (3, (8, 6), [])
-
-
-def test_a_bad_frame_keeps_the_numbers_of_the_others(tmp_path):
-    for number in (1, 2, 3):
-        write(tmp_path / f"{number}.png", number)
-    (tmp_path / "1.png").write_bytes(b"x")
-    frames = open_frames(tmp_path)
-    for _ in range(2):
-        assert [frame for frame, _ in frames] == [2, 3]
-    assert [problem.file.name for problem in frames.problems] == ["1.png"]
-
-
-def test_a_folder_without_frames_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no usable frame among 0 images"):
-        open_frames(tmp_path)
-    with pytest.raises(InputError, match="no such folder"):
-        open_frames(tmp_path / "none")
-    (tmp_path / "notes.txt").write_text("no video")
-    with pytest.raises(InputError, match=r"notes\.txt: is no folder and no video"):
-        open_frames(tmp_path / "notes.txt")
 
 
 def test_stamps_of_nineteen_digits_are_compared_whole():

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from videos import write_calibration
+from calibrations import write_calibration
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
@@ -181,14 +181,11 @@ def test_kitti(tmp_path, colour):
         open_recording(tmp_path)
 
 
-def test_a_rate_and_stamps_exclude_each_other_and_a_rate_is_positive(tmp_path):
+def test_a_rate_is_positive(tmp_path):
     write(tmp_path / "left", ["1.png"])
     write(tmp_path / "right", ["1.png"])
-    (tmp_path / "times.txt").write_text("1\n")
     calib = [write_calibration(tmp_path / "calib.yml", 5.0, (4.0, 3.0))]
     sides = {side: [str(tmp_path / side)] for side in ("left", "right")} | {"calib": calib}
-    with pytest.raises(InputError, match="fps and times; expected one of them"):
-        open_recording(**sides, fps=5.0, times=tmp_path / "times.txt")
     for fps in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match=r"fps .*; expected a positive number of frames a second"):
             open_recording(**sides, fps=fps)

@@ -5,8 +5,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from pps_vision.errors import InputError
@@ -42,19 +40,6 @@ def test_the_unpaired_are_named_by_file_and_line():
 def test_a_tolerance_must_be_a_time(skew):
     with pytest.raises(ValueError, match=r"max_skew_s .* expected a finite time"):
         pair([0.0], [0.0], skew)
-
-
-stamps = st.lists(st.integers(0, 400).map(lambda n: n / 1000), max_size=12)
-
-
-@given(left=stamps, right=stamps)
-def test_pairs_are_one_to_one_close_and_in_order(left, right):
-    pairs, problems = pair(left, right)
-    assert len(left) + len(right) == 2 * len(pairs) + sum(problem.count for problem in problems)
-    assert all(abs(a - b) <= 0.02 + 1e-12 for a, b in pairs)
-    for eye in range(2):
-        chosen = [p[eye] for p in pairs]
-        assert chosen == sorted(chosen)
 
 
 def test_eyes_half_a_frame_apart_lose_no_pair():

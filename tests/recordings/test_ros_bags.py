@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from bags import BagWriter
+from calibrations import store
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -132,12 +132,9 @@ def test_encodings(tmp_path):
         for k, (encoding, image) in enumerate(written.items()):
             for side in ("left", "right"):
                 bag.write(f"/{side}", bag.image(image, encoding, 10 + k), 10 + k)
-    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
     K = projection(0)[:, :3]
-    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.12, 0, 0])}.items():
-        storage.write(key, value)
-    storage.release()
-    recording = open_recording(bag.path, calib=[tmp_path / "calib.yml"])
+    calib = store(tmp_path / "calib.yml", K1=K, K2=K, R=np.eye(3), T=np.array([-0.12, 0, 0]))
+    recording = open_recording(bag.path, calib=[calib])
     loaded = [pair[0].load() for pair in recording.pairs]
     np.testing.assert_array_equal(loaded[:2], [np.repeat(grey, 3, axis=2)] * 2)
     np.testing.assert_array_equal(loaded[2:6], [rgb] * 4)

@@ -98,8 +98,3 @@ def test_a_row_that_cannot_be_read_is_skipped_and_named(tmp_path, bad):
     assert [(problem.kind, problem.line) for problem in problems] == [(ProblemKind.ROW, 2)]
     with pytest.raises(InputError, match=r"data\.log:1: .*none of 2 rows"):
         read_touches(log_of(tmp_path, [bad, bad]), FOREARM, [])
-
-
-def test_no_log(tmp_path):
-    with pytest.raises(InputError, match=r"gone\.log: cannot be read"):
-        read_touches(tmp_path / "gone.log", FOREARM, [])

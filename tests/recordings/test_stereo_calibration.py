@@ -6,9 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from calibrations import store
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 
 SIZE = (640, 480)
@@ -19,14 +19,6 @@ D2 = np.array([[-0.2, 0.05, 0.003, 0.004]])
 R = cv2.Rodrigues(np.array([0.01, -0.1, 0.02]))[0]
 T = np.array([[-6.5], [0.1], [0.2]])
 CENTIMETRE = 0.01
-
-
-def store(file: Path, flags: int = 0, **entries: np.ndarray | float) -> Path:
-    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE | flags)
-    for key, value in entries.items():
-        storage.write(key, value)
-    storage.release()
-    return file
 
 
 def stereo(file: Path, **changes: np.ndarray | None) -> Path:
@@ -161,17 +153,6 @@ def test_a_missing_file_and_too_many_cameras_are_named(tmp_path):
         read_stereo_calibration(files, SIZE)
 
 
-def test_images_with_a_calibration_are_opened_in_metres(tmp_path):
-    for name in ("L1.png", "R1.png", "L2.png", "R2.png"):
-        cv2.imwrite(str(tmp_path / name), np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
-    file = stereo(tmp_path / "stereo.xml")
-    recording = open_recording(left=[str(tmp_path / "L*")], right=[str(tmp_path / "R*")], calib=[file], fps=30)
-    assert recording.rig is not None
-    view = recording.rig.view()
-    assert np.linalg.norm(view.right.center - view.left.center) == pytest.approx(np.linalg.norm(T))
-    assert [frame.stamp_s for frame in recording] == [0.0, pytest.approx(1 / 30)]
-
-
 def test_no_file_or_no_unit_is_refused(tmp_path):
     with pytest.raises(InputError, match="no K1"):
         read_stereo_calibration([], SIZE)
@@ -188,12 +169,3 @@ def test_a_long_file_is_read_up_to_a_limit(tmp_path):
     file.write_text(text + "# " + "x" * (2**22 - len(text)))
     with pytest.raises(InputError, match=r"a\.yml: has more than 4194304 characters or 2000 nodes"):
         read_stereo_calibration([file], SIZE)
-
-
-def test_a_scaled_calibration_is_noted_once(tmp_path):
-    file = stereo(tmp_path / "a.yml", image_width=1280, image_height=960)
-    warnings = list[str]()
-    read_stereo_calibration([file], SIZE, warnings=warnings)
-    assert warnings == [f"{file} is for 1280×960 pixels, scaled to images of 640×480"]
-    read_stereo_calibration([file], (1280, 960), warnings=(unscaled := []))
-    assert unscaled == []

@@ -2,8 +2,6 @@
 
 import pytest
 
-from pps_vision.errors import InputError
-from pps_vision.files import read_bytes
 from pps_vision.recordings.text import finite, first_row, number, read_lines, whole
 
 
@@ -39,11 +37,3 @@ def test_lines_are_without_their_mark_and_with_signs_for_what_is_no_text(tmp_pat
     file.write_bytes(b"1" * 10_001 + b"\n")
     assert first_row(file) == "1" * 10_000
     assert first_row(tmp_path) == first_row(tmp_path / "gone") == ""
-
-
-@pytest.mark.parametrize(
-    ("name", "says"), [("", "is a folder; expected rows"), ("/dev/null", "is a device"), ("gone", "cannot be read")]
-)
-def test_what_is_no_file(name, says, tmp_path):
-    with pytest.raises(InputError, match=says):
-        read_bytes(tmp_path / name, "rows")

@@ -6,7 +6,8 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from videos import number_of, write_calibration, write_video
+from calibrations import write_calibration
+from videos import number_of, write_video
 
 from pps_vision.app.track import track
 from pps_vision.errors import InputError

@@ -9,11 +9,6 @@ from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
 
 
-def test_a_fatal_line_names_file_line_and_what_was_expected():
-    assert str(InputError(Path("a.log"), "x; expected y", 3)) == "a.log:3: x; expected y"
-    assert str(InputError(Path("a.log"), "x; expected y")) == "a.log: x; expected y"
-
-
 def test_a_message_stays_one_line_whatever_it_quotes():
     assert str(InputError("a\nb", "two\nlines\r\n")).splitlines() == ["a b: two lines"]
     assert str(Problem(ProblemKind.ROW, Path("a"), 1, "two\nlines")) == "a:1: two lines"
@@ -35,10 +30,3 @@ def test_the_systems_words_for_a_missing_file():
         Path("/nowhere/at/all").read_text()
     assert first_line(caught.value) == "No such file or directory"
     assert first_line(ValueError("two\nlines")) == "two lines"
-
-
-def test_a_long_message_keeps_its_beginning_and_its_end():
-    line = str(InputError("a.csv", f"'{'x' * 100_000}'; expected a number", 3))
-    assert len(line) < 700
-    assert line.startswith("a.csv:3: 'xxx")
-    assert line.endswith("xxx'; expected a number")

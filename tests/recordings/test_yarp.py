@@ -325,10 +325,3 @@ def test_a_missing_folder_and_a_port_found_twice_are_named(rec):
     shutil.copytree(rec.folder / "head", rec.folder / "old" / "head")
     with pytest.raises(InputError, match=r"a second log for head; expected one, and .*head/data\.log is there"):
         open_recording(rec.folder)
-
-
-def test_an_image_of_another_size_is_left_out(rec):
-    (rec.folder / "cam/right/00000001.ppm").write_bytes(b"P6 2 1 255\nabcdef")
-    recording = open_recording(rec.folder)
-    assert 1 not in [number for number, _ in recording.numbered()]
-    assert "cam/right/data.log:2: 00000001.ppm is 2×1 pixels; expected 8×6" in str(recording.problems[-1])

@@ -26,11 +26,6 @@ def log(tmp_path: Path) -> Path:
     return tmp_path / "data.log"
 
 
-def test_one_or_two_stamps_the_senders_first(log):
-    assert read(log, "0 1.5 a.ppm\n1 2.5 2.6 b.ppm [rgb]\n", None) == ([(1, 1.5), (2, 2.5)], [])
-    assert read(log, "0 1.5 7 8\n1 2.5 2.6 7 8\n", 2) == ([(1, 1.5), (2, 2.5)], [])
-
-
 def test_an_empty_payload_and_blank_lines_are_no_problem(log):
     assert read(log, "\n0 1.5 \r\n\n1 2.5\n", None) == ([(2, 1.5), (4, 2.5)], [])
     assert read(log, "", 3) == ([], [])

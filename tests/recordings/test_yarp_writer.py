@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recorded import ROBOT, SETUP, random_joints, write_recording
+from recorded import ROBOT, SETUP, write_recording
 
-from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes
 from pps_vision.recordings.open import open_recording
@@ -58,36 +57,6 @@ def test_encoders_are_in_the_robots_order_and_degrees(tmp_path):
     np.testing.assert_allclose(rows["torso"], [0, 1, 3, 0, 0])
     np.testing.assert_allclose(rows["head"], [0, 1, -20, 0, 0, 0, 10, 10])
     np.testing.assert_allclose(rows["right_arm"], [0, 1, 0, 0, 0, 40, *[0] * 12])
-
-
-def test_joints_may_come_at_their_own_rate(tmp_path):
-    # joints sampled ten times as often as the images, moving linearly: read at the images' stamps
-    written = write_recording(tmp_path / "still", n=3)
-    rate = random_joints(np.random.default_rng(5))
-    with YarpWriter(tmp_path / "rec", SETUP) as writer:
-        for k in range(-5, 40):
-            writer.write_joints(written.frames[0].stamp_s + 0.004 * k, 0.004 * k * rate)
-        for frame in written.frames:
-            writer.write_frame(frame)
-    for frame in open_recording(tmp_path / "rec"):
-        t = frame.stamp_left_s - written.frames[0].stamp_s
-        np.testing.assert_allclose(frame.joints_left_rad, t * rate, atol=1e-6)
-        np.testing.assert_allclose(frame.joints_right_rad, (t + 0.005) * rate, atol=1e-6)
-
-
-def test_a_failure_leaves_nothing(tmp_path):
-    with pytest.raises(ZeroDivisionError), YarpWriter(tmp_path / "rec", SETUP) as writer:
-        writer.write_joints(1 / 0, np.zeros(ROBOT.n_joints))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_used_or_unwritable_folder_is_refused(tmp_path):
-    write_recording(tmp_path / "rec", n=1)
-    with pytest.raises(InputError, match="rec: already holds cam"), YarpWriter(tmp_path / "rec", SETUP):
-        pass
-    place = tmp_path / "rec" / "truth.csv" / "out"
-    with pytest.raises(InputError, match="cannot be written"), YarpWriter(place, SETUP):
-        pass
 
 
 def test_cameras_the_calibration_cannot_hold_leave_nothing(tmp_path):

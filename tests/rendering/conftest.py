@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, home, icub_rig, load_icub, set_gaze
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, home, icub_rig, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
 STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@pytest.fixture(scope="session")
-def robot() -> Robot:
-    return load_icub()
 
 
 @pytest.fixture(scope="session")

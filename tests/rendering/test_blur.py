@@ -58,11 +58,3 @@ def test_turning_the_head_blurs_the_room(robot, rig, q):
     loss = [np.abs(np.diff(moving, axis=a)).mean() / np.abs(np.diff(still, axis=a)).mean() for a in (0, 1)]
     assert loss[1] < 0.7  # along the motion, 5 px of it
     assert loss[0] > loss[1] + 0.1
-
-
-def test_without_motion_an_open_shutter_changes_nothing(robot, rig, q):
-    state = SceneState(q, PLACE)
-    with Eyes(robot, rig, make_stimulus("cube")) as moment:
-        sharp = moment.render(state, 0.0)
-    with Eyes(robot, rig, make_stimulus("cube"), sensor=Sensor(blur_s=0.1)) as blurring_eyes:
-        assert np.array_equal(sharp.left, blurring_eyes.render(state, 0.0).left)

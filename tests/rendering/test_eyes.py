@@ -6,7 +6,6 @@ import pytest
 
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import move_points, rotation_to
-from pps_vision.robot.icub import home, set_gaze
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes
 from rendering.scene import SceneState
@@ -56,16 +55,6 @@ def test_a_sphere_appears_where_its_cone_of_tangents_projects(robot, rig, straig
     assert np.sqrt(np.mean(np.square(errors))) < 0.08
 
 
-def test_undistorting_with_opencv_gives_the_pinhole_picture(robot, rig, straight_rig, q):
-    bent = Eyes(robot, rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
-    straight = Eyes(robot, straight_rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
-    undone = cv2.undistort(bent, rig.left.K, np.array(rig.left.distortion))
-    undone, straight, bent = (cv2.GaussianBlur(image, (5, 5), 0) for image in (undone, straight, bent))
-    error = np.median(difference(undone, straight))
-    assert error < 0.15 * np.median(difference(bent, straight))
-    assert error < 3
-
-
 def test_the_same_state_and_seed_give_the_same_bits(robot, rig, q):
     sensor = Sensor(noise_sigma=2, shot=0.1, exposure=1.1, blur_s=0.02)
     state = SceneState(q, np.array(PLACES[0]), velocity=np.array([0.1, 0.0, 0.0]))
@@ -83,21 +72,3 @@ def test_the_same_state_and_seed_give_the_same_bits(robot, rig, q):
         assert np.array_equal(getattr(first, side), getattr(anew, side))
         assert not np.array_equal(getattr(first, side), getattr(third, side))
         assert not np.array_equal(getattr(first, side), getattr(unlike, side))
-
-
-def test_the_left_forearm_is_in_view_from_home(robot, rig):
-    q = set_gaze(robot, home(robot), yaw=np.deg2rad(15), pitch=np.deg2rad(-40), tilt=np.deg2rad(-30))
-    gone = q.copy()
-    gone[robot.indices(("left_shoulder_pitch",))] = 0.0  # the arm hangs down
-    forearm = robot.at(q).point("left_forearm", [(0.0, -0.05, 0.012), (0.0, -0.07, 0.012), (0.0, -0.09, 0.012)])
-    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
-        frame = eyes.render(SceneState(q), 0.0)
-        without = eyes.render(SceneState(gone), 0.0)
-    for side in ("left", "right"):
-        image = getattr(frame, side)
-        bare = getattr(without, side)
-        view = getattr(rig.view(q), side)
-        for u, v in np.rint(view.project(forearm)).astype(int):
-            assert image[v, u].max() < 60  # the cover is nearly black
-            assert bare[v, u].max() > 70  # and nothing behind it is
-        assert np.mean(difference(image, bare) > 30) > 0.05

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from urdf import joint, write_urdf
 
 from pps_vision.robot.icub import home, load_icub
+from pps_vision.robot.model import FrameNames, Robot
 
 ROBOT = load_icub()
 CHAINS = [
@@ -37,23 +39,11 @@ def test_positions_frames_and_jacobians(joints, frame):
 
 
 def test_a_sliding_joint_too(tmp_path):
-    urdf = tmp_path / "slider.urdf"
-    joint = (
-        '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="0.1 0.2 0" rpy="0.3 0 0"/>'
+    turn = joint("turn", "base", "turned", "0.1 0.2 0", rpy="0.3 0 0")
+    slide = joint("slide", "turned", "slid", "0.1 0.2 0", "0 1 1", "prismatic", "0.3 0 0")
+    robot = Robot(
+        write_urdf(tmp_path / "slider.urdf", turn, slide), FrameNames("base", "base", gaze_joints=(), torso=())
     )
-    joint += '<axis xyz="0 {4} 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-    eyes = ["neck_yaw", "neck_pitch", "eyes_tilt", "left_eye_pan", "right_eye_pan"]
-    links = ["base", "turned", "slid", *eyes, "left_eye", "right_eye"]
-    urdf.write_text(
-        '<robot name="slider">' + "".join(f'<link name="{name}"/>' for name in links)
-        + joint.format("turn", "revolute", "base", "turned", 0)
-        + joint.format("slide", "prismatic", "turned", "slid", 1)
-        + "".join(joint.format(name, "revolute", "base", name, 0) for name in eyes)
-        + "".join(f'<joint name="fix_{e}" type="fixed"><parent link="base"/><child link="{e}"/></joint>'
-                  for e in ("left_eye", "right_eye"))
-        + "</robot>"
-    )  # fmt: skip
-    robot = type(ROBOT)(urdf)
     q = np.random.default_rng(1).uniform(-1, 1, (5, 2))
     positions, jacobians = robot.chain(("turn", "slide"), "slid").positions(q)
     indices = robot.indices(("turn", "slide"))

@@ -36,5 +36,6 @@ def test_a_palm_without_taxels_faces_along_its_z_axis():
 
 
 def test_what_is_no_point_of_the_arm_is_answered_with_those_that_are():
-    with pytest.raises(ValueError, match=r"'elbow' of the left arm; expected palm or one of left_forearm:27, "):
-        EndPoint.of(ROBOT, "left", "elbow", 7)
+    for name in ("elbow", "right_forearm:27"):
+        with pytest.raises(ValueError, match=f"'{name}' of the left arm; expected palm or one of left_forearm:27, "):
+            EndPoint.of(ROBOT, "left", name, 7)

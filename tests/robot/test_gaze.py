@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from data import ARM7
 from eyes import fixation_point
+from urdf import joint, write_urdf
 
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits, GazeModel, fixation_points, gaze_for_points
@@ -98,30 +100,16 @@ def test_points_that_the_torso_carries_back_to_upright():
 
 def head(folder: Path, yaw_first: bool) -> Robot:
     """Two neck joints whose axes meet 10 cm beside the root, no torso, eyes that look along x."""
-    eye = '<origin xyz="0.05 {y} 0.02" rpy="0 0 0"/><axis xyz="0 0 -1"/>'
-    axes = {"yaw": '<axis xyz="0 0 1"/>', "pitch": '<axis xyz="0 -1 0"/>'}
-    first, second = ("yaw", "pitch") if yaw_first else ("pitch", "yaw")
-    joints = {
-        (first, "base", "neck"): '<origin xyz="0 0.1 0.3"/>' + axes[first],
-        (second, "neck", "skull"): axes[second],
-        ("tilt", "skull", "eyes"): '<axis xyz="0 -1 0"/>',
-        ("pan_l", "eyes", "socket_l"): eye.format(y=0.03),
-        ("pan_r", "eyes", "socket_r"): eye.format(y=-0.03),
-    }
-    limit = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
-    links = ["base"] + [child for _, _, child in joints] + ["left", "right"]
-    text = "".join(f'<link name="{link}"/>' for link in links)
-    for (name, parent, child), axes_xml in joints.items():
-        ends = f'<parent link="{parent}"/><child link="{child}"/>'
-        text += f'<joint name="{name}" type="revolute">{ends}{axes_xml}{limit}</joint>'
-    for side in ("left", "right"):
-        text += (
-            f'<joint name="{side}_axis" type="fixed"><parent link="socket_{side[0]}"/><child link="{side}"/>'
-            '<origin rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint>'
-        )
-    (folder / "head.urdf").write_text(f'<robot name="head">{text}</robot>')
-    names = FrameNames("left", "right", gaze_joints=("yaw", "pitch", "tilt", "pan_l", "pan_r"))
-    return Robot(folder / "head.urdf", names)
+    axes = {"yaw": "0 0 1", "pitch": "0 -1 0"}
+    first, second = axes if yaw_first else reversed(axes)
+    parts = [joint(first, "base", "neck", "0 0.1 0.3", axes[first]), joint(second, "neck", "skull", axis=axes[second])]
+    parts.append(joint("tilt", "skull", "eyes", axis="0 -1 0"))
+    for side, y in (("left", 0.03), ("right", -0.03)):
+        parts.append(joint(f"pan_{side}", "eyes", f"socket_{side}", f"0.05 {y} 0.02", "0 0 -1"))
+        ahead = "-1.5707963267948966 0 -1.5707963267948966"
+        parts.append(joint(f"{side}_axis", f"socket_{side}", side, kind="fixed", rpy=ahead))
+    names = FrameNames("left", "right", gaze_joints=("yaw", "pitch", "tilt", "pan_left", "pan_right"))
+    return Robot(write_urdf(folder / "head.urdf", *parts), names)
 
 
 def test_another_head_that_pitches_first(tmp_path):
@@ -165,9 +153,6 @@ def test_limits_out_of_order_or_of_eyes_that_do_not_converge_are_refused(limits)
         GazeLimits(**limits)
 
 
-ARM7_URDF = Path(__file__).parents[1] / "arm7" / "arm.urdf"
-
-
 def watched(left_deg: float, link: str = "base", palms: tuple[str, str] = ("", "palm")) -> Robot:
     """An arm watched by two cameras 10 cm apart that look along y, the left one turned by an angle to its left."""
     mounted = {}
@@ -177,7 +162,7 @@ def watched(left_deg: float, link: str = "base", palms: tuple[str, str] = ("", "
             [[np.cos(turn), 0, -np.sin(turn)], [np.sin(turn), 0, np.cos(turn)], [0, -1, 0]]
         )
         mounted[name][1][:3, 3] = x, 0.2, 0.7
-    return Robot(ARM7_URDF, FrameNames("left", "right", palms, gaze_joints=()), None, mounted)
+    return Robot(ARM7.with_name("arm.urdf"), FrameNames("left", "right", palms, gaze_joints=()), None, mounted)
 
 
 @pytest.mark.parametrize("left_deg", [0.0, 8.0])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from data import shared_data
-from eyes import fixation_point
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
@@ -68,11 +67,6 @@ LIMITS_DEG = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return icub.load_icub()
-
-
 def denavit_hartenberg(rows: list[tuple[float, float, float, float]], q: Array) -> Array:
     T = ROOT
     for (a, d, alpha_deg, offset_deg), angle in zip(rows, q, strict=True):
@@ -130,14 +124,6 @@ def test_set_gaze_changes_only_what_is_named(robot):
 
 def test_the_cameras_are_those_of_the_robots_own_calibration():
     assert read_icub_eyes(shared_data("icub_files", "icubEyes.ini")) == (icub.LEFT_EYE, icub.RIGHT_EYE)
-
-
-def test_at_home_the_eyes_look_ahead_and_meet_where_ten_degrees_of_vergence_do(robot):
-    """Half of 68 mm by tan 5° before them."""
-    posture = robot.at(icub.home(robot))
-    eyes = 0.5 * (posture.point("left_eye") + posture.point("right_eye"))
-    ahead = fixation_point(posture) - eyes
-    np.testing.assert_allclose(ahead, [-0.034 / np.tan(np.deg2rad(5.0)), 0, 0], atol=1e-9)
 
 
 def test_the_setup_has_all_taxels_or_those_given_and_both_arms_at_home(robot):

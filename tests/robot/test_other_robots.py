@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from data import shared_data
+from data import ARM7, shared_data
 
 from learning.pps.memory import PPSMemory, load_memory
 from learning.reach.map import ReachableMap
@@ -20,7 +20,6 @@ from pps_vision.robot.model import FrameNames, Robot
 from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.self_collision import SelfCollision
 
-ARM7 = Path(__file__).parents[1] / "arm7" / "robot.toml"
 SETUP = read_robot(ARM7)
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import (
     DirectionCoverage,
     FarFromLimits,
@@ -70,22 +69,6 @@ def test_manipulability_is_the_volume_and_vanishes_where_the_arm_is_straight():
     even = Manipulability(isotropy=True)(None, J)
     assert even[0] == pytest.approx(0, abs=1e-9)
     assert even[1] == pytest.approx(1 / np.linalg.cond(J[1]))
-
-
-def test_another_measure_finds_other_postures():
-    robot = load_icub()
-    lower = np.deg2rad([-95.0, 0, -20, 15])
-    upper = np.deg2rad([10.0, 160, 80, 105])
-    chain = robot.chain(robot.names.arm("right")[:4], "right_palm")
-    q = np.random.default_rng(SEED).uniform(lower, upper, (200, 4))
-    targets, J = chain.positions(q)
-    even = Manipulability(isotropy=True)
-    walked, good = walk(chain.positions, targets, q, lower, upper, even, WalkParams())
-    np.testing.assert_allclose(chain.positions(walked)[0], targets, atol=1e-4)
-    assert (good >= even(q, J)).all()
-    central, _ = walk(chain.positions, targets, q, lower, upper, FarFromLimits(lower, upper), WalkParams())
-    assert np.mean(good - even(central, chain.positions(central)[1])) > 0.005
-    assert np.all((walked >= lower) & (walked <= upper))
 
 
 def pointing(q):

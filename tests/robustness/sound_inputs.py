@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import trimesh
 from bags import BagWriter
+from calibrations import store
 from results import write_results
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
@@ -151,14 +152,9 @@ def _of_recording(name: str) -> Callable[[Path], list[Path]]:
 def _calibration(suffix: str) -> Reader:
     def write(folder: Path) -> list[Path]:
         file = folder / f"stereo.{suffix}"
-        storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
         K = np.array([[220.0, 0, 160], [0, 221, 120], [0, 0, 1]])
-        pose = {"R": np.eye(3), "T": np.array([[-0.07], [0.001], [0.002]])}
-        for key, value in {"K1": K, "D1": 0.01 * np.ones((1, 5)), "K2": K, "D2": np.zeros((1, 4)), **pose}.items():
-            storage.write(key, value)
-        storage.write("image_width", 320)
-        storage.write("image_height", 240)
-        storage.release()
+        entries = {"K1": K, "D1": 0.01 * np.ones((1, 5)), "K2": K, "D2": np.zeros((1, 4)), "R": np.eye(3)}
+        store(file, **entries, T=np.array([[-0.07], [0.001], [0.002]]), image_width=320, image_height=240)
         return [file]
 
     return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from learning.reach.babbling import Babbled, babble
-from learning.reach.labels import ReachOracle
-from learning.reach.params import ArmLimits, MapParams
-from pps_vision.experiments.reach_truth import gaze_rmse_deg
+from learning.reach.babbling import babble
+from learning.reach.params import ArmLimits
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 
@@ -34,21 +32,3 @@ def test_limits_decide_what_can_be_fixated(babbled):
     narrow = GazeLimits(yaw_rad=(-0.1, 0.1))
     few = babble(ROBOT, "right", 500, np.random.default_rng(1), gaze_limits=narrow)
     assert 0 < len(few.arm_rad) < 0.15 * 500
-
-
-def test_an_unknown_side_is_refused():
-    with pytest.raises(ValueError, match="side 'third': expected left or right"):
-        babble(ROBOT, "third", 10, np.random.default_rng(0))
-    with pytest.raises(ValueError, match="side 'third': expected left or right"):
-        ReachOracle(ROBOT, "third", MapParams(n_babble=100), np.random.default_rng(0))
-
-
-def test_postures_without_an_answer_are_counted_apart():
-    """Three of four postures are answered, 0.01 rad off in every angle."""
-    arm = np.array([[0.0] * 4] * 3 + [[np.inf] * 4])
-    gaze = np.tile([0.1, 0.2, 0.3], (4, 1))
-
-    def model(arm):
-        return np.where(np.isfinite(arm[:, :1]), gaze, np.nan)
-
-    assert gaze_rmse_deg(model, Babbled(arm, gaze + 0.01, 4)) == (pytest.approx(np.rad2deg(0.01)), 0.25)

@@ -203,12 +203,6 @@ def test_a_smooth_function_is_learned_from_samples_with_noise_and_outliers(learn
     assert np.sqrt(np.mean((learned(at)[0] - wave(at)) ** 2)) < 0.01
 
 
-def test_its_slope_is_that_of_its_values(learned, x):
-    value, J = learned(x[:20])
-    for k, h in enumerate(1e-6 * np.eye(2)):
-        np.testing.assert_allclose((learned(x[:20] + h)[0] - value) / 1e-6, J[:, :, k], atol=1e-4)
-
-
 def test_noise_is_no_evidence_and_few_samples_are_not_enough(x):
     identity = np.tile(np.eye(3), (N, 1, 1))
     for seed in range(3):

@@ -219,14 +219,6 @@ def test_nodes_are_met_and_between_them_it_follows_a_smooth_function():
     assert spline(np.zeros((0, 3))).shape == (0,)
 
 
-def test_a_linear_function_is_exact():
-    nodes = random_gaze(100)
-    slope = np.array([1.0, 2.0, 3.0])
-    queries = random_gaze(50, 1)
-    spline = GazeSpline(nodes, isotropic(nodes) @ slope)
-    np.testing.assert_allclose(spline(queries), isotropic(queries) @ slope, atol=1e-6)
-
-
 def test_of_repeated_nodes_the_first_counts_and_repeated_queries_are_answered_alike():
     nodes = random_gaze(100)
     values = isotropic(nodes) @ [1.0, 2.0, 3.0]

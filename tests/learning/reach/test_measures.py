@@ -12,7 +12,7 @@ from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits
-from pps_vision.robot.skin import EndPoint, icub_skin
+from pps_vision.robot.skin import EndPoint
 
 ROBOT = load_icub()
 LIMITS = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # arms are seen from above
@@ -40,33 +40,6 @@ def best_measure(side, end_point, params, gaze):
             measure = params.measure or FarFromLimits(lower, upper)
             best[k] = measure(q, point.positions(q)[1]).max()
     return best
-
-
-@pytest.mark.parametrize(
-    ("side", "name"), [("left", "left_forearm:27"), ("right", "right_forearm:39"), ("right", "right_palm:101")]
-)
-def test_an_end_point_is_where_the_skin_is(side, name):
-    """The palm is the origin of its frame and faces as its skin."""
-    skin = icub_skin()
-    q = np.zeros(ROBOT.n_joints)
-    arm = np.random.default_rng(SEED).uniform(0, 0.5, 4)
-    q[ROBOT.indices(ROBOT.names.arm(side)[:4])] = arm
-    positions, normals = skin.at(ROBOT.at(q))
-    palm_taxel = next(k for k, taxel in enumerate(skin.taxel_ids) if taxel.startswith(f"{side}_palm"))
-    for end_point, position, normal in (
-        (name, positions[skin.index(name)], normals[skin.index(name)]),
-        ("palm", ROBOT.at(q).point(f"{side}_palm"), normals[palm_taxel]),
-    ):
-        point = EndPoint.of(ROBOT, side, end_point, 4)
-        np.testing.assert_allclose(point.positions(arm[None])[0][0], position, atol=1e-9)
-        np.testing.assert_allclose(point.normals(arm[None])[0], normal, atol=1e-9)
-
-
-def test_another_arms_taxel_is_refused():
-    with pytest.raises(
-        ValueError, match="'left_forearm:27' of the right arm; expected palm or one of right_forearm:27"
-    ):
-        EndPoint.of(ROBOT, "right", "left_forearm:27", 4)
 
 
 @pytest.mark.parametrize(

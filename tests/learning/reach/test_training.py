@@ -85,12 +85,14 @@ def test_going_on_keeps_what_was_learned_and_does_not_count_it():
             learned_from(plane, "right", rng, PARAMS, into=replace(first, **changes))
 
 
-def test_where_inverse_kinematics_never_answers_nothing_is_learned():
+def test_where_inverse_kinematics_never_answers_or_all_is_within_reach_nothing_is_learned():
     def label(gaze):
         return replace(plane(gaze), error_m=np.full(len(gaze), np.nan))
 
     with pytest.raises(InputError, match="inverse kinematics never converged"):
         learned_from(label, "right", np.random.default_rng(SEED), PARAMS)
+    with pytest.raises(InputError, match="all 200 labels are within reach"):
+        learned_from(lambda gaze: plane(gaze * [0, 1, 1] - [1, 0, 0]), "right", np.random.default_rng(SEED), PARAMS)
 
 
 def test_the_bound_of_the_error_is_that_of_the_binomial_distribution():

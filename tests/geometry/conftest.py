@@ -1,9 +1,0 @@
-"""One seeded generator a test."""
-
-import numpy as np
-import pytest
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(7)

@@ -1,0 +1,36 @@
+"""Calibrations as OpenCV and Kalibr write them."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+
+def store(file: Path, flags: int = 0, **entries: np.ndarray | float) -> Path:
+    """Write matrices and numbers under their names with OpenCV; returns the file."""
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE | flags)
+    for key, value in entries.items():
+        storage.write(key, value)
+    storage.release()
+    return file
+
+
+def write_calibration(
+    file: Path, focal_px: float, center_px: tuple[float, float], size: tuple[int, int] | None = None
+) -> Path:
+    """Parallel cameras 10 cm apart, with the size (width, height) of their images if given; returns the file."""
+    K = np.array([[focal_px, 0, center_px[0]], [0, focal_px, center_px[1]], [0, 0, 1]])
+    sizes = dict(zip(("image_width", "image_height"), size or (), strict=False))
+    return store(file, K1=K, K2=K, R=np.eye(3), T=np.array([-0.1, 0, 0]), **sizes)
+
+
+def write_camchain(
+    file: Path, K_left: np.ndarray, K_right: np.ndarray, T_right_left: np.ndarray, size: tuple[int, int]
+) -> Path:
+    """Kalibr's file of two cameras without distortion whose images have a size (width, height); returns the file."""
+    text = ""
+    for k, K in enumerate((K_left, K_right)):
+        text += f"cam{k}:\n  camera_model: pinhole\n  distortion_coeffs: [0, 0, 0, 0]\n  distortion_model: radtan\n"
+        text += f"  intrinsics: [{K[0][0]}, {K[1][1]}, {K[0][2]}, {K[1][2]}]\n  resolution: {list(size)}\n"
+    file.write_text(f"{text}  T_cn_cnm1: {T_right_left.tolist()}\n")
+    return file
