@@ -95,7 +95,7 @@ class Growth(SampledStudy):
 
     def _film(self, width: int, height: int, **options: Any) -> Callable[[TrackerParams], list[float]]:
         """Processor times (ms) of tracking the later pairs of a film."""
-        film = Film(FilmScene(width, height, seconds=2.0, start="moving", **options), self.seed, self.data)
+        film = Film(FilmScene(width=width, height=height, seconds=2.0, start="moving", **options), self.seed, self.data)
         frames = tuple(film)
 
         def track_film(params: TrackerParams) -> list[float]:

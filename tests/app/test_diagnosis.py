@@ -228,7 +228,7 @@ def plain_pairs() -> Recording:
 @pytest.fixture(scope="module")
 def crossing() -> tuple[StereoRig, list[StereoFrame]]:
     """A ball that crosses the view obliquely, 30 cm/s, 60 cm away."""
-    film = Film(FilmScene(320, 240, seconds=2.0, motion="straight"), seed=11)
+    film = Film(FilmScene(width=320, height=240, seconds=2.0, motion="straight"), seed=11)
     return film.rig, list(film)
 
 

@@ -21,7 +21,7 @@ from pps_vision.experiments.films.caster import (
     visible_share,
 )
 from pps_vision.experiments.films.scenes import EYES_AT_REST, Film, FilmScene, head_pose, lenses
-from pps_vision.experiments.films.score import score, score_of_either
+from pps_vision.experiments.films.score import score, score_of_film
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Status, Track3D
 
@@ -171,6 +171,8 @@ def test_scores_count_what_they_say():
         "right_percent": 60,  # neither too far off nor without the claim
         "false_percent": 5,  # of all frames
         "found_s": 0,
+        "known_s": 0,
+        "known_percent": 100,
         "median_mm": pytest.approx(10),
         "radius_percent": pytest.approx(0, abs=1e-9),
         "covered_percent": 75,  # of eight claims two are 4 and 6 σ off
@@ -179,6 +181,7 @@ def test_scores_count_what_they_say():
     assert score(late, film.truth)["found_s"] == pytest.approx(0.7)
     late[7:10] = [track(k, 0.031) for k in range(7, 10)]  # not right
     late_of_moving = score([replace(row, radius_m=0.033) for row in late], film.truth, 0.5)
+    assert late_of_moving["known_percent"] == 100, "0.2 s after it moves, 31 mm off, 5 % of the distance"
     assert late_of_moving["found_s"] == pytest.approx(0.5), "from 0.5 s, when it moves, to 1.0 s"
     assert late_of_moving["judged"] == 5
     assert late_of_moving["radius_percent"] == pytest.approx(10)
@@ -196,13 +199,19 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one():
     np.testing.assert_allclose(rates[1][1:-1], (second[2:] - second[:-2]) / 0.2, atol=0.02)
 
     def shares(path: Array) -> tuple[float, float]:
-        tracks = [track_at(p, stamp_s=row.stamp_s, cov=1e-4) for row, p in zip(film.truth, path, strict=True)]
-        scores = score_of_either(tracks, film.truths)
+        scores = score_of_film([[track] for track in tracks_along(path)], film.truths)
         return scores["right_percent"], scores["false_percent"]
+
+    def tracks_along(path: Array) -> list[Track3D]:
+        return [track_at(p, stamp_s=row.stamp_s, cov=1e-4) for row, p in zip(film.truth, path, strict=True)]
 
     assert shares(second) == (100, 0)
     assert shares(np.concatenate([first[:14], second[14:]])) == (60, 70)
     assert shares(middle) == (0, 100), "the left eye's ball paired with the right eye's other"
+    both = list(zip(tracks_along(first), tracks_along(second), strict=True))
+    one_and_none = [pair if k < 12 else pair[:1] for k, pair in enumerate(both)]
+    assert score_of_film(both, film.truths, each=True)["right_percent"] == 100
+    assert score_of_film(one_and_none, film.truths, each=True)["right_percent"] == 20
 
 
 def test_first_boxes_are_those_of_the_silhouette():

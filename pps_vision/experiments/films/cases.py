@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pps_vision.experiments.films.caster import PHOTOS, Levels, SensorChain
-from pps_vision.experiments.films.scenes import FilmScene
+from pps_vision.experiments.films.scenes import FilmObject, FilmScene
 from tracking.marker import MarkerParams
 from tracking.tracker import TrackerParams
 
@@ -49,6 +49,7 @@ class Case:
     base: FilmScene
     marker: bool = False
     own_goals: Goals = field(default_factory=dict)
+    each: bool = False  # both of two equal balls are to be followed, not either
 
     def scene(self, film: int) -> FilmScene:
         """Return the scene of the film of that number; a textured object never shows the photograph behind it."""
@@ -143,3 +144,28 @@ CASES = (
     *(_case(name, *case) for name, case in {**_SHARED, **_GENERIC}.items()),
     *(_case(name, *case, marker=True) for name, case in _SHARED.items()),
 )
+
+_KNOWN = {**_right(90), "known_percent": (Goal(95.0, True),)}
+_APPROACH: dict[str, Any] = {"motion": "approach", "color": BLUE, "appears_s": 1.5}
+_RESTS = FilmObject(motion="stop_and_go", start="moving", stop_s=np.inf)
+_FIRST_RESTS = {**_APPROACH, "start": "moving", "distance_m": 1.4, "radius_m": 0.04, "appears_s": 2.0, "seconds": 5.5}
+_WALKER = {**_APPROACH, "distance_m": 1.0, "radius_m": 0.04, "seconds": 5.0, "walker": True, "room_m": 4.5}
+_FARTHER = FilmObject(start="moving", distance_m=1.0, radius_m=0.04)
+_TAKES = {"hand": "takes", "motion": "stop_and_go", "moves_s": 1.8, "stop_s": 1.0, "start": "moving", "seconds": 5.0}
+_CROSS = {"second_ball": True, "motion": "straight", "start": "moving", "seconds": 3.0}
+_ROD = {"shape": "rod", "radius_m": 0.1}
+_THROWN = {"motion": "throws", "start": "rest", "rest_s": 0.5, "speed_m_s": 3.0, "distance_m": 0.8, "fps": 60.0}
+_NEW: dict[str, tuple[Options, Goals]] = {
+    "hand holds": ({"hand": "holds", "start": "moving"}, _right(95)),
+    "hand takes": (_TAKES, _right(95)),
+    "first rests": ({**_FIRST_RESTS, "others": (_RESTS,)}, _KNOWN),
+    "walker": (_WALKER, {**_KNOWN, "false_percent": ()}),
+    "nearer comes later": ({**_APPROACH, "distance_m": 0.7, "seconds": 4.5, "others": (_FARTHER,)}, _KNOWN),
+    "two of one colour cross": (_CROSS, {}),
+    "rod at 45°": (_ROD, _right(95)),
+    "turning stick": ({**_ROD, "spin_rad_s": 1.5}, _right(95)),
+    "light off and on": ({"dark_from_s": 2.0}, {**_right(90), "most_found_s": (Goal(0.3),)}),
+    "thrown at 3 m/s": (_THROWN, _right(80)),
+}
+NEW_CASES = tuple(replace(_case(name, *case), each=name == "two of one colour cross") for name, case in _NEW.items())
+"""Cases after the first 58, counted apart."""

@@ -29,7 +29,7 @@ from pps_vision.experiments.films.raycast import (
     unit_normal,
 )
 from pps_vision.jit import njit
-from pps_vision.types import Array, Image
+from pps_vision.types import Array, Image, Mask
 
 Pattern = Literal["plain", "striped", "chequered", "textured"]
 Levels = tuple[float, float, float]  # RGB, 0–255
@@ -134,6 +134,11 @@ class Cylinder:
         corners = [self.half * c + a * across[0] + b * across[1] for a in signs for b in signs for c in signs]
         return np.asarray(self.center + corners)
 
+    def sample(self, eye: Array) -> Array:
+        """Return points (256, 3) spread evenly over its section across the line of sight."""
+        across = np.cross(self.half, self.center - eye)
+        return Panel(self.center, self.half, self.radius_m * across / np.linalg.norm(across), self.paint).sample(eye)
+
 
 Solid = Ball | Panel | Cylinder
 Solids = tuple[Solid, ...]  # the solids of a scene at one instant
@@ -218,15 +223,16 @@ class RayCaster:
         image = self._static(poses, static)
         scenes = [(*solids, *static) for solids in moving]
         instants = _INSTANT_OF_SAMPLE if len(poses) > 1 else np.zeros_like(_INSTANT_OF_SAMPLE)
+        mask = np.zeros(image.shape[:2], bool)
         for first, last in zip(moving[0], moving[-1], strict=True):
-            x0, y0, x1, y1 = region = self._region(((poses[0], first), (poses[-1], last)))
-            if x0 < x1 and y0 < y1:
-                self._cast(poses, scenes, instants, region, image)
+            x0, y0, x1, y1 = self._region(((poses[0], first), (poses[-1], last)))
+            mask[y0:y1, x0:x1] = True
+        self._cast(poses, scenes, instants, mask, image)
         return image
 
     def _static(self, poses: list[Array], static: Solids) -> NDArray[np.float32]:
-        whole = (0, 0, self.lens.width, self.lens.height)
         image = np.empty((self.lens.height, self.lens.width, 3), np.float32)
+        whole = np.ones(image.shape[:2], bool)
         if any(not np.array_equal(pose, poses[0]) for pose in poses):
             coarse = [poses[k] for k in _COARSE_INSTANTS]
             self._cast(coarse, [static] * len(coarse), _COARSE_INSTANT_OF_SAMPLE, whole, image)
@@ -255,7 +261,7 @@ class RayCaster:
         poses: list[Array],
         scenes: Sequence[Solids],
         instants: NDArray[np.int64],
-        region: tuple[int, int, int, int],
+        mask: Mask,
         image: NDArray[np.float32],
     ) -> None:
         textured = [solid for solid in scenes[0] if solid.paint.pattern == "textured"]
@@ -264,7 +270,7 @@ class RayCaster:
         sizes = np.array([texture.shape[:2] for texture in textures])
         rows = np.array([np.concatenate([pose[:3, :3].ravel(), pose[:3, 3]]) for pose in poses])
         solids = np.array([_rows(scene) for scene in scenes])
-        _cast(self.lens.rays, rows, solids, self._room, texels, sizes, np.array(region), instants, LIGHT, image)
+        _cast(self.lens.rays, rows, solids, self._room, texels, sizes, mask, instants, LIGHT, image)
 
     def _texture(self, solid: Solid, eye: Array) -> NDArray[np.float32]:
         """As wide as the solid's circumference or width is in the first image."""
@@ -275,7 +281,7 @@ class RayCaster:
         return photograph(self._data, solid.paint.photo, self._texture_px[solid.paint.photo])
 
 
-def visible_share(lens: FilmLens, T_stage_camera: Array, solids: Solids, solid: Ball | Panel) -> float:
+def visible_share(lens: FilmLens, T_stage_camera: Array, solids: Solids, solid: Solid) -> float:
     """Return the share of the image of one of the solids that is inside the picture and not occluded."""
     eye = T_stage_camera[:3, 3]
     points = solid.sample(eye)
@@ -347,12 +353,14 @@ def _texel(texels, start, h, w, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _cast(rays, poses, solids, room, texels, sizes, region, instants, lamp, image):  # type: ignore[no-untyped-def]
-    """Write the mean colour of the samples of each pixel of a region into the image."""
+def _cast(rays, poses, solids, room, texels, sizes, mask, instants, lamp, image):  # type: ignore[no-untyped-def]
+    """Write the mean colour of the samples of each pixel of a mask into the image."""
     side = instants.shape[0]
     weight = 1 / (side * side)
-    for y in range(region[1], region[3]):
-        for x in range(region[0], region[2]):
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            if not mask[y, x]:
+                continue
             red = 0.0
             green = 0.0
             blue = 0.0

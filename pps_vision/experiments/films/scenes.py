@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from pps_vision.experiments.baselines.image_trackers import BoxPx
+from pps_vision.experiments.films.bodies import make_hand, make_person
 from pps_vision.experiments.films.caster import (
     INSTANTS,
     Ball,
@@ -25,6 +26,7 @@ from pps_vision.experiments.films.caster import (
     Pattern,
     RayCaster,
     SensorChain,
+    Solid,
     Solids,
     noise_tape,
     photograph,
@@ -44,7 +46,13 @@ _BASELINE_M = 0.12  # between the eyes of a rig without a head
 _DISTORTION = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])  # of the left eye
 _ROTATION_RAD = np.deg2rad(1.0)  # amplitude of a rotating rig about the vertical axis
 _ROTATION_HZ = 0.5
+_DARK_GAIN = 0.03
+_ABSENT = np.array([0.0, 0.0, -10.0])  # place of an object that is to come, behind the eyes
+_THROW_S = 0.8  # from throw to throw
+_GRAVITY = np.array([0.0, 9.81, 0.0])
+_HAND_M_S = 0.6  # speed of a hand that comes
 CARDBOARD: Levels = (140.0, 107.0, 71.0)
+DARK_S = 0.5
 FINGER: Levels = (150.0, 150.0, 150.0)
 FINGER_RADIUS_M = 0.008
 FINGER_LENGTH_M = 0.4
@@ -72,8 +80,30 @@ _LENSES = ((1.0, 3.2, -2.6), (1.004, -2.4, 1.7))  # of each eye: relative focal 
 
 
 @dataclass(frozen=True)
-class FilmScene:
-    """Parameters of a film. The defaults are those of the tracking table: 640×480, 12 cm baseline, 0.6 m, 30 cm/s."""
+class FilmObject:
+    """Parameters of an object and its motion. The defaults are those of the tracking table: 0.6 m, 30 cm/s."""
+
+    shape: Literal["ball", "square", "rod"] = "ball"  # square and rod face the eyes, slightly turned; the rod at 45°
+    radius_m: float = 0.03  # of the ball; half the side of the square; half the length of the rod
+    color: Levels | Literal["background"] = (205.0, 30.0, 25.0)  # background: the mean of the photograph
+    pattern: Pattern = "plain"  # of the object
+    texture: int = 1  # photograph (index) of a textured object
+    spin_rad_s: float = 0.0  # rotation about an oblique axis (ball) or in its plane (square, rod)
+
+    motion: Literal["straight", "stop_and_go", "reversal", "circle", "still", "approach", "throws"] = "circle"
+    start: Literal["moving", "rest", "entering"] = "entering"  # rest: in view, for `rest_s`
+    appears_s: float = 0.0  # it is absent until then, and for up to 0.5 s longer
+    rest_s: float = 1.0  # rest before the motion with `start` rest
+    moves_s: float = 1.5  # motion before the stop of `stop_and_go`
+    stop_s: float = 2.0  # length of that stop
+    speed_m_s: float = 0.3  # 0.02–1; of `throws` 3, when thrown
+    extent_m: float = 0.12  # radius of the circle; half the length of the reversal
+    distance_m: float = 0.6  # from the eyes to the middle of the motion, or to where the approach begins
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmScene(FilmObject):
+    """Parameters of a film, and of its first object. The defaults: 640×480, 12 cm baseline."""
 
     width: int = 640  # of the images, px
     height: int = 480  # px
@@ -86,27 +116,19 @@ class FilmScene:
     head_deg: float = 8.0  # amplitude of the neck's yaw; the other joints of neck and eyes move less
     stale_s: float = 0.0  # age of the joints that come with an image
 
-    shape: Literal["ball", "square"] = "ball"  # the square faces the eyes, slightly turned
-    radius_m: float = 0.03  # of the ball; half the side of the square
-    color: Levels | Literal["background"] = (205.0, 30.0, 25.0)  # background: the mean of the photograph
-    pattern: Pattern = "plain"  # of the object
-    texture: int = 1  # photograph (index) of a textured object
-    spin_rad_s: float = 0.0  # rotation about an oblique axis (ball) or in its plane (square)
-    second_ball: bool = False  # an equal ball, 15 cm farther away, that moves against the first
+    others: tuple[FilmObject, ...] = ()  # further objects
+    second_ball: bool = False  # one more object, equal to the first, 15 cm farther away, that moves against it
     hidden_s: float = 0.0  # time for which a board amid the view hides the passing object; 0: no board
     finger: bool = False  # a grey finger from beyond the lower edge holds the object and moves with it
-
-    motion: Literal["straight", "stop_and_go", "reversal", "circle", "still"] = "circle"
-    start: Literal["moving", "rest", "entering"] = "entering"  # rest: in view, for `rest_s`
-    rest_s: float = 1.0  # rest before the motion with `start` rest
-    speed_m_s: float = 0.3  # 0.02–1
-    extent_m: float = 0.12  # radius of the circle; half the length of the reversal
-    distance_m: float = 0.6  # from the eyes to the middle of the motion
+    hand: Literal["none", "holds", "takes"] = "none"  # it moves with the object, or comes while that stops
+    walker: bool = False  # a person walks across or away, 1.9 m to 4 m away
 
     background: int = 0  # photograph (index) on the walls
+    room_m: float = 1.6  # from the eyes to the wall ahead
     shutter_s: float = 0.0  # exposure centred on the stamp: motion blur
     gain_drift: float = 0.0  # amplitude of a 0.2 Hz change of the gain, a quarter period later in the right eye
     flicker: float = 0.0  # amplitude of the light's 100 Hz flicker
+    dark_from_s: float = -DARK_S  # from when the light is out, for `DARK_S`
     sensor: SensorChain = SensorChain()
 
 
@@ -152,9 +174,16 @@ class Film:
         self._joint_phases = rng.uniform(0, 2 * np.pi, 8)
         self._shake = _shaking(rng, np.deg2rad(scene.shake_deg))
         self._lenses = lenses(scene)
-        self._path = make_path(scene, rng)
+        self.objects: tuple[FilmObject, ...] = (scene, *scene.others, *((scene,) if scene.second_ball else ()))
+        path = make_path(scene, rng, scene.seconds)
         self._turn_axis = _unit(rng.standard_normal(3) + np.array([0.0, 1.0, 0.5]))
         self._tilt = rng.uniform(-0.2, 0.2, 2)
+        self._paths = [path, *(make_path(other, rng, scene.seconds) for other in scene.others)]
+        if scene.second_ball:
+            twice = 2 * np.array([0, 0, scene.distance_m])
+            self._paths.append(lambda t: (twice - path(t)[0] + np.array([0, 0, 0.15]), -path(t)[1]))
+        self._hand = make_hand(rng)
+        self._person = make_person(rng)
         self.stamps_s = np.arange(max(1, round(scene.seconds * scene.fps))) / scene.fps
 
     # inputs of the tracker
@@ -230,13 +259,12 @@ class Film:
     def _background_mean(self) -> Array:
         return np.asarray(photograph(self.data, self.scene.background, self.scene.width).mean(axis=(0, 1)))
 
-    @cached_property
-    def _paint(self) -> Paint:
-        color = self.scene.color
+    def _paint(self, shown: FilmObject) -> Paint:
+        color = shown.color
         if isinstance(color, str):
             r, g, b = self._background_mean.tolist()
             color = (r / 0.75, g / 0.75, b / 0.75)  # shading leaves three quarters of a ball's paint
-        return Paint(color, self.scene.pattern, photo=self.scene.texture)
+        return Paint(color, shown.pattern, photo=shown.texture)
 
     @cached_property
     def static(self) -> Solids:
@@ -250,27 +278,35 @@ class Film:
         return (Panel(middle, np.array([half, 0, 0]), np.array([0, 0.5, 0]), Paint(CARDBOARD)),)
 
     def solids(self, t_s: float) -> Solids:
-        """Return the moving solids: the object, a second ball, a finger."""
+        """Return the moving solids: the objects in their order, then what has no truth: finger, hand, walker."""
         scene = self.scene
-        p = self._path(t_s)[0]
-        if scene.shape == "square":
-            axes = _rotation(np.array([*self._tilt, scene.spin_rad_s * t_s])) * scene.radius_m
-            return (Panel(p, axes[:, 0], axes[:, 1], self._paint),)
-        R = _rotation(self._turn_axis * scene.spin_rad_s * t_s)
-        solids: list[Ball | Cylinder] = [Ball(p, scene.radius_m, self._paint, R)]
-        if scene.second_ball:
-            mirrored = 2 * np.array([0, 0, scene.distance_m]) - p
-            solids.append(Ball(mirrored + np.array([0, 0, 0.15]), scene.radius_m, self._paint, R))
+        p = self._paths[0](t_s)[0]
+        solids: list[Solid] = [
+            self._solid(shown, path(t_s)[0], t_s) for shown, path in zip(self.objects, self._paths, strict=True)
+        ]
         if scene.finger:  # begins within the object
             half = 0.5 * FINGER_LENGTH_M * _FINGER_AXIS
             middle = p + 0.8 * scene.radius_m * _FINGER_AXIS + half
             solids.append(Cylinder(middle, half, FINGER_RADIUS_M, Paint(FINGER)))
+        if scene.hand != "none":
+            grasps_s = scene.moves_s + 0.7 * scene.stop_s if scene.hand == "takes" else 0.0
+            solids += self._hand(p, scene.radius_m, _HAND_M_S * max(grasps_s - t_s, 0.0))
+        if scene.walker:
+            solids += self._person(t_s)
         return tuple(solids)
+
+    def _solid(self, shown: FilmObject, p: Array, t_s: float) -> Solid:
+        if shown.shape == "ball":
+            return Ball(p, shown.radius_m, self._paint(shown), _rotation(self._turn_axis * shown.spin_rad_s * t_s))
+        axes = _rotation(np.array([*self._tilt, shown.spin_rad_s * t_s])) * shown.radius_m
+        if shown.shape == "square":
+            return Panel(p, axes[:, 0], axes[:, 1], self._paint(shown))
+        diagonal = np.sqrt(0.5) * (axes[:, 0] + np.sign(self._tilt[0]) * axes[:, 1])
+        return Cylinder(p, diagonal, 0.1 * shown.radius_m, self._paint(shown))
 
     @cached_property
     def _truths_and_shares(self) -> list[tuple[tuple[Truth, ...], Array]]:
-        """Of the object, and of the second ball if there is one."""
-        return [self._truth_and_share(k) for k in range(1 + self.scene.second_ball)]
+        return [self._truth_and_share(k) for k in range(len(self.objects))]
 
     def _truth_and_share(self, k: int) -> tuple[tuple[Truth, ...], Array]:
         R = self.T_root_stage[:3, :3]
@@ -279,20 +315,19 @@ class Film:
         for t in self.stamps_s.tolist():
             solids = (*self.solids(t), *self.static)
             solid = solids[k]
-            assert not isinstance(solid, Cylinder)
             views = list(zip(self._lenses, self.eye_poses(t), strict=True))
-            share = [visible_share(lens, pose, solids, solid) for lens, pose in views]
+            share = [0.0 if self.is_dark(t) else visible_share(lens, pose, solids, solid) for lens, pose in views]
             left_px, right_px = (lens.project(pose, solid.center)[0] for lens, pose in views)
             visible = [value >= VISIBLE_SHARE for value in share]
             p_root = R @ solid.center + self.T_root_stage[:3, 3]
-            velocity = (1, -1)[k] * (R @ self._path(t)[1])
-            rows.append(Truth(t, p_root, velocity, self.scene.radius_m, left_px, right_px, *visible))
+            velocity = R @ self._paths[k](t)[1]
+            rows.append(Truth(t, p_root, velocity, self.objects[k].radius_m, left_px, right_px, *visible))
             shares.append(share)
         return tuple(rows), np.array(shares)
 
     @property
     def truths(self) -> tuple[tuple[Truth, ...], ...]:
-        """Truth (n) of each moving ball or square, the object first, in the tracker's root frame.
+        """Truth (n) of each object, the first one first, in the tracker's root frame.
 
         An eye that sees at least half of an object sees it.
         """
@@ -300,13 +335,25 @@ class Film:
 
     @property
     def truth(self) -> tuple[Truth, ...]:
-        """Truth (n) of the object."""
+        """Truth (n) of the first object."""
         return self.truths[0]
 
     @property
     def share(self) -> Array:
-        """(n, 2) visible share of the object's image in the left and the right eye."""
+        """(n, 2) visible share of the first object's image in the left and the right eye."""
         return self._truths_and_shares[0][1]
+
+    @property
+    def awaited_s(self) -> float:
+        """When the first object first moves in view, or when the light is back."""
+        scene = self.scene
+        if scene.appears_s > 0:
+            return next(row.stamp_s for row in self.truth if row.visible_left and row.visible_right)
+        return max(scene.dark_from_s + DARK_S, scene.rest_s if scene.start == "rest" else 0.0)
+
+    def is_dark(self, t_s: float) -> bool:
+        """Whether the light is out."""
+        return self.scene.dark_from_s <= t_s < self.scene.dark_from_s + DARK_S
 
     @cached_property
     def first_boxes(self) -> tuple[int, tuple[BoxPx, BoxPx]]:
@@ -332,7 +379,7 @@ class Film:
         rng = np.random.default_rng((self.seed, 1))
         tape = noise_tape(rng)
         scene = self.scene
-        casters = [RayCaster(lens, scene.background, self.data) for lens in self._lenses]
+        casters = [RayCaster(lens, scene.background, self.data, scene.room_m) for lens in self._lenses]
         n = INSTANTS if scene.shutter_s > 0 else 1
         for t in self.stamps_s.tolist():
             instants = t + scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
@@ -346,9 +393,10 @@ class Film:
             yield StereoFrame(left, right, t, t, joints, joints)
 
     def gain(self, eye: int, t_s: float) -> float:
-        """Return the factor of an eye's (0 left, 1 right) levels: drift of the gain, and the light's flicker."""
+        """Return the factor of an eye's (0 left, 1 right) levels: drift of the gain, light's flicker and darkness."""
         drift = 1 + self.scene.gain_drift * np.sin(2 * np.pi * 0.2 * t_s - eye * np.pi / 2)
-        return float(drift * (1 + self.scene.flicker * np.sin(2 * np.pi * 100.0 * 1.0013 * t_s)))
+        light = _DARK_GAIN if self.is_dark(t_s) else 1.0
+        return float(light * drift * (1 + self.scene.flicker * np.sin(2 * np.pi * 100.0 * 1.0013 * t_s)))
 
 
 @cache
@@ -383,45 +431,56 @@ def _shaking(rng: np.random.Generator, std_rad: float) -> Callable[[float], Arra
     return lambda t: std_rad * 0.5 * np.sin(2 * np.pi * hz * t + phase).sum(axis=1)
 
 
-def make_path(scene: FilmScene, rng: np.random.Generator) -> TimedPath:
-    """Return the object's path in the stage frame."""
-    middle = np.array([*rng.uniform(-0.03, 0.03, 2), scene.distance_m])
+def make_path(moved: FilmObject, rng: np.random.Generator, seconds: float) -> TimedPath:
+    """Return an object's path in the stage frame, in a film of that length."""
+    middle = np.array([*rng.uniform(-0.03, 0.03, 2), moved.distance_m])
     phase = rng.uniform(0, 2 * np.pi)
-    r = scene.extent_m
-    speed = scene.speed_m_s
+    r = moved.extent_m
+    speed = moved.speed_m_s
     first = _unit(np.array([1.0, rng.uniform(-0.3, 0.3), rng.uniform(-0.4, 0.4)]))
     second = _unit(np.cross(first, _unit(np.array([0.0, rng.uniform(-0.4, 0.4), 1.0]))))
     direction = rng.choice([-1.0, 1.0])
+    inward = np.array([1.0, 0.0, 0.0])  # direction of the entry
+    if moved.motion == "throws":
+        return _throws(moved, rng, seconds)
+    if moved.motion == "approach":
+        inward *= direction
+        middle -= rng.uniform(0.1, 0.2) * moved.distance_m * inward
+    late_s = moved.appears_s + rng.uniform(0, 0.5) if moved.appears_s > 0 else 0.0
 
     def along(s: float) -> tuple[Array, Array]:
         """Position and direction after s metres."""
-        if scene.motion in ("circle", "stop_and_go"):
+        if moved.motion == "approach":
+            return middle - s * _unit(middle), -_unit(middle)
+        if moved.motion in ("circle", "stop_and_go"):
             a = phase + s / r
             return middle + r * (np.cos(a) * first + np.sin(a) * second), np.cos(a) * second - np.sin(a) * first
-        if scene.motion == "reversal":
+        if moved.motion == "reversal":
             place = (s + r * phase / np.pi) % (4 * r)
             forward = place < 2 * r
             return middle + (place - r if forward else 3 * r - place) * first, first if forward else -first
-        half = 0.5 * speed * scene.seconds
-        start = middle if scene.motion == "still" else middle - min(half, _out_of_view_m(scene)) * direction * first
+        half = 0.5 * speed * seconds
+        start = middle if moved.motion == "still" else middle - min(half, _out_of_view_m(moved)) * direction * first
         return start + s * direction * first, direction * first
 
-    rest = scene.rest_s if scene.start == "rest" else 0.0
+    rest = moved.rest_s if moved.start == "rest" else 0.0
     begin = along(0.0)[0]
-    is_entering = scene.start == "entering" and scene.motion != "straight"
-    entry_m = begin[0] + _out_of_view_m(scene) if is_entering else 0.0
+    is_entering = moved.start == "entering" and moved.motion != "straight"
+    entry_m = begin @ inward + _out_of_view_m(moved) if is_entering else 0.0
 
     def motion(t: float) -> tuple[Array, Array]:
-        travelled = speed * max(t - rest, 0.0)
-        v = speed if t >= rest else 0.0
+        if max(t, 0.0) < late_s:
+            return _ABSENT, np.zeros(3)
+        travelled = speed * max(t - late_s - rest, 0.0)
+        v = speed if t - late_s >= rest else 0.0
         if travelled < entry_m:
-            return begin - np.array([entry_m - travelled, 0, 0]), np.array([v, 0, 0])
+            return begin - (entry_m - travelled) * inward, v * inward
         travelled -= entry_m
-        if scene.motion == "still":
+        if moved.motion == "still":
             return begin, np.zeros(3)
-        if scene.motion == "stop_and_go":  # 2 s at rest after 1.5 s
-            stop = 1.5 * speed
-            pause = 2.0 * speed
+        if moved.motion == "stop_and_go":
+            stop = moved.moves_s * speed
+            pause = moved.stop_s * speed
             v = 0.0 if stop <= travelled < stop + pause else v
             travelled = travelled if travelled < stop else max(stop, travelled - pause)
         p, heading = along(travelled)
@@ -430,6 +489,25 @@ def make_path(scene: FilmScene, rng: np.random.Generator) -> TimedPath:
     return motion
 
 
-def _out_of_view_m(scene: FilmScene) -> float:
+def _throws(moved: FilmObject, rng: np.random.Generator, seconds: float) -> TimedPath:
+    """Throws from below the lower edge, to the right or left, that fall back beyond it."""
+    n = int(np.ceil(seconds / _THROW_S)) + 1
+    elevation = rng.uniform(np.deg2rad(55), np.deg2rad(68), n)
+    across = moved.speed_m_s * np.cos(elevation) * rng.choice([-1.0, 1.0], n)
+    up = moved.speed_m_s * np.sin(elevation)
+    velocity = np.stack([across, -up, rng.uniform(-0.3, 0.3, n)], axis=1)
+    below_m = 0.75 * 0.5 * moved.distance_m / FOCAL + 1.5 * moved.radius_m
+    flight_s = 2 * up / _GRAVITY[1]
+    begin = np.array([0, below_m, moved.distance_m]) - 0.5 * flight_s[:, None] * velocity * np.array([1, 0, 1])
+
+    def motion(t: float) -> tuple[Array, Array]:
+        k, since = divmod(max(t - moved.rest_s, 0.0), _THROW_S)
+        k = int(k)
+        return begin[k] + since * velocity[k] + 0.5 * since**2 * _GRAVITY, velocity[k] + since * _GRAVITY
+
+    return motion
+
+
+def _out_of_view_m(moved: FilmObject) -> float:
     """Distance to the side at which the object is just out of both eyes' view."""
-    return 0.5 * scene.distance_m / FOCAL + _BASELINE_M / 2 + 1.5 * scene.radius_m
+    return 0.5 * moved.distance_m / FOCAL + _BASELINE_M / 2 + 1.5 * moved.radius_m

@@ -26,9 +26,12 @@ _SETTLE_S = 0.5  # in a recording, from the first visible frame to the first jud
 _FILM_SETTLE_S = 1.0  # the same in a film
 _RIGHT_M = 0.03
 _FALSE_M = 0.05
+_FAR = 0.05  # largest error of a known track beyond 0.6 m, as a share of the distance from the root frame's origin
+_KNOWN_S = 0.5  # latest, for `known_percent`
 _CHI2_95 = 7.815  # of three degrees of freedom
 _BY_FILM = ("right_percent", "covered_percent", "found_s")
-Step = Callable[[StereoFrame], Track3D]
+Step = Callable[[StereoFrame], Track3D | TrackerStep]
+Tracks = Sequence[Sequence[Track3D]]  # of each frame; a place in it belongs to the same object throughout
 Scores = dict[str, float]
 
 
@@ -80,49 +83,78 @@ def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
     }
 
 
-def measure_film(film: Film, params: TrackerParams, baselines: bool = False) -> dict[str, Scores]:
+def measure_film(film: Film, params: TrackerParams, baselines: bool = False, each: bool = False) -> dict[str, Scores]:
     """Track a film with our tracker, which gets its rig alone, and with the baselines; return scores by tracker.
 
-    A baseline gets the true boxes of the first frame that shows the whole object to both eyes.
+    They are those of the first object; of two equal balls of either, or with `each` of the worse one. A baseline gets
+    the true boxes of the first frame that shows the whole object to both eyes.
     """
     tracker = Tracker(params, film.rig, np.random.default_rng(film.seed))
-    steps: dict[str, Step] = {OURS: lambda frame: tracker.step(frame).track}
+    steps: dict[str, Step] = {OURS: tracker.step}
     if baselines:
         first, boxes = film.first_boxes
         start = (film.rig, float(film.stamps_s[first]), boxes)
         steps |= {name: FilteredPipeline(name, *start).step for name in STEREO_PIPELINES}
-    tracks: dict[str, list[Track3D]] = {name: [] for name in steps}
+    tracks: dict[str, list[Sequence[Track3D]]] = {name: [] for name in steps}
     ms: dict[str, list[float]] = {name: [] for name in steps}
     for frame in film:  # once for all trackers, as it is drawn anew each time
         for name, step in steps.items():
-            track, step_ms = timed(partial(step, frame))
-            tracks[name].append(track)
+            result, step_ms = timed(partial(step, frame))
+            if isinstance(result, Track3D):
+                tracks[name].append((result,))
+            else:
+                tracks[name].append(getattr(result, "tracks", (result.track,)))
             ms[name].append(step_ms)
-    moves_at_s = film.scene.rest_s if film.scene.start == "rest" else 0.0
     scores = {}
     for name in steps:
-        truths = film.truths if name == OURS else film.truths[:1]
-        ms_per_pair = float(np.median(ms[name]))
-        scores[name] = {**score_of_either(tracks[name], truths, moves_at_s), "ms_per_pair": ms_per_pair}
+        judged = film.truths if name == OURS and film.scene.second_ball else film.truths[:1]
+        scores[name] = score_of_film(tracks[name], judged, film.awaited_s, each)
+        scores[name]["ms_per_pair"] = float(np.median(ms[name]))
+        if film.scene.others:
+            scores[name]["false_percent"] = _false_percent(tracks[name], film.truths)
     return scores
 
 
-def score_of_either(tracks: Sequence[Track3D], truths: Sequence[Sequence[Truth]], moves_at_s: float = 0.0) -> Scores:
-    """Return the score by the object with the most right frames; a track that changes objects is partly wrong."""
-    scores = [score(tracks, truth, moves_at_s) for truth in truths]
-    return max(scores, key=lambda values: values["right_percent"])
+def score_of_film(
+    tracks: Tracks, truths: Sequence[Sequence[Truth]], moves_at_s: float = 0.0, each: bool = False
+) -> Scores:
+    """Return the score by the object with the most right frames, or with `each` the fewest.
+
+    An object's track is the one with the most right frames; a track that changes objects is partly wrong.
+    """
+    best = []
+    for truth in truths:
+        rows = list(zip(tracks, truth, strict=True))
+        places = range(max(1, *map(len, tracks)))
+        by_place = [[row[k] if k < len(row) else Track3D.unknown(at.stamp_s) for row, at in rows] for k in places]
+        scores = [score(track, truth, moves_at_s) for track in by_place]
+        known_percent = max(values["known_percent"] for values in scores)
+        best.append({**max(scores, key=lambda values: values["right_percent"]), "known_percent": known_percent})
+    return (min if each else max)(best, key=lambda values: values["right_percent"])
+
+
+def _false_percent(tracks: Tracks, truths: Sequence[Sequence[Truth]]) -> float:
+    """Share of the frames in which a track claims what is more than 5 cm from every object."""
+    worst = []
+    for row, objects in zip(tracks, zip(*truths, strict=True), strict=True):
+        claims = [track.position for track in row if track.status == Status.TRACKING]
+        worst.append(max((min(np.linalg.norm(p - at.position) for at in objects) for p in claims), default=0.0))
+    return percent(np.array(worst) > _FALSE_M)
 
 
 def score(tracks: Sequence[Track3D], truth: Sequence[Truth], moves_at_s: float = 0.0) -> Scores:
     """Return percentages and medians of one film, as the study `independent` defines them; NaN without a frame."""
     error = np.array([np.linalg.norm(t.position - row.position) for t, row in zip(tracks, truth, strict=True)])
     claimed = np.array([track.status == Status.TRACKING for track in tracks])
+    near_m = np.array([max(_RIGHT_M, _FAR * float(np.linalg.norm(row.position))) for row in truth])
+    known = np.array([track.is_known for track in tracks]) & (error <= near_m)
     visible = np.array([row.visible_left and row.visible_right for row in truth])
     stamps_s = np.array([row.stamp_s for row in truth])
     moving = visible & (stamps_s >= moves_at_s)
     judged = visible & (stamps_s >= moves_at_s + _FILM_SETTLE_S)
     tracked = judged & claimed
     right = moving & claimed & (error < _RIGHT_M)
+    known_s = float(stamps_s[moving & known][0] - stamps_s[moving][0]) if (moving & known).any() else np.nan
     radius_error = np.array([abs(t.radius_m / row.radius_m - 1) for t, row in zip(tracks, truth, strict=True)])
     covered = [_is_covered(t, row.position) for t, row, k in zip(tracks, truth, tracked, strict=True) if k]
     return {
@@ -130,6 +162,8 @@ def score(tracks: Sequence[Track3D], truth: Sequence[Truth], moves_at_s: float =
         "right_percent": percent((claimed & (error < _RIGHT_M))[judged]),
         "false_percent": percent(claimed & (error > _FALSE_M)),
         "found_s": float(stamps_s[right][0] - stamps_s[moving][0]) if right.any() else np.nan,
+        "known_s": known_s,
+        "known_percent": 100.0 * (known_s <= _KNOWN_S),
         "median_mm": 1000 * float(np.median(error[tracked])) if tracked.any() else np.nan,
         "radius_percent": 100 * float(np.median(radius_error[tracked])) if tracked.any() else np.nan,
         "covered_percent": percent(np.array(covered, dtype=bool)),
