@@ -102,7 +102,7 @@ class Observation3D(_Message):
     """A triangulated position in the root frame: `p_root` (3,), `cov_root` (3, 3), m and m².
 
     `correlated_cov_root` (3, 3) m² is the part of `cov_root` whose error is correlated from frame to frame: errors of
-    the cameras' poses, and errors common to both outlines.
+    calibration and poses of the cameras, and of the object's shape.
     """
 
     stamp_s: float

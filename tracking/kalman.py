@@ -41,9 +41,6 @@ class KalmanParams:
     when the filter starts and where the motion jumps."""
     prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
     """Prior standard deviation of velocity, acceleration and jerk, m/s, m/s², m/s³."""
-    white_share: float = 0.4
-    """Share of a measurement's uncorrelated covariance that is independent from frame to frame; the rest is a
-    correlated error, which no filtering averages out."""
     adaptation_rate: float = 0.2
     """Rate at which the process noise follows the innovations; 0 keeps it constant."""
     gate_chi2: float = 14.0
@@ -64,8 +61,6 @@ class KalmanParams:
                 f"noise density {self.noise_density}, gate {self.gate_chi2}, gate of jumps {self.jump_chi2}, "
                 f"rejections {self.max_rejections}: expected positive numbers",
             )
-        if not 0 < self.white_share <= 1:
-            raise InputError("Kalman filter", f"white share {self.white_share}; expected more than 0 and at most 1")
         if not min(self.decay_s) > 0:
             raise InputError(
                 "Kalman filter", f"acceleration and jerk decay within {self.decay_s} s; expected more than 0"
@@ -142,7 +137,7 @@ def start(
     mean = np.zeros((params.order, 3))
     mean[0] = position
     P = np.kron(_prior(params), np.eye(3))
-    white = _white(params, 1.0, cov, correlated)
+    white = _white(1.0, cov, correlated)
     P[:3, :3] = white
     if velocity is not None and params.order > 1:
         mean[1] = velocity
@@ -238,37 +233,39 @@ def _prior(params: KalmanParams) -> Array:
     return np.diag([0.0, *params.prior_std[: params.order - 1]]) ** 2
 
 
-def _white(params: KalmanParams, noise_scale: float, cov: Array, correlated: Array | None) -> Array:
+def _white(noise_scale: float, cov: Array, correlated: Array | None) -> Array:
     """(3, 3) m² of a measurement's error that is independent from frame to frame.
 
-    Its share falls with the process noise where innovations are smaller than steady motion explains: the gain stays,
-    and the state's covariance falls to the size of the innovations.
+    It falls with the process noise where innovations are smaller than steady motion explains: the gain stays, and the
+    state's covariance falls to the size of the innovations.
     """
-    share = params.white_share * min(noise_scale / _STEADY_NOISE_SCALE, 1.0)
-    white: Array = share * (cov if correlated is None else cov - correlated)
+    white: Array = min(noise_scale / _STEADY_NOISE_SCALE, 1.0) * (cov if correlated is None else cov - correlated)
     return white
 
 
 def _compared(
     params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None
 ) -> GatedMeasurement:
-    R = _white(params, belief.noise_scale, cov, correlated)
+    R = _white(belief.noise_scale, cov, correlated)
     innovation, information, nis = _innovation(belief.mean, belief.cov, position, R)
     return GatedMeasurement(belief, innovation, information, nis, cov - R)
 
 
 def _inflated(params: KalmanParams, belief: Belief) -> Belief:
-    """Return the belief if the motion jumped right after the last update: P + F D Fᵀ.
+    """Return the belief if the motion jumped at any time t since the last update: P + mean of F(t) D F(t)ᵀ.
 
-    D is the prior covariance of the derivatives, plus a reversal of the velocity, (2v)².
+    D is the prior covariance of the derivatives, plus a reversal of the velocity, (2v)².  The mean is Simpson's rule,
+    exact for order 2.
     """
     D = _prior(params)
     if params.order > 1:
         velocity = belief.mean[1]
         D[1, 1] += 4 * float(velocity @ velocity)
-    F = discretise(params.order, belief.stamp_s - belief.updated_s, params.decay_s)[0]
-    cov = belief.cov + np.kron(F @ D @ F.T, np.eye(3))
-    return belief._replace(cov=cov, noise_scale=max(belief.noise_scale, 1.0))
+    age_s = belief.stamp_s - belief.updated_s
+    middle = discretise(params.order, 0.5 * age_s, params.decay_s)[0]
+    first = discretise(params.order, age_s, params.decay_s)[0]
+    added = (first @ D @ first.T + 4 * middle @ D @ middle.T + D) / 6
+    return belief._replace(cov=belief.cov + np.kron(added, np.eye(3)), noise_scale=max(belief.noise_scale, 1.0))
 
 
 @njit(cache=True, error_model="numpy")

@@ -116,7 +116,7 @@ def velocity(
     view: StereoView,
     position: Array,
     prior_std: tuple[float, float],
-    position_px: float = 0.0,
+    position_cov: Array | None = None,
 ) -> tuple[Array, Array] | None:
     """Return the velocity (3,) m/s of an object at `position` (3,) m from its flow, and its covariance (3, 3).
 
@@ -131,8 +131,8 @@ def velocity(
         position: (3,) m, root frame.
         prior_std: Prior standard deviation of velocity (m/s) and acceleration (m/s²).  Flow is the mean velocity of
             its interval, from which the present velocity differs by half the acceleration's part.
-        position_px: Standard deviation of the white error of each later position.  The covariance is at least that of
-            a difference of two such positions, so that flow does not outweigh them; the mean stays.
+        position_cov: (3, 3) m² of the white error of each later position.  The covariance is at least that of a
+            difference of two such positions, so that flow does not outweigh them; the mean stays.
 
     Returns:
         None without flow.
@@ -154,7 +154,8 @@ def velocity(
     prior = np.eye(3) / prior_std[0] ** 2
     weights = J.T @ np.linalg.inv(cov)
     mean = np.linalg.inv(weights @ J + prior) @ weights @ rate
-    cov = cov + 2 * (position_px / shortest_s) ** 2 / n * np.eye(2)
+    if position_cov is not None:
+        cov = cov + 2 / shortest_s**2 * J @ position_cov @ J.T
     velocity_cov = np.linalg.inv(J.T @ np.linalg.inv(cov) @ J + prior)
     acceleration_var = (0.5 * prior_std[1] * shortest_s) ** 2
     return mean, 0.5 * (velocity_cov + velocity_cov.T) + acceleration_var * np.eye(3)

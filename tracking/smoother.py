@@ -78,8 +78,8 @@ def smooth(steps: Sequence[FilterStep]) -> list[Belief]:
 def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
     """Yield a tracker's steps (`params` of its filter) with their tracks smoothed where they are known.
 
-    The correlated error that the track adds to the filter's covariance stays.  A step is yielded when `LAG` more have
-    been read or its track has ended, so that the memory does not grow with the recording.
+    The correlated error and its rate, which the track adds to the filter's covariance, stay.  A step is yielded when
+    `LAG` more have been read or its track has ended, so that the memory does not grow with the recording.
     """
     segment: _Segment | None = None
     for step in steps:
@@ -167,8 +167,9 @@ def _smoothed_track(track: Track3D, filtered: Belief, smoothed: Belief) -> Track
     mean[:n] = smoothed.mean
     cov = np.zeros((12, 12))
     cov[: 3 * n, : 3 * n] = smoothed.cov
-    correlated: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
-    if np.linalg.eigvalsh(correlated)[0] < 0:  # the tracker had restarted with another filter
-        correlated = filtered.correlated_cov
-    cov[:3, :3] += correlated
+    added = track.cov[: 3 * n, : 3 * n] - filtered.cov
+    if np.linalg.eigvalsh(added[:3, :3])[0] < 0:  # the tracker had restarted with another filter
+        added = np.zeros_like(filtered.cov)
+        added[:3, :3] = filtered.correlated_cov
+    cov[: 3 * n, : 3 * n] += added
     return replace(track, mean=mean, cov=cov)

@@ -104,7 +104,6 @@ def approach(seed: int, noise: float = 1.0) -> Measurements:
         path=path,
         distance_m=0.4,
         counts=np.arange(41) >= 10,
-        white_share=1.0,
     )
 
 

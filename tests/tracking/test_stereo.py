@@ -16,6 +16,7 @@ from pps_vision.robot.icub import home, set_gaze
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Coverage, Optics, Outline, outline
 from tracking.stereo import Association, StereoParams, apparent_velocity, with_pose_error
+from tracking.tracker import TrackerParams
 
 CAMERA = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
 VIEW = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.068, 0.0, 0.0))).view()
@@ -163,7 +164,9 @@ def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts():
     """All pairs' outlines erred by 0.04 px² beyond their stated variance, the last ones by 0.01: the difference is half
     of the stated 0.06 px², which is added as a correlated error."""
     outlines = [replace(exact_outline(eye), cov_px=0.02 * np.eye(2)) for eye in (VIEW.left, VIEW.right)]
-    association = Association(StereoParams(), 1.0, -1.0, outline_var_px2=0.01, mean_outline_var_px2=0.04)
+    association = Association(
+        StereoParams(), 1.0, -1.0, outline_var_px2=0.01, mean_outline_var_px2=0.04, change_var_px2=0.03, pairs=9
+    )
     result = association.observe(VIEW, *outlines, 0.0)
     calm = replace(association, mean_outline_var_px2=0.01).observe(VIEW, *outlines, 0.0)
     np.testing.assert_allclose(calm.correlated_cov_root, 0, atol=1e-15)
@@ -192,11 +195,11 @@ def test_differences_of_both_outlines_that_stay_are_a_correlated_error(rng):
 
 
 def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat():
-    """A blur by σ = √2 px adds 2σ² to the mean square of R²/2: 8/R² of it, here of 12 px."""
+    """A blur by σ = 1 px adds 2σ² to the mean square of R²/2: 4/R² of it, here of 12 px."""
     association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
     ball = [replace(exact_outline(eye), angular_radius_rad=12 / CAMERA.focal_px) for eye in (VIEW.left, VIEW.right)]
     stated = []
-    for non_circularity in (0.0, 8.0 / 12**2, 8.0 / 12**2 + 0.01):
+    for non_circularity in (0.0, 4.0 / 12**2, 4.0 / 12**2 + 0.01):
         outlines = (replace(outline, non_circularity=non_circularity) for outline in ball)
         stated.append(np.trace(association.observe(VIEW, *outlines, 0.0).cov_root))
     assert stated[0] == pytest.approx(stated[1], rel=1e-6)
@@ -280,6 +283,29 @@ def test_the_centre_of_a_body_that_is_no_ball_is_off_as_far_as_is_stated(rng):
     ratio = np.mean(squared, axis=0) / np.mean(stated, axis=0)
     assert (ratio > 0.4).all()
     assert (ratio < 2.5).all()
+
+
+def test_the_error_of_a_body_that_is_no_ball_changes_with_its_aspect(rng):
+    """Bodies in any orientation that pass by: mean square of the change of their error, and that stated by
+    `TrackerParams.aspect_rad`."""
+    optics = Optics(CAMERA)
+    turn_rad = 0.05
+    squared = []
+    stated = []
+    for corners in BODIES.values():
+        size_m = 0.04 / np.linalg.norm(corners, axis=1).mean()
+        for rotation in Rotation.random(20, random_state=int(rng.integers(2**31))):
+            association = Association.untrained(StereoParams(), 320)
+            errors = []
+            for k in range(5):
+                center = np.array([0.034, 0.0, 0.4]) + 0.4 * turn_rad * k * np.array([0.8, 0.6, 0.0])
+                outlines = [silhouette(eye, center + size_m * rotation.apply(corners), optics) for eye in EYES]
+                observation = association.observe(VIEW, *outlines, 0.0)
+                association = association.learned(VIEW, observation, *outlines)
+                errors.append(observation.p_root - center)
+            squared.append(np.square(errors[-1] - errors[1]).sum() / (3 * turn_rad) ** 2)
+            stated.append(np.trace(observation.correlated_cov_root) / TrackerParams().aspect_rad ** 2)
+    assert 0.4 < np.mean(squared) / np.mean(stated) < 2.5
 
 
 def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment():

@@ -33,8 +33,6 @@ ERRORS = {
 }
 """As rendered: 24 encounters with each object of seed 500. Constant: the median error of an encounter; random: half the
 variance of the difference of successive errors, from its median size."""
-# Share of the stated covariance that the tracker treats as correlated: as rendered, median of cube and octopus.
-_CORRELATED_SHARE = 0.2
 _RADIUS_STD = 0.05  # relative standard deviation of the tracked radius
 
 
@@ -59,7 +57,7 @@ def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generat
         turn = rotation_to(position - head)
         observed = position + turn @ (constant + random_m * rng.standard_normal(3))
         observed_cov = turn @ cov @ turn.T
-        correlated = _CORRELATED_SHARE * observed_cov
+        correlated = turn @ np.diag(constant_m**2) @ turn.T
         if belief is None:
             flow_m_s = turn @ (np.sqrt(2) * random_m / PERIOD_S * rng.standard_normal(3))
             flow_cov = turn @ np.diag(2 * (random_m / PERIOD_S) ** 2) @ turn.T

@@ -5,7 +5,7 @@ flights of tt3d.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,15 +40,14 @@ class Measurements:
 
     stamps_s: Array  # (n,)
     positions: Array  # (n, 3) m, measured
-    covs: Array  # (n, 3, 3) m² of them
+    covs: Array  # (n, 3, 3) m² of their white errors
     path: Array  # (n, 3) m, true
     distance_m: float  # distance from the eyes at the beginning
     counts: Mask  # (n,) where a filter is judged
-    white_share: float = KalmanParams().white_share  # share of the measured variance that is new with every frame
 
     def params(self, order: int = DEFAULT_ORDER) -> KalmanParams:
         """Return the filter's defaults of an order for these measurements."""
-        return kalman.scaled(replace(KalmanParams.of_order(order), white_share=self.white_share), self.distance_m)
+        return kalman.scaled(KalmanParams.of_order(order), self.distance_m)
 
     def first(self, params: KalmanParams) -> Belief:
         """Return the belief after the first measurement."""
@@ -97,7 +96,7 @@ def measurements(recording: Footage, seed: int) -> Measurements:
     return Measurements(
         np.array([o.stamp_s for o in observations]),
         np.array([o.p_root for o in observations]),
-        np.array([o.cov_root for o in observations]),
+        np.array([o.cov_root - o.correlated_cov_root for o in observations]),
         recording.position[known],
         float(np.linalg.norm(observations[0].p_root - steps[known[0]].midpoint_root)),
         (~recording.jumped[known]) & (np.arange(len(known)) >= _SETTLED),
@@ -159,7 +158,7 @@ def opencv_states(data: Measurements) -> list[Array]:
             kf.transitionMatrix = np.kron(A, np.eye(3))
             kf.processNoiseCov = np.kron(params.noise_density * Q, np.eye(3))
         last_s = stamp_s
-        kf.measurementNoiseCov = params.white_share * cov
+        kf.measurementNoiseCov = cov
         kf.predict()
         states.append(np.array(kf.correct(position.reshape(3, 1)), dtype=float).reshape(-1, 3))
     return states
@@ -198,5 +197,4 @@ def _thrown(side_file: Path, oblique_file: Path, view: StereoView) -> Measuremen
         path=truth,
         distance_m=float(np.linalg.norm(positions[0] - view.midpoint)),
         counts=np.ones(len(valid), bool),
-        white_share=1.0,
     )
