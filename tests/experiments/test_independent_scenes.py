@@ -103,6 +103,14 @@ def test_nearer_solids_occlude():
     assert visible_share(LENS, HERE, (far,), far) == 1.0
 
 
+@pytest.mark.parametrize("place", [(-0.5, 0, 0.5), (0.5, 0, 0.5), (0, -0.5, 0.5), (0, 0.5, 0.5), (0, 0, -10)])
+def test_a_solid_out_of_view_changes_nothing(place):
+    caster = RayCaster(LENS, 0, NOWHERE)
+    np.testing.assert_array_equal(
+        caster.light([HERE], [(Ball(np.array(place), 0.02, WHITE),)]), caster.light([HERE], [()])
+    )
+
+
 def test_motion_blur_is_as_long_as_the_path_in_the_exposure():
     """A disc's variance along its motion grows by length²/12; its centre and its variance across stay."""
     lens = replace(LENS, distortion=np.zeros(5))

@@ -227,7 +227,8 @@ class RayCaster:
         for first, last in zip(moving[0], moving[-1], strict=True):
             x0, y0, x1, y1 = self._region(((poses[0], first), (poses[-1], last)))
             mask[y0:y1, x0:x1] = True
-        self._cast(poses, scenes, instants, mask, image)
+        if mask.any():  # the first cast determines the size of a texture
+            self._cast(poses, scenes, instants, mask, image)
         return image
 
     def _static(self, poses: list[Array], static: Solids) -> NDArray[np.float32]:
@@ -253,7 +254,7 @@ class RayCaster:
         if np.isnan(pixels).any():  # extends beyond the lens's range, wholly or in part
             return (0, 0, 0, 0) if np.isnan(pixels).all() else (0, 0, *size)
         x0, y0 = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
-        x1, y1 = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 3, size)
+        x1, y1 = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 3, 0, size)
         return int(x0), int(y0), int(x1), int(y1)
 
     def _cast(
