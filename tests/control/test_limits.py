@@ -300,9 +300,10 @@ def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot, bodies):
 def test_limits_hold_from_the_reported_and_from_the_predicted_posture(robot, rng, bodies):
     """Joints and distance, for commands and for braking."""
     stopped = 0
+    near, apart = (near_the_chest(robot, bodies, distance_m) for distance_m in (0.03, 0.05))
+    (neck,) = robot.indices(("neck_yaw",))
     for _ in range(60):
-        q, predicted = near_the_chest(robot, bodies, 0.03), near_the_chest(robot, bodies, 0.05)
-        (neck,) = robot.indices(("neck_yaw",))
+        q, predicted = near.copy(), apart.copy()
         q[neck] = robot.upper_rad[neck] - 0.2
         predicted[neck] = robot.upper_rad[neck] - rng.uniform(0.0, 0.1)
         if rng.random() < 0.5:

@@ -27,7 +27,7 @@ def test_it_covers_the_arm_and_little_else():
     q = set_gaze(robot, home(robot), yaw=np.deg2rad(15), pitch=np.deg2rad(-38), tilt=np.deg2rad(-15))
     view = icub_rig(robot).view(q).left
     mask = Silhouette(robot, margin_px=0)(q, view)
-    v, u = np.mgrid[2:240:6, 2:320:6]
+    v, u = np.mgrid[2:240:8, 2:320:8]
     pixels = np.stack([u.ravel(), v.ravel()], axis=-1)
     rays = view.rays(pixels)
     true = np.zeros(len(pixels), bool)
@@ -35,7 +35,7 @@ def test_it_covers_the_arm_and_little_else():
         T_body_root = inverse(robot.at(q).T_root(body.frame) @ body.T_frame_body)
         true |= _hits(body, move_points(T_body_root, view.center), rays @ T_body_root[:3, :3].T)
     said = mask[pixels[:, 1], pixels[:, 0]]
-    assert true.sum() > 100
+    assert true.sum() > 60
     assert np.count_nonzero(true & ~said) < 0.03 * true.sum()
     assert np.count_nonzero(said & ~true) < 0.12 * true.sum()
     assert np.count_nonzero(Silhouette(robot, margin_px=4)(q, view)) > np.count_nonzero(mask)

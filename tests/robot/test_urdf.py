@@ -45,6 +45,7 @@ def robot(folder, old="", new="", mesh=None):
         (SPHERE, '<box size="1 0 1"/>', r"arm\.urdf:2: link 'base' has a box of size 1 0 1"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", r"arm\.urdf:1: a declaration"),
         ("<robot", "<boat/><robot", r"arm\.urdf:1: cannot be read as URDF"),
+        (TEXT, "<boat/>", r"arm\.urdf:1: cannot be read as URDF: <boat>; expected <robot>"),
         (SPHERE, 40 * "<a>" + 40 * "</a>", r"arm\.urdf:2: more than 32 levels"),
         ("</robot>", "".join(f'<link name="l{k}"/>' for k in range(60_000)) + "</robot>", r"60002 links; expected at"),
         (SPHERE, MESH.replace("m.dae", "gone.stl"), r"arm\.urdf:2: mesh gone\.stl is in none of the folders above"),
