@@ -7,7 +7,6 @@ import pytest
 
 from control.arm import KeepIn
 from control.fixation import features
-from control.head import gaze_columns, gaze_of
 from pps_vision.robot.icub import load_icub, set_gaze
 from pps_vision.types import Array
 
@@ -20,19 +19,8 @@ def central_differences(f: Callable[[Array], Array], x: Array, h: float = 1e-6) 
     return np.column_stack([(f(x + h * e) - f(x - h * e)) / (2 * h) for e in np.eye(len(x))])
 
 
-def rotation_rates(R: Callable[[Array], Array], q: Array) -> Array:
-    """(3, n) angular velocity per joint rate, from the rotation matrices."""
-    dR = central_differences(lambda q: R(q).ravel(), q).reshape(3, 3, -1)
-    skew = np.einsum("abn,cb->acn", dR, R(q))
-    return np.stack([skew[2, 1], skew[0, 2], skew[1, 0]])
-
-
 def point_of(frame: str) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
     return lambda q: ROBOT.at(q).point(frame, POINT), lambda q: ROBOT.at(q).jacobian(frame, POINT)[:3]
-
-
-def orientation_of(frame: str) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    return lambda q: ROBOT.at(q).T_root(frame)[:3, :3], lambda q: ROBOT.at(q).jacobian(frame)[3:]
 
 
 TARGET = np.array([-0.35, 0.05, 0.2])
@@ -43,7 +31,6 @@ BY_JOINTS = {
     "eye": point_of("left_eye"),
     "fingertip": point_of("right_index_tip"),
     "features of fixation": (lambda q: features(ROBOT.at(q), TARGET)[0], lambda q: features(ROBOT.at(q), TARGET)[1]),
-    "gaze": (lambda q: gaze_of(ROBOT.at(q)), lambda q: np.linalg.pinv(gaze_columns(ROBOT))),
     "distance from a sphere's centre": (
         lambda q: np.linalg.norm(ROBOT.at(q).point("left_palm") - KEEP_IN.center_root, keepdims=True),
         lambda q: KEEP_IN.row(ROBOT.at(q), list(range(ROBOT.n_joints)))[0][None],
@@ -63,12 +50,6 @@ def q(request: pytest.FixtureRequest) -> Array:
 def test_derivatives_by_the_joints(name, q):
     f, jacobian = BY_JOINTS[name]
     np.testing.assert_allclose(jacobian(q), central_differences(f, q), atol=1e-6)
-
-
-@pytest.mark.parametrize("frame", ["left_palm", "right_forearm", "right_eye"])
-def test_rotations_by_the_joints(frame, q):
-    rotation, jacobian = orientation_of(frame)
-    np.testing.assert_allclose(jacobian(q), rotation_rates(rotation, q), atol=1e-6)
 
 
 def test_features_of_fixation_by_the_target(q):

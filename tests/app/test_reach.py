@@ -108,13 +108,13 @@ def test_what_cannot_be_learned(refused, learned, tmp_path):
 def test_of_both_arms_one_map_is_learned_and_a_missed_error_bound_is_reported(tmp_path, capsys):
     """With another measure."""
     file = tmp_path / "map.npz"
-    words = ["reach", "train", "--arm", "both", "--ik-budget", "400", "--max-error", "0.02", "--measure", "isotropy"]
+    words = ["reach", "train", "--arm", "both", "--ik-budget", "200", "--max-error", "0.02", "--measure", "isotropy"]
     main([*words, "--seed", "5", "--out", str(file)])
     learned = ReachableMap.load(file)
     assert (learned.side, learned.end_point, learned.measure) == ("both", "palm", "isotropy")
     summary, missed = capsys.readouterr().out.splitlines()
     numbers = (
-        r"800 inverse-kinematics problems, \d+ without an answer, at most [\d.]+ % misjudged, with 95 % confidence"
+        r"400 inverse-kinematics problems, \d+ without an answer, at most [\d.]+ % misjudged, with 95 % confidence"
     )
     assert re.fullmatch(f"{numbers} → {re.escape(str(file))}", summary)
-    assert missed == "--max-error 0.02 was not reached within --ik-budget 400"
+    assert missed == "--max-error 0.02 was not reached within --ik-budget 200"

@@ -18,7 +18,6 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import SkinPart, icub_skin
 
 PART = icub_skin(("left_forearm",)).parts[0]
-PARAMS = DoubleTouchParams()
 TAXELS = (27, 183, 135)  # the inner forearm's corners
 
 

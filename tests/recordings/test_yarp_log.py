@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.warnings import Problem, ProblemKind
@@ -76,30 +74,3 @@ def test_a_log_of_which_nothing_can_be_read_is_refused(log):
         read(log, "\nwhat is this\nor that\n", 3)
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read_log(log.with_name("none.log"), None, [])
-
-
-words = st.sampled_from(
-    ["0", "-1", "1.5", "nan", "inf", "1e400", "a.ppm", "../x", "[rgb]", "left_palm:101", "\x00", "9" * 400]
-)
-texts = st.lists(st.lists(words, max_size=6).map(" ".join), max_size=8).map("\n".join).map(str.encode)
-
-
-@given(content=st.one_of(st.binary(max_size=400), texts), n_numbers=st.sampled_from([None, 1, 3]))
-def test_no_content_breaks_it(tmp_path_factory, content, n_numbers):
-    log = tmp_path_factory.mktemp("fuzz") / "data.log"
-    log.write_bytes(content)
-    problems: list[Problem] = []
-    rows = []
-    refusal = ""
-    try:
-        rows = read_log(log, n_numbers, problems)
-    except InputError as error:
-        refusal = str(error)
-    filled = [i for i, line in enumerate(content.decode(errors="replace").split("\n"), start=1) if line.split()]
-    if refusal:
-        assert refusal.startswith(f"{log}:{filled[0]}: ")
-    else:
-        mentioned = [row.line for row in rows] + [problem.line for problem in problems]
-        assert sorted(mentioned) == filled  # every row is either read or named
-    stamps = [row.stamp_s for row in rows]
-    assert stamps == sorted(stamps)

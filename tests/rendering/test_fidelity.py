@@ -42,7 +42,6 @@ def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot, rig, q):
     coarse = errors(Fidelity(fineness=1))
     usual = errors(Fidelity())
     fine = errors(Fidelity(scale=2))
-    print(f"ball, whole: {coarse}, {usual}, {fine} grey levels")
     assert coarse[0] > 1.5 * usual[0]
     assert usual[0] > 1.5 * fine[0]
     assert usual[1] > 1.3 * fine[1]

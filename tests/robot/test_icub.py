@@ -104,13 +104,6 @@ def test_joint_limits_are_the_published_ones(robot):
         assert (np.rad2deg(lower), np.rad2deg(upper)) == pytest.approx(LIMITS_DEG[kind])
 
 
-def test_the_rigs_cameras_are_the_robots_eyes(robot):
-    q = icub.home(robot)
-    view = icub.icub_rig(robot).view(q)
-    np.testing.assert_allclose(view.left.T_root_camera, robot.at(q).T_root("left_eye"), atol=1e-12)
-    np.testing.assert_allclose(view.right.T_root_camera, robot.at(q).T_root("right_eye"), atol=1e-12)
-
-
 def test_set_gaze_changes_only_what_is_named(robot):
     q = icub.set_gaze(robot, icub.home(robot), yaw=0.1, pitch=-0.2, tilt=0.05, version=0.06, vergence=0.2)
     again = icub.set_gaze(robot, q, version=-0.02)

@@ -113,11 +113,6 @@ def test_a_posture_keeps_its_own_numbers(robot):
             frozen[0] = 0.0
 
 
-def test_clamp_stays_within_the_limits(robot):
-    np.testing.assert_array_equal(robot.clamp(np.full(robot.n_joints, 10.0)), robot.upper_rad)
-    np.testing.assert_array_equal(robot.clamp(np.full(robot.n_joints, -10.0)), robot.lower_rad)
-
-
 def test_frames_it_does_not_have_are_named(tmp_path):
     with pytest.raises(InputError, match=r"planar\.urdf: lacks left_eye, right_eye, neck_yaw.*FrameNames"):
         Robot(planar_urdf(tmp_path))

@@ -92,11 +92,6 @@ def test_taxels_move_as_their_jacobians_say():
         np.testing.assert_allclose(J[:, :, k], expected, atol=1e-8)
 
 
-def test_an_arms_skin_is_what_its_joints_move():
-    for side in ("left", "right"):
-        assert [part.name for part in SKIN.on_arm(ROBOT, side).parts] == [f"{side}_forearm", f"{side}_palm"]
-
-
 @pytest.mark.parametrize("part", icub_skin().parts, ids=lambda part: part.name)
 def test_taxel_frames_have_z_along_the_normal_and_are_right_handed(part):
     for position, normal in zip(part.positions_m, part.normals, strict=True):

@@ -41,7 +41,6 @@ def model(babbled):
 
 def test_two_hundred_samples_teach_the_arm_and_the_head(model, babbled):
     error, silent = gaze_rmse_deg(model, babbled[1])
-    print(f"{error:.1e} °")
     assert error < 1e-6  # J: 0.84; asked for: 0.02
     assert silent == 0
 
@@ -73,7 +72,6 @@ def test_what_was_fixated_wrongly_is_left_out(babbled):
     gaze = np.where(wrong[:, None], rng.uniform(LIMITS.lower, LIMITS.upper, (n, 3)), train.gaze_rad)
     arm = np.where(stuck[:, None] & (np.arange(4) == 3), 1.0, train.arm_rad)
     error, silent = gaze_rmse_deg(taught(arm, gaze), test)
-    print(f"{error:.1e} °")
     assert error < 1e-6
     assert silent == 0
 
@@ -97,7 +95,6 @@ def test_noisy_fixation_averages_out_and_few_samples_are_held_by_the_prior(babbl
         error, silent = gaze_rmse_deg(taught(train.arm_rad[k : k + n], gaze), test)
         errors.append(error)
         assert silent < 0.01
-    print(f"{n} samples, {noise_deg:g}° of noise: {np.mean(errors):.2f} °")
     assert np.mean(errors) < most_deg
 
 
@@ -123,7 +120,6 @@ def test_what_no_ideal_arm_can_do_is_left_to_the_process(bent):
     structure._fitted = learned._fit()._replace(residual=None)
     (error, silent) = gaze_rmse_deg(learned, test)
     (left, _) = gaze_rmse_deg(structure, test)
-    print(f"{error:.3f} ° of {left:.3f} °")
     assert error < left / 5
     assert silent == 0
 

@@ -49,7 +49,6 @@ def rates(judged, truth):
 
 def test_judges_random_gaze_postures(learned, fresh):
     je, fn, fp = rates(learned.query(fresh.gaze_rad).reachable, fresh.reachable)
-    print(f"gaze space: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
     assert fresh.reachable.mean() == pytest.approx(0.19, abs=0.02)  # by an independent sampling of the same tables
     assert je <= 0.003
     assert fn <= 0.005
@@ -61,8 +60,7 @@ def test_judges_the_box_of_locations_that_j_tested(learned):
     points = np.stack([-sim[:, 2] - 0.026, -sim[:, 0], sim[:, 1] - 0.5976], axis=1)
     gaze = gaze_for_points(ROBOT, points)
     gaze = gaze[np.isfinite(gaze[:, 0])]
-    je, fn, fp = rates(learned.query(gaze).reachable, truth(gaze)[0])
-    print(f"{len(gaze)} of 1500 locations fixated: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
+    je, *_ = rates(learned.query(gaze).reachable, truth(gaze)[0])
     assert je <= 0.01  # J's Basic map: 0.013
 
 
@@ -94,7 +92,6 @@ def test_degree(learned, fresh):
     expected = np.where(fresh.reachable, reached, (1 - fresh.error_m / learned.max_error_m) / 2)
     degree = learned.query(fresh.gaze_rad).degree
     rmse = np.sqrt(np.nanmean((degree - expected) ** 2))
-    print(f"degree of reachability: RMSE {rmse:.4f}")
     assert rmse <= 0.011  # J's Enhanced map: 0.022
     assert degree.min() >= 0
     assert degree.max() <= 1

@@ -63,7 +63,6 @@ def test_labels_are_what_the_whole_curve_says(side, end_point, measure, toleranc
     agreed = labels.reachable & np.isfinite(true)
     assert agreed.sum() > 20
     off = (labels.optimality - true)[agreed]
-    print(f"{end_point}, {measure}: off by {np.sqrt(np.mean(off**2)):.4f} of {true[agreed].mean():.3f}")
     assert np.sqrt(np.mean(off**2)) <= tolerance
     assert true[agreed].min() >= 0
     assert true[agreed].max() <= 1.01  # the greatest manipulability is the greatest of 20 000 sampled
