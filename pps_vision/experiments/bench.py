@@ -14,13 +14,12 @@ from pps_vision.app.report.page import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.claims import claims_table
 from pps_vision.experiments.study import PartsStudy, Study, catalogue
-from pps_vision.experiments.tables import filled, markdown, names, not_measured, read_numbers
+from pps_vision.experiments.tables import filled, markdown, names, read_numbers
 from pps_vision.recordings.atomic_write import plain, whole_file
 from pps_vision.worker_pool import worker_pool
 
 _DOCUMENTS = Path("docs")
 _CLAIMS = "claims"
-_DENSE = ",", ":"  # separators of JSON
 Shown = TypeVar("Shown")
 
 
@@ -81,24 +80,13 @@ def _result(name: str, out: Path) -> Path:
     return out / "results" / f"{name}.json"
 
 
-def _stored(file: Path) -> dict[str, Any]:
-    """Return a result file as it is; nothing where there is none."""
-    try:
-        results = json.loads(file.read_text()) if file.exists() else {}
-    except ValueError as error:
-        raise InputError(file, f"{error}; expected the JSON of a study's results") from error
-    if not isinstance(results, dict):
-        raise InputError(file, f"a {type(results).__name__}; expected the JSON object of a study's results")
-    return results
-
-
 def _shown(file: Path, show: Callable[[dict[str, Any]], Shown]) -> Shown:
     """Return charts or tables of the results of an earlier run.
 
     Raises:
         InputError: The results lack what this version shows.
     """
-    numbers = not_measured(_stored(file))
+    numbers = read_numbers(file)
     try:
         return show(numbers)
     except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
@@ -129,7 +117,7 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     fields.pop("parts", None)
     setting = {"parameters": plain(fields), "machine": versions.machine(commit)}
     again = again or commit.endswith(("dirty", "unknown"))
-    results = _stored(file)
+    results = read_numbers(file)
     for part, task in (study.tasks() if isinstance(study, PartsStudy) else {"": study.run}).items():
         measured = results.get(part) if part else results
         label = f"{file}, {part}" if part else f"{file}"
@@ -142,7 +130,7 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
             results[part] = numbers
             numbers = {key: results[key] for key in study.PARTS if key in results}
         with whole_file(file) as partial:
-            partial.write_text(_json({"study": name, **numbers}, levels=2 if part else 1) + "\n")
+            partial.write_text(_json(plain({"study": name, **numbers}), levels=2 if part else 1) + "\n")
             written = read_numbers(partial)
             fresh = {part: written[part]} if part else written
             study.tables(fresh)  # an error here is a bug, not that of an earlier result
@@ -186,7 +174,7 @@ def _fill_documents(catalog: Mapping[str, type[Study]], out: Path) -> None:
 def _json(value: Any, levels: int, indent: str = "") -> str:
     """JSON with one line for every name of the outermost levels."""
     if levels == 0 or not isinstance(value, dict):
-        return json.dumps(value, ensure_ascii=False, separators=_DENSE)
+        return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
     items = (f"{indent} {json.dumps(key)}: {_json(item, levels - 1, indent + ' ')}" for key, item in value.items())
     return "{\n" + ",\n".join(items) + f"\n{indent}}}"
 

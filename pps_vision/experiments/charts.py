@@ -42,58 +42,6 @@ def pareto_front(ms: Sequence[float], error: Sequence[float]) -> list[int]:
     return front
 
 
-def speed_error(
-    axis: Axes,
-    methods: Mapping[str, Mapping[str, Any]],
-    metric: str,
-    baselines: Collection[str] = (),
-    default: str | None = None,
-    time: str = "time (ms per frame)",
-    error: str = "error",
-) -> None:
-    """Draw time (logarithmic, "ms" = quartiles) against `metric` of each method: Pareto front dotted, default ringed.
-
-    Ours are circles, baselines squares. A method without an error is a cross at the top; one that had no frame to work
-    on is left out.
-    """
-    quartiles = {name: np.concatenate(intervals([method["ms"]])) for name, method in methods.items()}
-    names = [name for name, times in quartiles.items() if np.isfinite(times).all()]
-    if not names:
-        axis.text(0.5, 0.5, "no frame to measure on", ha="center", va="center", transform=axis.transAxes)
-        return
-    ms = np.array([quartiles[name] for name in names])
-    value, low, high = intervals([methods[name][metric] for name in names])
-    is_finite = np.isfinite(value)
-    wide = (
-        is_finite.any() and value[is_finite].min() > 0 and value[is_finite].max() > _LOG_RATIO * value[is_finite].min()
-    )
-    top = (1.8 if wide else 1.15) * (float(value[is_finite].max()) if is_finite.any() else 1.0)
-    shown = np.where(is_finite, value, top)
-    front = pareto_front(list(ms[:, 1]), list(value))
-    axis.plot(ms[front, 1], value[front], color=_INK, lw=1, ls=":", zorder=1)
-    for k, name in enumerate(names):
-        color = f"C{list(methods).index(name)}"
-        marker = "s" if name in baselines else "o"
-        axis.plot(ms[k, [0, 2]], [shown[k]] * 2, color=color, lw=1.2, alpha=0.6)
-        axis.plot([ms[k, 1]] * 2, [low[k], high[k]], color=color, lw=1.2, alpha=0.6)
-        axis.plot(ms[k, 1], shown[k], marker if is_finite[k] else "x", color=color, ms=5, label=name)
-        if name == default:
-            axis.plot(ms[k, 1], shown[k], "o", mfc="none", mec=_INK, ms=12, mew=1.4, label="default")
-    if wide:
-        axis.set_yscale("log")
-        axis.margins(y=0.15)
-    else:
-        axis.set_ylim(0, 1.1 * max(float(np.nanmax([*shown, *high])), 1e-9))
-    axis.set_xscale("log")
-    decades = float(np.ptp(np.log10(ms[:, 1])))
-    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2 else (1.0,)))
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axis.xaxis.set_minor_formatter(NullFormatter())
-    axis.margins(x=0.2)
-    axis.set(xlabel=time, ylabel=error)
-    axis.grid(alpha=0.25, which="both")
-
-
 def speed_errors(
     cells: Mapping[str, Mapping[str, Mapping[str, Any]]],
     metric: str,
@@ -107,13 +55,57 @@ def speed_errors(
     columns = min(2, len(cells))
     figure, axes = panels(len(cells), columns, PAGE_IN / columns, height)
     for k, ((scenario, methods), axis) in enumerate(zip(cells.items(), axes, strict=True)):
-        axis.set_title(scenario, fontsize=10)
-        speed_error(axis, methods, metric, baselines, default, time, "" if k % columns else label)
+        _speed_error(axis, methods, metric, baselines, default)
+        axis.set(title=scenario, xlabel=time, ylabel="" if k % columns else label)
+        axis.title.set_fontsize(10)
     handles = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)}
     title = "○ ours  □ baseline" if baselines else None
     options = {"ncols": 3, "fontsize": 8, "markerscale": 0.8, "title": title, "title_fontsize": 8}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", **options)
     return figure
+
+
+def _speed_error(
+    axis: Axes, methods: Mapping[str, Mapping[str, Any]], metric: str, baselines: Collection[str], default: str | None
+) -> None:
+    """Draw time (logarithmic, "ms") against `metric` of each method: Pareto front dotted, default ringed.
+
+    Ours are circles, baselines squares. A method without an error is a cross at the top; one that had no frame to work
+    on is left out.
+    """
+    ms, fast, slow = intervals([method["ms"] for method in methods.values()])
+    is_timed = np.isfinite(ms)
+    if not is_timed.any():
+        axis.text(0.5, 0.5, "no frame to measure on", ha="center", va="center", transform=axis.transAxes)
+        return
+    value, low, high = np.where(is_timed, intervals([method[metric] for method in methods.values()]), np.nan)
+    errors = value[np.isfinite(value)]
+    wide = errors.size > 0 and errors.min() > 0 and errors.max() > _LOG_RATIO * errors.min()
+    top = (1.8 if wide else 1.15) * (float(errors.max()) if errors.size else 1.0)
+    shown = np.where(np.isfinite(value), value, top)
+    front = pareto_front(ms.tolist(), value.tolist())
+    axis.plot(ms[front], value[front], color=_INK, lw=1, ls=":", zorder=1)
+    for k, name in enumerate(methods):
+        if is_timed[k]:
+            color = f"C{k}"
+            marker = ("s" if name in baselines else "o") if np.isfinite(value[k]) else "x"
+            axis.plot([fast[k], slow[k]], [shown[k]] * 2, color=color, lw=1.2, alpha=0.6)
+            axis.plot([ms[k]] * 2, [low[k], high[k]], color=color, lw=1.2, alpha=0.6)
+            axis.plot(ms[k], shown[k], marker, color=color, ms=5, label=name)
+            if name == default:
+                axis.plot(ms[k], shown[k], "o", mfc="none", mec=_INK, ms=12, mew=1.4, label="default")
+    if wide:
+        axis.set_yscale("log")
+        axis.margins(y=0.15)
+    else:
+        axis.set_ylim(0, 1.1 * max(float(np.nanmax([*shown, *high])), 1e-9))
+    axis.set_xscale("log")
+    decades = float(np.ptp(np.log10(ms[is_timed])))
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2 else (1.0,)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.margins(x=0.2)
+    axis.grid(alpha=0.25, which="both")
 
 
 def cells_chart(*args: Any, **options: Any) -> Callable[[Mapping[str, Any]], Figure]:

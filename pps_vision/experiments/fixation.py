@@ -180,10 +180,9 @@ class Fixation(SampledStudy):
         axes: dict[str, Any] = {}
         for axis in self.axes:
             conditions = AXES[axis][1]
-            names = (*_FOLLOWING, "J IV.1, latency ignored", "six joints, latency ignored")
             methods = {
                 name: [self.follow(head, name, condition) for condition in conditions.values()]
-                for name in tqdm(names if axis == "latency" else _FOLLOWING, axis, disable=None)
+                for name in tqdm(METHODS if axis == "latency" else _FOLLOWING, axis, disable=None)
             }
             axes[axis] = {"severities": list(conditions), "methods": methods}
         return {

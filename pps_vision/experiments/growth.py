@@ -18,8 +18,8 @@ from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
-from pps_vision.experiments.study import DATA, SampledStudy
-from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
+from pps_vision.experiments.study import DATA, SampledStudy, quartiles
+from pps_vision.experiments.timing import timed, timed_runs, timed_steps
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, TaxelEvents
 from tracking.marker import MarkerParams

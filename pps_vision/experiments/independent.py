@@ -20,14 +20,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES
 from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.films.cases import CASES, NEW_CASES, Case
 from pps_vision.experiments.films.caster import PHOTOS
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.films.score import OURS, Scores, measure_film, summary
-from pps_vision.experiments.study import DATA, Scenes, TrackingStudy, median
+from pps_vision.experiments.study import DATA, SampledStudy, median
 from pps_vision.experiments.tables import Table, estimate
 
 CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]  # scores of each film by case and tracker
@@ -53,13 +52,12 @@ _CASES = {case.name: case for case in (*CASES, *NEW_CASES)}
 
 
 @dataclass(frozen=True)
-class Independent(TrackingStudy):
+class Independent(SampledStudy):
     """Every case of `films.cases` by the tracker with its defaults, which gets the rig and nothing else."""
 
     SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 
     n: int = 6  # ray-cast films of each case, before different photographs
-    scenes: Scenes = "independent"  # the only ones
     n_compared: int = 1  # ray-cast films of each case on which the baselines run too
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
@@ -68,10 +66,6 @@ class Independent(TrackingStudy):
     def run(self) -> dict[str, Any]:
         """Return by case and tracker the scores of each film."""
         chosen = [case for case in _CASES.values() if self.only in case.name]
-        if not chosen:
-            raise InputError("bench independent", f"--only {self.only!r}; expected a part of a case's name")
-        if self.scenes != "independent":
-            raise InputError("bench independent", f"--scenes {self.scenes}; expected independent, or `bench tracking`")
         by_case = {}
         for case in tqdm(chosen, unit="case", disable=None):
             films = [self._film(case, k) for k in range(self.n)]

@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtrit
-from scipy.stats import rankdata, sem
+from scipy.stats import rankdata
 from sklearn.isotonic import IsotonicRegression
 from tqdm import tqdm
 
@@ -148,16 +147,9 @@ def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
     return float(np.mean((np.asarray(probability, dtype=float) - np.asarray(outcome, dtype=float)) ** 2))
 
 
-def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike) -> tuple[float, float, float]:
-    """Return the Brier score of the reference less that of the prediction, with its 95 % interval.
-
-    The arguments are (units, values of each unit); the interval is Student's t of the paired differences of two or more
-    independent units.
-    """
-    y, p, q = (np.asarray(values, dtype=float) for values in (outcome, probability, reference))
-    gains = np.mean((q - y) ** 2 - (p - y) ** 2, axis=1)
-    half = float(stdtrit(len(gains) - 1, 0.975) * sem(gains))
-    return float(gains.mean()), float(gains.mean()) - half, float(gains.mean()) + half
+def brier_gain(outcome: Array | Mask, probability: Array, reference: Array) -> list[float]:
+    """Return the Brier score of the reference less that of the prediction, with 95 % over rows (trials)."""
+    return interval(list((reference - outcome) ** 2 - (probability - outcome) ** 2))
 
 
 def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike) -> float:
@@ -208,11 +200,8 @@ def draw_calibration(numbers: dict[str, Any]) -> Figure:
     figure, (axis,) = charts.panels(1, width=5.2)
     axis.plot([0, 100], [0, 100], color="0.25", lw=0.9, ls="--")
     stated = 100 * (np.arange(_BINS) + 0.5) / _BINS
-    for aside, name in ((-0.3, "R's map"), (0.3, "R's map, corrected")):
-        value, low, high = charts.intervals(numbers["methods"][name]["touched_percent"])
-        axis.errorbar(stated + aside, value, (value - low, high - value), fmt="o-", ms=4, capsize=2, label=name)
-    axis.set(xlabel="stated (%)", ylabel="touched (%)")
-    axis.grid(alpha=0.25)
+    series = {name: numbers["methods"][name]["touched_percent"] for name in ("R's map", "R's map, corrected")}
+    charts.curves(axis, stated, series, "stated (%)", "touched (%)")
     axis.legend(fontsize=8)
     return figure
 
@@ -251,7 +240,7 @@ def real_trials(study: "PpsPrediction") -> dict[str, Any]:
             numbers[name][split] = {
                 "auroc": score_interval(auroc, outcome, p),
                 "brier": interval(list((p - outcome) ** 2)),
-                "gain": list(brier_gain(outcome, p, probabilities(by_base_rate))),
+                "gain": brier_gain(outcome, p, probabilities(by_base_rate)),
             }
     return {"n": len(trials), "touched": touched.sum(axis=0).tolist(), "methods": numbers}
 

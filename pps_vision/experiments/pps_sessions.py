@@ -19,7 +19,7 @@ from pps_vision.experiments.pps.ridges import FINE, landscape_chart, offsets, ri
 from pps_vision.experiments.pps.robot_errors import ErrorSources, MiscalibratedRobot
 from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials, true_robot
 from pps_vision.experiments.pps.taxel_trials import Session, Trial, perceive, train_memory
-from pps_vision.experiments.study import Part, interval, mean, median, percent
+from pps_vision.experiments.study import Part, interval, mean, percent
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.se3 import move_points
 from pps_vision.types import Array
@@ -162,9 +162,7 @@ def taxel_offsets(study: "PpsSessions") -> dict[str, Any]:
     }
     errors = [np.concatenate([abs(estimated - true) for estimated, true in robot.values()]) for robot in robots]
     return {
-        "taxels": sum(map(len, errors)),
         "parts": parts,
-        "error_median_mm": interval(errors, median),
         "within_3_mm_percent": interval([robot <= 3 for robot in errors], percent),
     }
 

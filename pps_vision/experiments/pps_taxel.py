@@ -24,7 +24,7 @@ from pps_vision.experiments.baselines.single_taxel import (
 )
 from pps_vision.experiments.pps.ridges import FINE, bin_centers, landscape_chart, offsets, orthogonal_line, ridge_width
 from pps_vision.experiments.pps.taxel_trials import load_trials
-from pps_vision.experiments.study import DATA, Part, PartsStudy, SampledStudy
+from pps_vision.experiments.study import DATA, Part, PartsStudy, SampledStudy, quartiles
 from pps_vision.experiments.tables import Table
 from pps_vision.types import Array, Mask
 
@@ -74,7 +74,7 @@ def simulated_ridge(simulation: Simulation, reference: str, n: int, seed: int) -
     widths = [100 * ridge_width(fine.counts[0]) for fine in maps]
     first = _simulated_map(simulation, reference, seed, 0, MemoryParams())
     return {
-        "crosses_ttc_0_at_cm": np.percentile(crossings, (50, 25, 75)).round(2).tolist(),
+        "crosses_ttc_0_at_cm": quartiles(crossings),
         "ridge_width_cm": round(float(np.median(widths)), 2),
         "activation": np.round(landscape(first), 2).tolist(),
     }

@@ -17,7 +17,7 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments.reach_truth import closed_form, map_params
-from pps_vision.experiments.study import Part, PartsStudy
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
@@ -25,21 +25,14 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
 _DEG = np.pi / 180
-_LEAN_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's neck
-_LEAN_ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's first joint
-_LEAN_SIDE = "right"
-_LEAN_MAX_FP = 1e-4
+_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's neck
+_ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's first joint
+_SIDE = "right"
+_MAX_FP = 1e-4
 _TORSO_STEP_RAD = 2 * _DEG  # grid step of the ground truth
 _DT_S = 0.05
 _MAX_LEAN_S = 20.0
 _TOUCH_M = 0.01
-
-
-def random_gaze(limits: GazeLimits, n: int, rng: np.random.Generator) -> Array:
-    """Return (n, 3) gaze postures, uniform in direction and in the logarithm of the distance."""
-    gaze = rng.uniform(isotropic(limits.lower), isotropic(limits.upper), (n, 3))
-    gaze[:, 2] = 2 * np.arctan(np.exp(gaze[:, 2]))
-    return gaze
 
 
 class Attempt(NamedTuple):
@@ -69,16 +62,16 @@ def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point:
     while t < _MAX_LEAN_S:
         posture = robot.at(q)
         error = max(error, fixation_error(posture, point))
-        status, command = lean.step(LeanParams(), model, _LEAN_GAZE, is_reachable, posture, point, _DT_S, t)
+        status, command = lean.step(LeanParams(), model, _GAZE, is_reachable, posture, point, _DT_S, t)
         if status != "leaning":
             break
         carried = compensates * head.carried_velocity(posture, point, command.dq_rad_s)
         gaze_command = fixation.step(FixationParams(), posture, point, -carried, _DT_S, t)
         q = robot.clamp(q + _DT_S * (command.dq_rad_s + gaze_command.dq_rad_s))
         t += _DT_S
-    solution = oracle.solve(model.gaze(model.to_upright(q[None], point), _LEAN_GAZE))
-    q[robot.indices(robot.names.arm(_LEAN_SIDE))[:4]] = solution.q_rad[0]
-    palm = robot.at(q).point(robot.names.palm(_LEAN_SIDE))
+    solution = oracle.solve(model.gaze(model.to_upright(q[None], point), _GAZE))
+    q[robot.indices(robot.names.arm(_SIDE))[:4]] = solution.q_rad[0]
+    palm = robot.at(q).point(robot.names.palm(_SIDE))
     is_touched = status == "within reach" and bool(np.linalg.norm(palm - point) <= _TOUCH_M)
     return Attempt(status, is_touched, error / _DEG, t)
 
@@ -86,7 +79,7 @@ def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point:
 def can_be_reached(robot: Robot, points: Array) -> Mask:
     """Return (N,) whether points (N, 3) can be fixated and reached from a torso posture of a grid, in closed form."""
     model = GazeModel(robot)
-    arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)
+    arm = closed_form(robot, _SIDE, _ARM)
     torso = robot.indices(robot.names.torso)
     axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, _TORSO_STEP_RAD) for i in torso]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(torso))
@@ -95,7 +88,7 @@ def can_be_reached(robot: Robot, points: Array) -> Mask:
 
     def is_reached(point: Array) -> bool:
         upright = model.to_upright(q, point)
-        gaze = model.gaze(upright, _LEAN_GAZE)
+        gaze = model.gaze(upright, _GAZE)
         return bool((np.isfinite(arm.solve(upright)[:, 0]) & np.isfinite(gaze[:, 0])).any())
 
     return np.array([is_reached(point) for point in points])
@@ -104,46 +97,17 @@ def can_be_reached(robot: Robot, points: Array) -> Mask:
 def _draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:
     """(n, 3) points that can be fixated, not reached, with the torso upright."""
     model = GazeModel(robot)
-    arm = closed_form(robot, _LEAN_SIDE, _LEAN_ARM)
+    arm = closed_form(robot, _SIDE, _ARM)
     points: Array = np.zeros((0, 3))
     while len(points) < n:
-        candidates = model.points(random_gaze(_LEAN_GAZE, n, rng))
+        gaze = rng.uniform(isotropic(_GAZE.lower), isotropic(_GAZE.upper), (n, 3))  # uniform in log distance
+        gaze[:, 2] = 2 * np.arctan(np.exp(gaze[:, 2]))
+        candidates = model.points(gaze)
         points = np.concatenate([points, candidates[np.isnan(arm.solve(candidates)[:, 0])]])
     return points[:n]
 
 
-def _run_lean(study: "ReachInLoop") -> dict[str, Any]:
-    """Return counts; median, 95 % quantile and maximum over the objects touched.
-
-    By kinematics: joints follow their commands and the object's position is known.
-    """
-    robot = load_icub()
-    rng = np.random.default_rng(study.seed)
-    params = replace(map_params(study.n_lean_labels), gaze_limits=_LEAN_GAZE, arm_limits=_LEAN_ARM)
-    learned = train_reachable_map(robot, _LEAN_SIDE, rng, params)
-    lean_once = partial(attempt, ReachOracle(robot, _LEAN_SIDE, params, rng), learned, learned.threshold(_LEAN_MAX_FP))
-    points = _draw_unreachable(robot, study.n_objects, np.random.default_rng(study.seed + 1_000_000))
-    possible = can_be_reached(robot, points)
-    attempts = [lean_once(point, compensates=True) for point in tqdm(points, desc="objects", disable=None)]
-    touched = [row for row in attempts if row.is_touched]
-    refused = np.array([row.status == "out of reach" for row in attempts])
-    reacting = [lean_once(point, compensates=False) for point in points[possible][: max(study.n_objects // 8, 1)]]
-    quantiles = {
-        "fixation_error_deg": [row.fixation_deg for row in touched],
-        "fixation_error_reacting_deg": [row.fixation_deg for row in reacting],
-        "seconds": [row.seconds for row in touched],
-    }
-    return {
-        "objects": study.n_objects,
-        "reachable_with_torso": int(possible.sum()),
-        "touched": len(touched),
-        "refused_rightly": int((refused & ~possible).sum()),
-        "refused_wrongly": int((refused & possible).sum()),
-        **{name: np.quantile(v or [np.nan], (0.5, 0.95, 1.0)).tolist() for name, v in quantiles.items()},
-    }
-
-
-_LEAN_ROWS = {
+_ROWS = {
     "objects": "objects that the upright robot does not reach",
     "reachable_with_torso": "reachable with the torso",
     "touched": "touched",
@@ -155,23 +119,46 @@ _LEAN_ROWS = {
 }
 
 
-def _lean_table(numbers: dict[str, Any]) -> Table:
-    """Return the counts, and the quantiles over the objects touched."""
-    rows = []
-    for key, name in _LEAN_ROWS.items():
-        value = numbers[key]
-        rows.append([name, *([estimate([x]) for x in value] if isinstance(value, list) else [str(value), "", ""])])
-    return Table(["leaning", "number or median", "95 %", "maximum"], rows)
-
-
 @dataclass(frozen=True)
-class ReachInLoop(PartsStudy):
-    """Objects reached by leaning."""
+class ReachInLoop(SampledStudy):
+    """Objects reached by leaning, by kinematics: joints follow their commands and the object's position is known."""
 
-    PARTS: ClassVar[Mapping[str, Part]] = {
-        "lean": Part(_run_lean, table=_lean_table),
-    }
-    SHORT: ClassVar[Mapping[str, Any]] = {"n_lean_labels": 600, "n_objects": 4}
+    SHORT: ClassVar[Mapping[str, Any]] = {"n": 4}
 
-    n_lean_labels: int = 12_000  # inverse-kinematics solutions of the map
-    n_objects: int = 200  # objects out of reach of the upright robot
+    n: int = 200  # objects out of reach of the upright robot
+    n_labels: int = 12_000  # inverse-kinematics solutions of the map
+
+    def run(self) -> dict[str, Any]:
+        """Return counts; median, 95 % quantile and maximum over the objects touched."""
+        robot = load_icub()
+        rng = np.random.default_rng(self.seed)
+        params = replace(map_params(self.n_labels), gaze_limits=_GAZE, arm_limits=_ARM)
+        learned = train_reachable_map(robot, _SIDE, rng, params)
+        lean_once = partial(attempt, ReachOracle(robot, _SIDE, params, rng), learned, learned.threshold(_MAX_FP))
+        points = _draw_unreachable(robot, self.n, np.random.default_rng(self.seed + 1_000_000))
+        possible = can_be_reached(robot, points)
+        attempts = [lean_once(point, compensates=True) for point in tqdm(points, desc="objects", disable=None)]
+        touched = [row for row in attempts if row.is_touched]
+        refused = np.array([row.status == "out of reach" for row in attempts])
+        reacting = [lean_once(point, compensates=False) for point in points[possible][: max(self.n // 8, 1)]]
+        quantiles = {
+            "fixation_error_deg": [row.fixation_deg for row in touched],
+            "fixation_error_reacting_deg": [row.fixation_deg for row in reacting],
+            "seconds": [row.seconds for row in touched],
+        }
+        return {
+            "objects": self.n,
+            "reachable_with_torso": int(possible.sum()),
+            "touched": len(touched),
+            "refused_rightly": int((refused & ~possible).sum()),
+            "refused_wrongly": int((refused & possible).sum()),
+            **{name: np.quantile(v or [np.nan], (0.5, 0.95, 1.0)).tolist() for name, v in quantiles.items()},
+        }
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the counts, and the quantiles over the objects touched."""
+        rows = []
+        for key, name in _ROWS.items():
+            value = numbers[key]
+            rows.append([name, *([estimate([x]) for x in value] if isinstance(value, list) else [str(value), "", ""])])
+        return {"": Table(["leaning", "number or median", "95 %", "maximum"], rows)}

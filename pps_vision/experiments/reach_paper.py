@@ -24,6 +24,7 @@ from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.jamone import MapQuery
 from pps_vision.experiments.reach_truth import (
     ARMS,
+    BOX,
     SCORES,
     MapTruth,
     closed_form,
@@ -31,6 +32,8 @@ from pps_vision.experiments.reach_truth import (
     judge_by_labels,
     learn_hand,
     map_params,
+    to_root,
+    to_simulator,
 )
 from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval, percent_of
 from pps_vision.experiments.tables import Table, estimate
@@ -47,8 +50,6 @@ _MAX_BABBLED = 400
 _PITCHES_DEG = (0, -25)
 _PITCH_HALF_WIDTH_DEG = 3
 _PLANE_HALF_WIDTH_M = 0.02
-_BOX = np.array([[-0.10, 0.10], [0.75, 0.95], [0.20, 0.35]])  # J's X, Y, Z, m in the axes of its simulator (Y up)
-_SIMULATOR_M = np.array([0.0, 0.5976, -0.026])  # p_sim = (−y, z, −x) of the root frame + this, from its public code
 _PLANES = {"seen from above, Y 0.85 m": (0, 2), "seen from the side, X 0 m": (2, 1)}  # horizontal and vertical axis
 
 
@@ -207,18 +208,6 @@ def _draw_box(samples: dict[str, Any]) -> Figure:
     return figure
 
 
-def to_simulator(points_root: Array) -> Array:
-    """Return points (N, 3) of the root frame in the axes of J's simulator, m."""
-    x, y, z = points_root.T
-    return np.stack([-y, z, -x], axis=1) + _SIMULATOR_M
-
-
-def to_root(points_simulator: Array) -> Array:
-    """Return the inverse of `to_simulator`."""
-    x, y, z = (points_simulator - _SIMULATOR_M).T
-    return np.stack([-z, -x, y], axis=1)
-
-
 def _sample_slice(maps: Mapping[str, MapQuery], pitch_deg: float, babbled: Babbled) -> dict[str, Any]:
     """Samples over yaws and vergences of one pitch, in degrees."""
     limits = GazeLimits()
@@ -234,13 +223,13 @@ def _sample_slice(maps: Mapping[str, MapQuery], pitch_deg: float, babbled: Babbl
 
 def _sample_box(maps: Mapping[str, MapQuery], robot: Robot, across: int, up: int, babbled: Babbled) -> dict[str, Any]:
     """Samples on a plane through the middle of J's box, spanned by two axes of the simulator, m."""
-    x, y = (np.linspace(low, high, _N_SIDE) for low, high in _BOX[[across, up]])
-    points = np.tile(_BOX.mean(axis=1), (_N_SIDE**2, 1))
+    x, y = (np.linspace(low, high, _N_SIDE) for low, high in BOX[[across, up]])
+    points = np.tile(BOX.mean(axis=1), (_N_SIDE**2, 1))
     points[:, across], points[:, up] = (values.ravel() for values in np.meshgrid(x, y))
     hands = to_simulator(fixation_points(robot, babbled.gaze_rad))
     normal = 3 - across - up
-    near = np.abs(hands[:, normal] - _BOX[normal].mean()) <= _PLANE_HALF_WIDTH_M
-    near &= ((hands >= _BOX[:, 0]) & (hands <= _BOX[:, 1]))[:, [across, up]].all(axis=1)
+    near = np.abs(hands[:, normal] - BOX[normal].mean()) <= _PLANE_HALF_WIDTH_M
+    near &= ((hands >= BOX[:, 0]) & (hands <= BOX[:, 1]))[:, [across, up]].all(axis=1)
     return _sample(maps, x, y, gaze_for_points(robot, to_root(points)), hands[near][:, [across, up]])
 
 

@@ -22,9 +22,8 @@ ARMS = ("left", "right")
 N_TEST = 700  # postures at which forward models are judged, as in J
 SCORES = {"JE (%)": "je", "FN (%)": "fn", "FP (%)": "fp", "RMSE of R": "degree_rmse", "JE in J's box (%)": "box_je"}
 """Scores of a map by their names in tables."""
-_BOX_LOW = np.array([-0.376, -0.10, 0.1524])
-_BOX_HIGH = np.array([-0.226, 0.10, 0.3524])
-"""J's box in the root frame, m: X ±0.10, Y 0.75–0.95, Z 0.20–0.35 of its simulator."""
+BOX = np.array([[-0.10, 0.10], [0.75, 0.95], [0.20, 0.35]])  # J's X, Y, Z, m in the axes of its simulator (Y up)
+_SIMULATOR_M = np.array([0.0, 0.5976, -0.026])  # p_sim = (−y, z, −x) of the root frame + this, from its public code
 _N_BOX = 9000
 
 
@@ -44,7 +43,8 @@ class MapTruth:
         """Draw `n` gaze postures, and 9000 locations; locations that cannot be fixated are dropped."""
         limits = GazeLimits()
         gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
-        points = rng.uniform(_BOX_LOW, _BOX_HIGH, (_N_BOX, 3))
+        low, high = np.sort(to_root(BOX.T), axis=0)
+        points = rng.uniform(low, high, (_N_BOX, 3))
         arm = closed_form(robot, side)
         _, effort = arm.least_effort(fixation_points(robot, gaze))
         reachable = np.isfinite(effort)
@@ -111,6 +111,18 @@ def exact_map(robot: Robot, max_error_m: float) -> MapQuery:
         return MapPrediction(np.ones(len(gaze), bool), reachable, reachable.astype(float), degree)
 
     return query
+
+
+def to_simulator(points_root: Array) -> Array:
+    """Return points (N, 3) of the root frame in the axes of J's simulator, m."""
+    x, y, z = points_root.T
+    return np.stack([-y, z, -x], axis=1) + _SIMULATOR_M
+
+
+def to_root(points_simulator: Array) -> Array:
+    """Return the inverse of `to_simulator`."""
+    x, y, z = (points_simulator - _SIMULATOR_M).T
+    return np.stack([-z, -x, y], axis=1)
 
 
 def first(babbled: Babbled, n: int) -> Babbled:

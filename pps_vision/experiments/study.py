@@ -4,7 +4,6 @@ A study is a module, or a package, directly in `pps_vision/experiments` that hol
 from `Study`. `pps-vision bench` finds it there by the module's name; the summary is the module's docstring.
 """
 
-import hashlib
 import inspect
 import operator
 import os
@@ -231,6 +230,11 @@ def median(values: Array) -> float:
     return float(np.median(values)) if len(values) else np.nan
 
 
+def quartiles(values: Sequence[float] | Array) -> list[float]:
+    """Return the median with the lower and the upper quartile; NaN of nothing."""
+    return np.percentile(values, (50, 25, 75)).tolist() if len(values) else [np.nan] * 3
+
+
 def percent(values: Array | Mask) -> float:
     """Return 100 times the mean; NaN of nothing."""
     return 100 * mean(values)
@@ -265,7 +269,7 @@ def measure(
 def summarize(
     recordings: Mapping[str, Sequence[Values]], metrics: Mapping[str, Metric], reference: str | None = None
 ) -> dict[str, dict[str, Any]]:
-    """Return by method: every metric as [value, low, high], quartiles of "ms", their ratio to `reference`, and n.
+    """Return by method: every metric as [value, low, high], median and quartiles of "ms", its ratio to `reference`, n.
 
     The 95 % intervals come from resampling recordings, the independent units.
     """
@@ -273,8 +277,7 @@ def summarize(
     for method, values in recordings.items():
         cell: dict[str, Any] = {"n": len(values)}
         if all("ms" in recording for recording in values):
-            pooled = np.concatenate([np.atleast_1d(recording["ms"]) for recording in values])
-            cell["ms"] = [float(q) for q in np.percentile(pooled, (25, 50, 75))] if len(pooled) else [np.nan] * 3
+            cell["ms"] = quartiles(np.concatenate([np.atleast_1d(recording["ms"]) for recording in values]))
             if reference is not None:
                 pairs = zip(values, recordings[reference], strict=True)
                 ratios = [[np.divide(*(np.median(np.asarray(run["ms"])) for run in pair))] for pair in pairs]
@@ -354,14 +357,3 @@ def catalogue() -> dict[str, type[Study]]:
             if is_study and value.__module__ == info.name != __name__:
                 studies[value.name()] = value
     return studies
-
-
-@cache
-def code_digest() -> bytes:
-    """Return a digest of all code, and of the data that comes with it."""
-    root = Path(__file__).parents[2]
-    packages = ("pps_vision", "rendering", "tracking", "learning", "control")
-    files = (file for package in packages for file in sorted((root / package).rglob("*")))
-    return hashlib.sha256(
-        b"".join(file.read_bytes() for file in files if file.is_file() and "__pycache__" not in file.parts)
-    ).digest()

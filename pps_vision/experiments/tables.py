@@ -32,24 +32,27 @@ def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
 
 
 def read_numbers(file: Path) -> dict[str, Any]:
-    """Return the numbers of a result file."""
-    numbers: dict[str, Any] = not_measured(json.loads(file.read_text()))
+    """Return the numbers of a result file, nothing where there is none; null in a list becomes NaN.
+
+    Raises:
+        InputError: The file is no JSON object.
+    """
+    try:
+        numbers = _not_measured(json.loads(file.read_text())) if file.exists() else {}
+    except ValueError as error:
+        raise InputError(file, f"{error}; expected the JSON of a study's results") from error
+    if not isinstance(numbers, dict):
+        raise InputError(file, f"a {type(numbers).__name__}; expected the JSON object of a study's results")
     return numbers
 
 
-def not_measured(value: Any) -> Any:
-    """Return a value read from JSON with NaN in place of each null in a list, which stands for an unmeasured value."""
+def _not_measured(value: Any) -> Any:
+    """A value from JSON with NaN in place of each null in a list, which stands for an unmeasured value."""
     if isinstance(value, dict):
-        return {key: not_measured(x) for key, x in value.items()}
+        return {key: _not_measured(x) for key, x in value.items()}
     if isinstance(value, list):
-        return [math.nan if x is None else not_measured(x) for x in value]
+        return [math.nan if x is None else _not_measured(x) for x in value]
     return value
-
-
-def median_first(quartiles: Sequence[float | None]) -> str:
-    """Return [first quartile, median, third quartile] as "median (first–third)"."""
-    first, middle, third = quartiles
-    return estimate([middle, first, third])
 
 
 def judged(text: str, missed: bool) -> str:

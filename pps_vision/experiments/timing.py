@@ -5,8 +5,6 @@ from functools import partial
 from time import process_time
 from typing import TypeVar
 
-import numpy as np
-
 F = TypeVar("F")
 T = TypeVar("T")
 
@@ -27,8 +25,3 @@ def timed_steps(step: Callable[[F], T], frames: Iterable[F]) -> tuple[list[T], l
 def timed_runs(call: Callable[[], object], runs: int) -> list[float]:
     """Return the processor times (ms) of some calls; one more before them fills caches and does not count."""
     return [timed(call)[1] for _ in range(1 + runs)][1:]
-
-
-def quartiles(ms: Iterable[float]) -> list[float]:
-    """Return the median and the lower and upper quartile."""
-    return [round(float(q), 5) for q in np.percentile(list(ms), (50, 25, 75))]

@@ -42,6 +42,7 @@ class Fake(Study):
     SHORT: ClassVar[Mapping[str, Any]] = {"seed": 9}
     seed: int = 0
     workers: int = 1
+    share: float = 1.0
     def run(self):
         return measure(self)
     def chart(self, numbers):
@@ -200,6 +201,12 @@ def test_results_of_another_version_are_refused_in_one_line(folder, file, text, 
     elif text.startswith('{"first"'):
         with pytest.raises(InputError, match=message):
             bench.bench(["parts"], {"parts": ("plain",)}, out=folder / "elsewhere")
+
+
+def test_of_all_studies_those_with_an_option_take_it(folder):
+    bench.bench(["all"], {"share": 0.5})
+    assert result(folder, "fake")["parameters"] == {"seed": 0, "workers": 1, "share": 0.5}
+    assert result(folder, "parts")["plain"]["parameters"] == {"seed": 0}
 
 
 def test_unknown_tables_studies_and_options_are_refused(folder):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from data import shared_data
 
-from pps_vision.experiments.baselines.image_trackers import intersection_over_union
+from pps_vision.app.evaluate_boxes import overlaps
 from pps_vision.experiments.stages.image_tracker import REAL, BoxedFilm
 from pps_vision.types import Array
 from tracking.image_tracker import ImageTrackerParams
@@ -13,7 +13,7 @@ from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTrack
 
 def _overlaps(tracker: BoxTracker, film: BoxedFilm) -> Array:
     boxes = np.array([tracker.step(image).box_px for image in film.images[1:]])
-    return intersection_over_union(boxes, np.array(film.boxes[1:]))
+    return np.diagonal(overlaps(boxes, np.array(film.boxes[1:])))
 
 
 @pytest.mark.parametrize("seed", [0, 1])

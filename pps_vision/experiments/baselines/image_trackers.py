@@ -118,10 +118,3 @@ def sphere_box(view: View, center: Array, radius_m: float) -> BoxPx | None:
     if np.any(high - low < 2):
         return None
     return (float(low[0] + 0.5), float(low[1] + 0.5), float(high[0] - low[0]), float(high[1] - low[1]))
-
-
-def intersection_over_union(a: Array, b: Array) -> Array:
-    """Return the overlaps (n,) of boxes x, y, w, h (n, 4)."""
-    size = np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
-    shared = np.prod(np.maximum(size, 0), axis=1)
-    return np.asarray(shared / (np.prod(a[:, 2:], axis=1) + np.prod(b[:, 2:], axis=1) - shared))

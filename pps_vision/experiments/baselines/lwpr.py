@@ -64,8 +64,8 @@ class Fields(NamedTuple):
 class LWPR:
     """Model of `n_outputs` functions of `n_inputs` inputs."""
 
-    def __init__(self, n_inputs: int, n_outputs: int, params: LWPRParams | None = None) -> None:
-        self.params = params or LWPRParams()
+    def __init__(self, n_inputs: int, n_outputs: int, params: LWPRParams) -> None:
+        self.params = params
         self.n_outputs = n_outputs
         self.n_fields = 0
         self.fields = Fields.empty(_FIRST_CAPACITY, n_inputs)

@@ -74,9 +74,8 @@ def gaussian_process() -> Refitted:
         lengths = np.clip(2 * x.std(axis=0), 0.1, 10.0)
         kernel = ConstantKernel(1.0, (1e-3, 1e6)) * RBF(lengths, (0.1, 100.0)) + WhiteKernel(1e-6, (1e-12, 1.0))
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", ConvergenceWarning
-            )  # noise-free samples end at the lower bound of the noise
+            # noise-free samples end at the lower bound of the noise
+            warnings.simplefilter("ignore", ConvergenceWarning)
             tuned = GaussianProcessRegressor(kernel, alpha=0.0).fit(x[:_N_TUNE], (y - mean)[:_N_TUNE])
         model = GaussianProcessRegressor(tuned.kernel_, alpha=0.0, optimizer=None).fit(x, y - mean)
         return lambda queries: np.asarray(model.predict(queries)) + mean

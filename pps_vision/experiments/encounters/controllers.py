@@ -33,7 +33,7 @@ from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import learn
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.study import NOISE_SIGMA, code_digest, interval, median, percent_of
+from pps_vision.experiments.study import NOISE_SIGMA, interval, percent_of, quartiles
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.atomic_write import whole_file, write_json
 
@@ -55,7 +55,6 @@ _CONTROLLERS = {
     "harmless: no command (%)": "still, all",
 }
 _IS_MET: dict[str, Callable[[float, float], bool]] = {"≥ ": operator.ge, "> ": operator.gt, "": operator.eq}
-Row = dict[str, Any]
 
 
 def counts(n: int) -> dict[Condition, int]:
@@ -71,7 +70,11 @@ def rate(rows: Rows, key: str) -> list[float]:
 def unfinished_folder(study: Any, part: str) -> Path:
     """Return the temporary folder of a part's finished encounters, by the study's parameters and all code."""
     parameters = {name: value for name, value in vars(study).items() if name not in ("parts", "workers", "json")}
-    digest = hashlib.sha256(f"{part} {parameters}".encode() + code_digest())
+    root = Path(__file__).parents[3]
+    packages = ("pps_vision", "rendering", "tracking", "learning", "control")
+    files = [file for package in packages for file in sorted((root / package).rglob("*")) if file.is_file()]
+    code = b"".join(file.read_bytes() for file in files if "__pycache__" not in file.parts)
+    digest = hashlib.sha256(f"{part} {parameters}".encode() + code)
     return Path(gettempdir()) / f"pps-vision-{digest.hexdigest()[:16]}"
 
 
@@ -111,8 +114,8 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
     fast = [row for row in hazards if row["speed_m_s"] > SLOW_M_S and row["number"] < equal_n]
     return {
         "stop, slow": rate(slow_stop, "untouched"),
-        "stop, slow, distance_mm": _quartiles([1000 * row["distance_m"] for row in slow_stop]),
-        "stop, slow, lead_s": _quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
+        "stop, slow, distance_mm": quartiles([1000 * row["distance_m"] for row in slow_stop]),
+        "stop, slow, lead_s": quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
         "by speed": {c: _by_speed(hazards, c) for c in HAZARDS},
         "press and through": rate(hard, "untouched"),
         "press and through, ours above": _ours_above(hard, ours),
@@ -148,11 +151,6 @@ def _by_speed(rows: Rows, condition: Condition) -> list[list[float]]:
 
 def _of_condition(rows: Rows, *conditions: Condition) -> Rows:
     return [row for row in rows if row["condition"] in conditions]
-
-
-def _quartiles(values: Sequence[float]) -> list[float]:
-    """Median and quartiles."""
-    return [median(np.array(values)), *np.quantile(values, (0.25, 0.75))] if values else [np.nan] * 3
 
 
 def chart(numbers: dict[str, Any]) -> Figure:
@@ -240,7 +238,7 @@ def run_rendered(study: Any) -> dict[str, Any]:
     scene = EncounterScene()
     memories = {side: learn(scene, side, study.seed, study.share) for side in get_args(Side)}
     numbers = [(condition, k) for condition, n in counts(study.n_rendered).items() for k in range(n)]
-    rows: list[Row] = []
+    rows: Rows = []
     for condition, number in tqdm(numbers, desc="rendered encounters", disable=None):
         encounter = draw(scene, condition, number, study.seed)
         memory = memories[encounter.side]

@@ -33,9 +33,6 @@ class Goal(NamedTuple):
         """Whether a score misses the goal; NaN does."""
         return not (score >= self.bound if self.at_least else score <= self.bound)
 
-    def __str__(self) -> str:
-        return f"{'≥' if self.at_least else '≤'} {self.bound:g}"
-
 
 Goals = Mapping[str, tuple[Goal, ...]]  # by score of `films.score.summary`
 COMMON: Goals = {"false_percent": (Goal(1.0),), "covered_percent": (Goal(90.0, True), Goal(98.0))}

@@ -2,9 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +10,6 @@ from pps_vision.experiments.films.caster import (
     INSTANTS,
     Ball,
     FilmLens,
-    Levels,
     Paint,
     Panel,
     RayCaster,
@@ -22,58 +19,33 @@ from pps_vision.experiments.films.caster import (
     noise_tape,
     visible_share,
 )
-from pps_vision.experiments.films.scenes import (
-    T_ROOT_STAGE_HEAD,
-    head_pose,
-)
-from pps_vision.experiments.study import DATA, SceneSource
+from pps_vision.experiments.films.scenes import T_ROOT_STAGE_HEAD, head_pose
+from pps_vision.experiments.study import DATA
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, Mask, StereoFrame, Truth
-from rendering.eyes import Eyes
+from pps_vision.types import Array, StereoFrame, Truth
 from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
-from rendering.shapes import Part, sphere
+from rendering.shapes import Color, Part, sphere
 from rendering.stimuli import Stimulus
 
-_FINENESS = {"plain": 4, "striped": 5, "chequered": 5}  # of balls; a pattern's edges are right to 1/40 of the radius
-_NECK_AT_REST = {"neck_pitch": 0.0, "neck_yaw": 0.0, "neck_roll": 0.0}
-_INSTANT_S = 1e-4  # over which velocities are differences
+_SQUARES = 5  # of a chequered ball from pole to pole
 _T_STAGE_ROOT = np.linalg.inv(T_ROOT_STAGE_HEAD)
 _FRONT_WALL_M = 1.3
 _ROUND = 1.05  # largest ratio of the extents of a prop that is a ball
 _POINT_M = 1e-4
 
 
-def meshes(solid: Ball) -> tuple[Part, ...]:
-    """Return the meshes of a ball, about its centre."""
-    color = _unit_color(solid.paint.color)
-    ball = sphere(solid.radius_m, color, fineness=_FINENESS[solid.paint.pattern])
-    if solid.paint.pattern == "plain":
-        return (ball,)
-    second = _has_second_color(solid.paint, ball.mesh.triangles_center)
-    parts = ball.mesh.submesh([np.flatnonzero(~second), np.flatnonzero(second)], repair=False)
-    return Part(parts[0], color), Part(parts[1], _unit_color(solid.paint.color2))
-
-
-def _unit_color(levels: Levels) -> Levels:
-    return levels[0] / 255, levels[1] / 255, levels[2] / 255
-
-
-def _has_second_color(paint: Paint, points: Array) -> Mask:
-    """Whether points (n, 3) of a ball have its second colour: stripes across x, or squares by longitude, latitude."""
-    x, y, z = (points / np.linalg.norm(points, axis=1, keepdims=True)).T
-    if paint.pattern == "striped":
-        return np.asarray(np.floor((x + 1) * paint.count) % 2 == 1)
+def chequered_ball(radius_m: float, color: Color, color2: Color) -> tuple[Part, ...]:
+    """Return the meshes of a ball in two colours, about its centre: squares by longitude and latitude."""
+    mesh = sphere(radius_m, color, fineness=5).mesh  # the edges are right to 1/40 of the radius
+    x, y, z = mesh.triangles_center.T / np.linalg.norm(mesh.triangles_center, axis=1)
     u = (np.arctan2(y, x) / np.pi + 1) / 2
     v = np.arcsin(z.clip(-1, 1)) / np.pi + 0.5
-    return np.asarray((np.floor(2 * u * paint.count) + np.floor(v * paint.count)) % 2 == 1)
-
-
-def eyes_of(source: SceneSource, photo: int) -> Callable[..., Any]:
-    """Return the class that draws the eyes' views, called like `Eyes`; `photo` is the background of the ray caster."""
-    return Eyes if source == "rendered" else partial(RayCastEyes, photo=photo)
+    is_second = (np.floor(2 * _SQUARES * u) + np.floor(_SQUARES * v)) % 2 == 1
+    first, second = mesh.submesh([np.flatnonzero(~is_second), np.flatnonzero(is_second)], repair=False)
+    return Part(first, color), Part(second, color2)
 
 
 class RayCastEyes(AbstractContextManager["RayCastEyes"]):
@@ -153,7 +125,7 @@ class RayCastEyes(AbstractContextManager["RayCastEyes"]):
 
 def _paint_of(parts: tuple[Part, ...]) -> Paint:
     colors = [(255.0 * part.color[0], 255.0 * part.color[1], 255.0 * part.color[2]) for part in parts]
-    return Paint(colors[0]) if len(colors) == 1 else Paint(colors[0], "chequered", colors[1], 5)
+    return Paint(colors[0]) if len(colors) == 1 else Paint(colors[0], "chequered", colors[1], _SQUARES)
 
 
 def _prop(parts: tuple[Part, ...]) -> Callable[[PropPose], Ball | Panel]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from control.fixation import gaze_at
 from pps_vision.app.render import scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
-from pps_vision.experiments.films.ray_cast_eyes import eyes_of
+from pps_vision.experiments.films.ray_cast_eyes import RayCastEyes
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import NOISE_SIGMA, SceneSource
 from pps_vision.geometry.camera import StereoRig
@@ -19,6 +20,7 @@ from pps_vision.robot.icub import home, icub_rig, icub_setup, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame, Truth
+from rendering.eyes import Eyes
 from rendering.motions import Motion
 from rendering.names import MotionName
 from rendering.scene import PropPose, SceneState
@@ -136,7 +138,8 @@ def film(
     rng = np.random.default_rng(seed) if rng is None else rng
     frames = []
     truth = []
-    with eyes_of(source, seed)(robot, rig, stimulus, sensor=sensor or Sensor(), props=props) as eyes:
+    draw: Callable[..., Any] = Eyes if source == "rendered" else partial(RayCastEyes, photo=seed)
+    with draw(robot, rig, stimulus, sensor=sensor or Sensor(), props=props) as eyes:
         for t, state in states:
             truth.append(eyes.truth(state, t))
             frames.append(eyes.render(state, t, rng))

@@ -218,7 +218,8 @@ class Film:
         """
         t = t_s - self.scene.stale_s
         if self.scene.rig == "head":
-            return configuration(self.head_joints(t))
+            joints_rad = self.head_joints(t)
+            return np.array([joints_rad.get(name, 0.0) for name in _joint_names()])
         if not self.scene.rig_known:
             return None
         T = self.T_root_stage @ self.eye_poses(t)[0]
@@ -402,11 +403,6 @@ class Film:
 @cache
 def _joint_names() -> tuple[str, ...]:
     return tuple(load_icub().joint_names)
-
-
-def configuration(joints_rad: Mapping[str, float]) -> Array:
-    """Return joints in the order of the tracker's robot; the others are 0."""
-    return np.array([joints_rad.get(name, 0.0) for name in _joint_names()])
 
 
 def _camera_of(lens: FilmLens) -> Camera:

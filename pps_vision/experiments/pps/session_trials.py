@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
 from itertools import count, cycle, islice
-from pathlib import Path
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -15,13 +14,12 @@ from tqdm import tqdm
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from control.fixation import gaze_at
-from learning.archive import read_archive, write_archive
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
 from pps_vision.app.encounters.encounter import TRIALS, SessionName, start_posture
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.simulation import can_follow
-from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy, code_digest
+from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
@@ -54,11 +52,7 @@ _DEEPEST_M = -0.005  # greatest penetration of a taxel on the way
 _MARGIN_PX = 15.0  # smallest distance of a fingertip from the image's edge
 _BATCH = 12  # double touches planned at once
 _SKIPPED_SHARE = 0.15  # the first part of a reach, in which it hardly moves
-FOLDER = Path("build") / "pps"  # default folder of the rendered trials, which several studies share
 _PROCESSES = 2
-_KIND = "touch trial"
-_VERSION = 1
-_TRACKED = ("joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
 
 
 class Movement(NamedTuple):
@@ -169,7 +163,6 @@ def _is_in_view(robot: Robot, rig: StereoRig, trial: TouchTrial) -> bool:
 class SessionStudy(PartsStudy):
     """Base of the studies of R's sessions."""
 
-    trials: Path = FOLDER  # folder of the rendered trials
     share: float = 1.0  # share of the trials of every session
 
     def size(self, n: int) -> int:
@@ -183,7 +176,7 @@ class SessionStudy(PartsStudy):
         n = self.size(n or TRIALS[session])
         if session == "motor":
             return exact_trials(session, n, self.seed + seed_offset)
-        return rendered_trials(session, n, self.seed + seed_offset, self.trials)
+        return rendered_trials(session, n, self.seed + seed_offset)
 
 
 def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, ...]:
@@ -191,30 +184,21 @@ def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, .
     return tuple(movement.trial for movement in movements(session, n, seed))
 
 
-def rendered_trials(session: SessionName, n: int, seed: int, folder: Path) -> tuple[TouchTrial, ...]:
-    """Return the first `n` trials of a session (not motor, which is felt) as tracked in rendered eye views.
-
-    `folder` keeps every trial under a name that identifies movement and code: a trial is rendered once, and an
-    interrupted run resumes.
-    """
+@cache  # several parts use the same trials
+def rendered_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, ...]:
+    """Return the first `n` trials of a session (not motor, which is felt) as tracked in rendered eye views."""
     planned = movements(session, n, seed)
-    folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / f"{movement.stimulus}_{_digest(movement, code_digest())}.npz" for movement in planned]
-    missing = [(movement, file) for movement, file in zip(planned, files, strict=True) if not file.exists()]
-    if missing:
-        with worker_pool(min(_PROCESSES, len(missing))) as pool:
-            rendered = pool.map(_render_to, *zip(*missing, strict=True))
-            list(tqdm(rendered, "rendering", len(missing), unit="trial", disable=None))
-    return tuple(_read(movement, file) for movement, file in zip(planned, files, strict=True))
+    with worker_pool(min(_PROCESSES, n)) as pool:
+        return tuple(tqdm(pool.map(_render, planned), "rendering", n, unit="trial", disable=None))
 
 
-def _render_to(movement: Movement, file: Path) -> None:
-    """Write a movement as tracked in rendered eye views, the eyes following the track."""
+def _render(movement: Movement) -> TouchTrial:
+    """The trial of a movement as tracked in rendered eye views, the eyes following the track."""
     is_marker = movement.stimulus == "marker"
     icub = load_icub()
     skin = icub_skin()
     rig = icub_rig(icub)
-    rng = np.random.default_rng(int(_digest(movement), 16))  # the noise depends on the movement, not on the code
+    rng = _noise_rng(movement)
     tracker = Tracker(TrackerParams("marker" if is_marker else "generic"), rig, rng, own_body=Silhouette(icub))
     pipeline = Pipeline(PipelineParams(), icub, skin, tracker, PPSMemory.empty(skin), rng)
     tracks: list[Track3D] = []
@@ -229,20 +213,19 @@ def _render_to(movement: Movement, file: Path) -> None:
             tracks.append(step.tracking.track)
             joints.append(q)
             q = icub.clamp(q + STEP_S * step.command.dq_rad_s)
-    samples = [(q, t.position, t.velocity, t.cov[3:6, 3:6], t.radius_m) for q, t in zip(joints, tracks, strict=True)]
-    arrays = map(np.array, zip(*samples, strict=True))
-    write_archive(file, _KIND, _VERSION, dict(zip(_TRACKED, arrays, strict=True)))
+    return replace(
+        true,
+        joints_rad=np.array(joints),
+        positions=np.array([track.position for track in tracks]),
+        velocities=np.array([track.velocity for track in tracks]),
+        velocity_covs=np.array([track.cov[3:6, 3:6] for track in tracks]),
+        radius_m=np.array([track.radius_m for track in tracks]),
+    )
 
 
-def _read(movement: Movement, file: Path) -> TouchTrial:
-    stored = read_archive(file, _KIND, _VERSION, _TRACKED)
-    return replace(movement.trial, **{name: stored[name].astype(float) for name in _TRACKED})
-
-
-def _digest(movement: Movement, code: bytes = b"") -> str:
-    """Hexadecimal digest of a movement, and of the `code`."""
-    digest = sha256(code)
-    digest.update(f"{movement.stimulus} {NOISE_SIGMA}".encode())
-    for array in (movement.rotation, movement.trial.stamps_s, movement.trial.joints_rad, movement.trial.positions):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:24]
+def _noise_rng(movement: Movement) -> np.random.Generator:
+    """Generator of the images' noise, which the movement determines."""
+    trial = movement.trial
+    arrays = (movement.rotation, trial.stamps_s, trial.joints_rad, trial.positions)
+    key = f"{movement.stimulus} {NOISE_SIGMA}".encode() + b"".join(array.tobytes() for array in arrays)
+    return np.random.default_rng(int(sha256(key).hexdigest()[:24], 16))

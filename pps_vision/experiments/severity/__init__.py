@@ -23,12 +23,10 @@ class Severity(PartsStudy, TrackingStudy):
         "reach": Part(reach.run, reach.chart),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {
-        "tracking_disturbances": ("distance",),
         "n_labels": 200,
-        "reach_disturbances": ("labels flipped",),
+        "disturbances": ("distance", "few trials", "labels flipped"),
     }
 
-    tracking_disturbances: tuple[str, ...] = ()  # of tracking: disturbances (default: all)
+    disturbances: tuple[str, ...] = ()  # names of disturbances of the parts (default: all)
     n_labels: int = 1000  # of reach: inverse-kinematics solutions per map
     n_test: int = 4000  # of reach: gaze postures at which maps are judged
-    reach_disturbances: tuple[str, ...] = ()  # of reach: disturbances (default: all)

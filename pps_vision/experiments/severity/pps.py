@@ -86,6 +86,7 @@ def run(study: Any) -> dict[str, Any]:
         "disturbances": {
             name: compare_severities(partial(sample, disturb), axis, methods, metrics, study.seeds, BREAKS)
             for name, (axis, disturb) in DISTURBANCES.items()
+            if name in (study.disturbances or DISTURBANCES)
         }
     }
 

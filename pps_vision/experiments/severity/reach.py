@@ -132,7 +132,7 @@ def run(study: Any) -> dict[str, Any]:
     return {
         name: compare_severities(partial(disturbed, name, study.n_test), axis, methods, _METRICS, study.seeds, _BREAK)
         for name, (axis, _) in DISTURBANCES.items()
-        if name in (study.reach_disturbances or DISTURBANCES)
+        if name in (study.disturbances or DISTURBANCES)
     }
 
 

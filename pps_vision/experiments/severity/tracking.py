@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.errors import InputError
 from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.films import disturbances as d
 from pps_vision.experiments.films.recordings import EYES_M, Footage, PosePolicy, film, follow, stare_at, watching
@@ -48,15 +47,11 @@ Disturb = Callable[[SceneSource, int, float], Footage]  # scene source, seed and
 
 def run(study: Any) -> dict[str, Any]:
     """Return the results of `compare_severities` by scene source and disturbance."""
-    for name in study.tracking_disturbances:
-        if name not in DISTURBANCES:
-            raise InputError("bench severity", f"--tracking-disturbances {name}; expected of {', '.join(DISTURBANCES)}")
-    chosen = study.tracking_disturbances or DISTURBANCES
     return {
         source: {
             name: compare_severities(partial(disturb, source), axis, METHODS, _METRICS, study.seeds, _BREAK)
             for name, (axis, disturb) in DISTURBANCES.items()
-            if name in chosen
+            if name in (study.disturbances or DISTURBANCES)
         }
         for source in study.sources
     }

@@ -12,12 +12,12 @@ from typing import Any, get_args
 
 import numpy as np
 
+from pps_vision.app.evaluate_boxes import overlaps
 from pps_vision.experiments.baselines.image_trackers import (
     BoxPx,
     ImageTracker,
     ImageTrackerName,
     image_tracker,
-    intersection_over_union,
     middle,
 )
 from pps_vision.experiments.charts import cells_chart
@@ -149,4 +149,4 @@ def _run(make: Callable[[BoxedFilm, BoxPx, int], ImageTracker], film: BoxedFilm,
     boxes, ms = timed_steps(make(film, film.boxes[0], seed), film.images[1:])
     pairs = [(box or [np.nan] * 4, true) for box, true in zip(boxes, film.boxes[1:], strict=True) if true is not None]
     tracked, truth = np.array(pairs).swapaxes(0, 1)
-    return {"ms": ms, "iou": np.nan_to_num(intersection_over_union(tracked, truth))}
+    return {"ms": ms, "iou": np.nan_to_num(np.diagonal(overlaps(tracked, truth)))}

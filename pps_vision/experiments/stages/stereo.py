@@ -14,8 +14,7 @@ import numpy as np
 
 from pps_vision.experiments.baselines.stereo_pipelines import intersection
 from pps_vision.experiments.charts import cells_chart
-from pps_vision.experiments.films.caster import Ball, Paint
-from pps_vision.experiments.films.ray_cast_eyes import meshes
+from pps_vision.experiments.films.ray_cast_eyes import chequered_ball
 from pps_vision.experiments.films.recordings import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Method, Metric, SceneSource, Values, compare, rms
@@ -29,7 +28,7 @@ from rendering.sensor import Sensor
 from rendering.stimuli import RED, make_stimulus
 
 BALL_M = 0.035
-_PATCHED = Paint((255 * RED[0], 255 * RED[1], 255 * RED[2]), "chequered", (127 * RED[0], 255 * RED[1], 255 * RED[2]), 5)
+_SECOND_COLOR = (127 / 255 * RED[0], RED[1], RED[2])  # of the textured ball
 OURS = "covariance (ours)"
 BASELINES = ("midpoint", "linear (OpenCV)", "whole BM")
 _SECONDS = 1.5
@@ -66,7 +65,7 @@ def _pairs(ball: str, source: SceneSource, seed: int) -> list[Pair]:
     states = watching(Circle(center, plane, 0.03, 0.1), _SECONDS, follow(load_icub()))
     stimulus = make_stimulus("ball", BALL_M)
     if ball == "textured ball":
-        stimulus = replace(stimulus, parts=meshes(Ball(np.zeros(3), BALL_M, _PATCHED)))
+        stimulus = replace(stimulus, parts=chequered_ball(BALL_M, RED, _SECOND_COLOR))
     recording = film(states, stimulus, source, Sensor(noise_sigma=NOISE_SIGMA), seed)
     return list(detected_pairs(recording, seed))
 

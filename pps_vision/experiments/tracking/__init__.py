@@ -12,7 +12,7 @@ from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.experiments.films.score import METRICS, baseline, tracker
 from pps_vision.experiments.study import TURNS, Method, Part, PartsStudy, SceneSource, TrackingStudy, Values, compare
-from pps_vision.experiments.tables import Table, estimate, median_first
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.experiments.tracking import consistency
 from rendering.names import MotionName
 
@@ -45,7 +45,7 @@ def _accuracy_table(numbers: dict[str, Any]) -> Table:
     rows = []
     for name, methods in numbers["cells"].items():
         cell = methods["tracker"]
-        rows.append([name, *(estimate(cell[key]) for key in _ACCURACY_METRICS), median_first(cell["ms"])])
+        rows.append([name, *(estimate(cell[key]) for key in (*_ACCURACY_METRICS, "ms"))])
     header = ["scenes", "RMS of a recording (mm)", "worst recording (mm)", "tracked (%)", "ms per pair, quartiles"]
     return Table(header, rows)
 

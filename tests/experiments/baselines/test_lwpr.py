@@ -51,4 +51,4 @@ def test_it_answers_only_near_its_samples(rng):
     model = trained(LWPRParams(init_D=8), x, x[:, :2])
     assert np.isfinite(model.predict(0.7 * x)).all()
     assert np.isnan(model.predict(np.full((1, 3), 9.0))).all()
-    assert np.isnan(LWPR(3, 2).predict(x)).all()
+    assert np.isnan(LWPR(3, 2, LWPRParams()).predict(x)).all()
