@@ -144,7 +144,7 @@ CASES = (
 
 _KNOWN = {**_right(90), "known_percent": (Goal(95.0, True),)}
 _APPROACH: dict[str, Any] = {"motion": "approach", "color": BLUE, "appears_s": 1.5}
-_RESTS = FilmObject(motion="stop_and_go", start="moving", stop_s=np.inf)
+_RESTS = FilmObject(motion="stop_and_go", start="moving", stop_s=np.inf, extent_m=0.06)
 _FIRST_RESTS = {**_APPROACH, "start": "moving", "distance_m": 1.4, "radius_m": 0.04, "appears_s": 2.0, "seconds": 5.5}
 _WALKER = {**_APPROACH, "distance_m": 1.0, "radius_m": 0.04, "seconds": 5.0, "walker": True, "room_m": 4.5}
 _FARTHER = FilmObject(start="moving", distance_m=1.0, radius_m=0.04)
@@ -153,8 +153,8 @@ _CROSS = {"second_ball": True, "motion": "straight", "start": "moving", "seconds
 _ROD = {"shape": "rod", "radius_m": 0.1}
 _THROWN = {"motion": "throws", "start": "rest", "rest_s": 0.5, "speed_m_s": 3.0, "distance_m": 0.8, "fps": 60.0}
 _NEW: dict[str, tuple[Options, Goals]] = {
-    "hand holds": ({"hand": "holds", "start": "moving"}, _right(95)),
-    "hand takes": (_TAKES, _right(95)),
+    "hand holds": ({"hand": "holds", "start": "moving"}, _right(95, 3.0)),
+    "hand takes": (_TAKES, _right(95, 3.0)),
     "first rests": ({**_FIRST_RESTS, "others": (_RESTS,)}, _KNOWN),
     "walker": (_WALKER, {**_KNOWN, "false_percent": ()}),
     "nearer comes later": ({**_APPROACH, "distance_m": 0.7, "seconds": 4.5, "others": (_FARTHER,)}, _KNOWN),

@@ -441,7 +441,7 @@ def make_path(moved: FilmObject, rng: np.random.Generator, seconds: float) -> Ti
         return _throws(moved, rng, seconds)
     if moved.motion == "approach":
         inward *= direction
-        middle -= rng.uniform(0.1, 0.2) * moved.distance_m * inward
+        middle -= rng.uniform(0.25, 0.33) * moved.distance_m * inward
     late_s = moved.appears_s + rng.uniform(0, 0.5) if moved.appears_s > 0 else 0.0
 
     def along(s: float) -> tuple[Array, Array]:

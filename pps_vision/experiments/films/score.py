@@ -110,7 +110,7 @@ def measure_film(film: Film, params: TrackerParams, baselines: bool = False, eac
         judged = film.truths if name == OURS and film.scene.second_ball else film.truths[:1]
         scores[name] = score_of_film(tracks[name], judged, film.awaited_s, each)
         scores[name]["ms_per_pair"] = float(np.median(ms[name]))
-        if film.scene.others:
+        if film.scene.others or each:
             scores[name]["false_percent"] = _false_percent(tracks[name], film.truths)
     return scores
 
