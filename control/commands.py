@@ -42,9 +42,8 @@ def posture_after(q: Array, commands: Sequence[JointVelocity], from_s: float, to
         end = begin + command.hold_s
         if k + 1 < len(commands):
             end = min(end, commands[k + 1].stamp_s + latency_s)
-        obeyed_s = min(end, to_s) - max(begin, from_s)
-        if obeyed_s > 0:
-            q = q + obeyed_s * command.dq_rad_s
+        obeyed_s = max(min(end, to_s) - max(begin, from_s), 0.0)
+        q = q + obeyed_s * command.dq_rad_s
     return q
 
 

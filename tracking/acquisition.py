@@ -151,7 +151,7 @@ class Acquisition:
         """Whether the optical flow of a camera's last image shows that an outline moves relative to the scene."""
         x, y, w, h = outline.box_px
         camera = self._optics[eye].camera
-        box = max(int(x), 0), max(int(y), 0), min(int(x + w) + 1, camera.width), min(int(y + h) + 1, camera.height)
+        box = masks.clipped((int(x), int(y), int(x + w) + 1, int(y + h) + 1), camera.width, camera.height)
         return self._triggers[eye].moves(masks.ellipse(box, outline.center_px, w, h), box)
 
     def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:

@@ -55,6 +55,10 @@ def test_whatever_can_be_fixated_is_in_view_of_both_eyes_in_time(robot, rng, sta
 def test_it_looks_to_all_sides_of_its_centre_at_its_own_speed(robot):
     q = gaze_at(robot, home(robot), (-0.4, 0.05, 0.25))
     center = gaze_of(robot.at(q))
+    rng = np.random.default_rng(1)
+    goals = [step(RANDOM, SearchState(center), robot.at(q), DT, rng)[0].goal - center for _ in range(1000)]
+    np.testing.assert_allclose(np.abs(goals).max(axis=0)[0], 30 * DEG, rtol=0.01)
+    np.testing.assert_allclose(np.abs(np.sum(np.array(goals)[:, 1:3], axis=1)).max(), 20 * DEG, rtol=0.01)
     gazes = np.array([gaze_of(robot.at(q)) for q in looked(robot, q, 1200, seed=1)])
     aside = gazes[:, 0] - center[0]
     up = gazes[:, 1] + gazes[:, 2] - center[1] - center[2]

@@ -113,3 +113,5 @@ def test_what_stands_out_of_a_common_hue_by_four_deviations_is_a_marker(more, sh
     """A hue that only the disc has (1 % of the image) is no common one."""
     vivid = find_vivid_markers(MarkerParams(120.0), _common_hue(rng, more, share), OPTICS)
     assert [marker.center_px.round().tolist() for marker in vivid] == [[110, 60]] * n
+    pure = np.full((120, 160, 3), (0, 255, 0), np.uint8)
+    assert find_vivid_markers(MarkerParams(120.0), pure, OPTICS) == []  # nothing can be more saturated

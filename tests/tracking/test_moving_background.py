@@ -29,10 +29,12 @@ def turned(k: int, deg: float = 1.0) -> View:
     return View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, np.deg2rad(deg) * k, 0.0]))[0]))
 
 
-def seen(view: View, rng: np.random.Generator, disc_px: tuple[float, float] | None = None) -> tuple[Image, Mask]:
+def seen(
+    view: View, rng: np.random.Generator, disc_px: tuple[float, float] | None = None, wall_m: float = WALL_M
+) -> tuple[Image, Mask]:
     """The wall as seen from a view, with a white disc about a pixel; and where the disc is."""
     rays = view.rays(np.stack([_U, _V], axis=-1).reshape(-1, 2).astype(float)).reshape(240, 320, 3)
-    at = (rays[..., :2] / rays[..., 2:] * 400 + (450, 300)).astype(np.float32)
+    at = ((rays[..., :2] / rays[..., 2:] + view.center[:2] / wall_m) * 400 + (450, 300)).astype(np.float32)
     image = cv2.remap(WALL, at, np.empty(0, np.float32), cv2.INTER_LINEAR)
     mask = np.zeros((240, 320), bool)
     if disc_px is not None:
@@ -89,6 +91,17 @@ def test_the_place_that_an_object_has_left_becomes_background(rng):
     image, disc = seen(turned(14), rng, (150.0, 30.0 + 8 * 14))
     mask = background.moving.differs(image, turned(14), (20, 5, 280, 235))
     assert overlap(mask, disc[5:235, 20:280]) > 0.85
+
+
+@pytest.mark.parametrize("wall_m", [0.5, 5.0])
+def test_a_resting_wall_at_any_distance_is_background_of_an_eye_that_moves_sideways(wall_m, rng):
+    """By 4 cm between the images that are kept: 18 px at 0.5 m, 2 px at 5 m, 7 px at the distance assumed at first."""
+    background = MovingBackground(EgoMotion(LEFT_EYE))
+    for k in range(12):
+        view = View(LEFT_EYE, transform(translation=(0.008 * k, 0.0, 0.0)))
+        image, _ = seen(view, rng, wall_m=wall_m)
+        background.update(image, view, DT * k, None)
+    assert background.differs(image, view, (60, 10, 260, 230)).mean() < 0.01
 
 
 @pytest.mark.parametrize("is_object", [True, False])

@@ -43,10 +43,15 @@ def pair(rng: np.random.Generator, object_px: tuple[int, int], wall_px: tuple[in
     return images
 
 
-def measured(images: list[np.ndarray], older: View = VIEW, tolerance_px: float = 1.0) -> Match:
+def measured(
+    images: list[np.ndarray], older: View = VIEW, tolerance_px: float = 1.0, part: tuple[slice, slice] = np.s_[:, :]
+) -> Match:
+    """Flow of a part of BOX."""
+    mask = np.zeros((30, 30), bool)
+    mask[part] = True
     old = GreyImage(images[0], older, 1.0)
     new = GreyImage(images[1], VIEW, 1.0 + DT)
-    return match(EgoMotion(LEFT_EYE), old, new, 1.2, tolerance_px, [(BOX, np.ones((30, 30), bool))])[0]
+    return match(EgoMotion(LEFT_EYE), old, new, 1.2, tolerance_px, [(BOX, mask)])[0]
 
 
 @pytest.mark.parametrize("moved", [(3, -2), (-5, 1), (1, -1)])
@@ -59,6 +64,8 @@ def test_flow_of_a_region_is_its_motion(rng, moved):
     std_px = np.sqrt(np.linalg.eigvalsh(result.flow.cov)) * DT
     assert std_px.min() >= 0.1
     assert std_px.max() < 0.3
+    small = measured(pair(rng, moved), part=np.s_[13:16, 13:16])
+    np.testing.assert_allclose(small.flow.velocity_px_s * DT, moved, atol=0.2)
 
 
 def test_what_comes_along_the_line_of_sight_moves_although_its_flow_has_no_direction(rng):

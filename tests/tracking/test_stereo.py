@@ -10,7 +10,7 @@ import pytest
 from ranges import check_range
 from scipy.spatial.transform import Rotation
 
-from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.icub import home, set_gaze
 from pps_vision.types import Array, Observation3D
@@ -265,18 +265,22 @@ def silhouette(eye: View, corners: Array, optics: Optics) -> Outline:
 
 def test_the_centre_of_a_body_that_is_no_ball_is_off_as_far_as_is_stated(rng):
     """Bodies of about 3 cm radius in any orientation, seen without any other error: mean square of the distance from
-    their centres to the observed points and mean of its stated variance, along the line of sight and across it."""
+    their centres to the observed points and mean of its stated variance, along the line of sight and across it.
+    The eyes are a metre beside the root frame's origin."""
     optics = Optics(CAMERA)
     association = Association.untrained(StereoParams(1e-9, 1e9), 320)
+    view = StereoView(*(View(CAMERA, transform(translation=(1.0, 0.0, 0.0)) @ eye.T_root_camera) for eye in EYES))
     squared, stated = [], []
     for corners in BODIES.values():
         size_m = 0.04 / np.linalg.norm(corners, axis=1).mean()
         for rotation in Rotation.random(20, random_state=int(rng.integers(2**31))):
-            center = np.array([0.034, 0.0, 0.4]) + 0.03 * rng.standard_normal(3)
-            outlines = [silhouette(eye, center + size_m * rotation.apply(corners), optics) for eye in EYES]
-            observation = association.observe(VIEW, *outlines, 0.0)
+            away = np.array([0.0, 0.0, 0.4]) + 0.03 * rng.standard_normal(3)
+            center = view.midpoint + away
+            corners_root = center + size_m * rotation.apply(corners)
+            outlines = [silhouette(eye, corners_root, optics) for eye in (view.left, view.right)]
+            observation = association.observe(view, *outlines, 0.0)
             off = observation.p_root - center
-            ahead = (center - VIEW.midpoint) / np.linalg.norm(center - VIEW.midpoint)
+            ahead = away / np.linalg.norm(away)
             variance = float(ahead @ observation.cov_root @ ahead)
             squared.append((float(off @ ahead) ** 2, off @ off - float(off @ ahead) ** 2))
             stated.append((variance, np.trace(observation.cov_root) - variance))
