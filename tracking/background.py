@@ -183,7 +183,7 @@ class Background:
 def _gain_and_noise(image: Image, mean: Pixels) -> tuple[float, float]:
     """Gain of an image (h, w, 3) relative to a background (h, w, 3; median over lit pixels), and the median absolute
     difference of the smoothed image from the background times the gain."""
-    levels = np.empty(3 * _SAMPLES**2)
+    levels = np.zeros(3 * _SAMPLES**2)
     expected = np.empty(3 * _SAMPLES**2)
     height = image.shape[0] - 2
     width = image.shape[1] - 2
@@ -194,13 +194,11 @@ def _gain_and_noise(image: Image, mean: Pixels) -> tuple[float, float]:
             x = (2 * j + 1) * width // (2 * _SAMPLES) + 1
             for channel in range(3):
                 if mean[y, x, channel] >= 0:
-                    total = 0
                     for k in range(9):
-                        total += image[y + k // 3 - 1, x + k % 3 - 1, channel]
-                    levels[n] = total / 9
+                        levels[n] += image[y + k // 3 - 1, x + k % 3 - 1, channel]
                     expected[n] = mean[y, x, channel]
                     n += 1
-    levels = levels[:n]
+    levels = levels[:n] / 9
     expected = expected[:n]
     lit = expected > _LIT
     gain = np.median(levels[lit] / expected[lit]) if lit.any() else 1.0
