@@ -38,6 +38,12 @@ def test_a_missed_goal_is_bold_and_a_claim_without_a_result_has_no_row(tmp_path)
     assert row[2] == "**1** / **19** of 20; 0, **2**, **3** of 20"
 
 
+def test_tracking_on_independent_scenes_alone_makes_no_claim(tmp_path):
+    part = {"parameters": {"scenes": "independent"}, "cells": {"independent, ball": {}}}
+    (tmp_path / "tracking.json").write_text(json.dumps({"accuracy": part, "consistency": part, "pipeline": part}))
+    assert claims_table(tmp_path).rows == []
+
+
 def test_only_what_stands_between_the_markers_changes():
     assert names(TEXT) == ["one", "two"]
     tables = {"one": markdown(Table(["what", "mm"], [["ball", "1"]]))}
