@@ -15,7 +15,7 @@ from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.text import number, read_lines, whole
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
-_STAMP_LIMIT_S = 1e12  # beyond any clock; keeps differences of stamps finite
+STAMP_LIMIT_S = 1e12  # beyond any clock; keeps differences of stamps finite
 Nested = list["str | Nested"]
 Number = TypeVar("Number", int, float)
 
@@ -158,7 +158,7 @@ def _parse(line: int, words: list[str], n_numbers: int | None) -> LogRow | None:
     begin = len(words) - n_numbers if n_numbers is not None else (*numbers, None).index(None)
     head = numbers[: max(begin, 0)]
     payload = numbers[max(begin, 0) :]
-    if len(head) not in (2, 3) or any(value is None or not abs(value) < _STAMP_LIMIT_S for value in head):
+    if len(head) not in (2, 3) or any(value is None or not abs(value) < STAMP_LIMIT_S for value in head):
         return None
     if n_numbers is not None and None in payload:
         return None

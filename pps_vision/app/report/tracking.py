@@ -15,6 +15,7 @@ from pps_vision.app.results import BatchSummary, TrackSummary, read_result, read
 from pps_vision.errors import InputError
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.tables import ACTIVATION, COVARIANCE, column_names, covariances, numbers, read_table
+from pps_vision.recordings.yarp_text import STAMP_LIMIT_S
 from pps_vision.types import Array, Status
 
 KEY_FRAMES = "keyframes"
@@ -69,6 +70,9 @@ def _read_tracked(folder: Path, source: Path) -> Tracked:
     if not rows:
         raise InputError(file, "has no rows; expected one for each pair of images")
     values = _numbers(file, rows, len(columns))
+    for (line, _), stamp_s in zip(rows, values[:, 0], strict=True):
+        if not abs(stamp_s) < STAMP_LIMIT_S:
+            raise InputError(file, f"stamp {stamp_s:g}; expected a time in seconds", line)
     activation: dict[str, Array] = {}
     if (skin := folder / ACTIVATION).is_file():
         taxels = column_names(skin)[1:]
