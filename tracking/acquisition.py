@@ -265,7 +265,8 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
             moved = foreground.disoccluded_mask(seed, box)
             is_partly_occluded = moved is not None
         if moved is not None and not (is_distinct and mask is not None and foreground.shows_the_object(mask, moved)):
-            mask, model, by_color = moved, _model(bins, moved), False
+            mask, by_color = moved, False
+            model = ColorModel(histogram(bins[moved]), histogram(bins[~masks.dilated(moved, 2)]))
         elif not by_color:
             return None
     if mask is None or model is None or np.count_nonzero(mask) < _MIN_AREA_PX:

@@ -71,7 +71,7 @@ class ColorModel:
     def table(self) -> NDArray[np.float32]:
         """(N_BINS,) probability that a pixel of each bin belongs to the object, prior ½; a colour seen in neither
         more likely belongs to the background."""
-        return (self.object / (self.object + self.background + _NEVER_SEEN)).astype(np.float32)
+        return share(self.object, self.background)
 
     def backdrop(self) -> Mask:
         """(N_BINS,) whether a colour is more frequent in the surroundings than in the object."""
@@ -88,6 +88,11 @@ class ColorModel:
             (1 - object_rate) * self.object + object_rate * newer.object,
             (1 - background_rate) * self.background + background_rate * newer.background,
         )
+
+
+def share(own: Array, other: Array) -> NDArray[np.float32]:
+    """(N_BINS,) share of `own` colours in those of both; a colour in neither is rather one of the others."""
+    return (own / (own + other + _NEVER_SEEN)).astype(np.float32)
 
 
 def is_same_object(

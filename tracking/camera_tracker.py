@@ -1,6 +1,7 @@
 """Tracker of one camera: predicts the object from the 3D track and detects it by its image or a marker's hue."""
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -8,23 +9,43 @@ import numpy as np
 
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
-from pps_vision.types import Array, CameraName, Detection2D
+from pps_vision.types import Array, CameraName, Detection2D, Mask
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
-from tracking.image_tracker import MIN_SCORE, ImageDetection, ImageTracker, ImageTrackerParams, Target
+from tracking.image_tracker import (
+    MIN_SCORE,
+    Examined,
+    ImageDetection,
+    ImageTracker,
+    SegmentedBy,
+    Target,
+)
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
 from tracking.moving_background import MovingBackground
 from tracking.outline import Optics, Outline
-from tracking.particle_filter import Prior
+from tracking.particle_filter import Evidence, Eye, Located, Silhouette, template_of
 from tracking.stereo import CameraFrame
 
 _SEPARABLE = 0.8  # Bhattacharyya coefficient of object and surroundings up to which colours separate them
-_WIDE_SEARCH = 1.2  # standard deviation of a wide prior, relative to the object's size
+_BESIDE = 0.05  # largest distance of an outline from its prediction, in object sizes, added to three deviations
+_MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object from the border, in object sizes
+MIN_FILL = 0.3  # visible share of the object below which it is not detected
+_PARTICLE_PX = 0.3  # systematic error of the particles' centre
 _SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
 _MIN_STD_PX = 0.7  # smallest and largest standard deviation of a prior
 _MAX_STD_PX = 40.0
+
+
+class Prior(NamedTuple):  # constructing a frozen dataclass is three times slower
+    """Predicted image: centre (2,) px with its standard deviation (px), distance (m), angular radius (rad), size."""
+
+    center_px: Array
+    std_px: float
+    distance_m: float
+    angle_rad: float
+    size_px: float
 
 
 class CameraState(NamedTuple):
@@ -32,7 +53,6 @@ class CameraState(NamedTuple):
 
     target: Target | None = None  # state of the image tracker; None before an object is acquired
     offset_px: tuple[float, float] = (0.0, 0.0)  # from the projected track to the outline's centre: calibration error
-    size_px: float = 0.0  # apparent diameter
     by_background: bool = False  # whether the likelihood is the foreground, since colours do not separate the object
 
 
@@ -43,68 +63,150 @@ class CameraTracker:
         self,
         name: CameraName,
         optics: Optics,
-        params: ImageTrackerParams,
         marker: MarkerParams | None,
         background_memory_s: float,
-        rng: np.random.Generator,
     ) -> None:
         self.name = name
         self.optics = optics
         self.marker = marker
-        self.image_tracker = ImageTracker(params, optics, rng)
+        self.image_tracker = ImageTracker(optics)
         self.background = Background(EgoMotion(optics.camera), background_memory_s)
 
-    def predict(self, state: CameraState, camera: CameraFrame, last: Belief, predicted: Belief) -> Prior | None:
-        """Predicted position in this camera's image; None outside of it."""
+    def predict(
+        self, state: CameraState, camera: CameraFrame, predicted: Belief, cov: Array, radius_m: float
+    ) -> Prior | None:
+        """Predicted image of an object whose position has the covariance `cov` (3, 3) m²; None outside of this one."""
         x, y, z = _position_at(predicted, camera.stamp_s)
         u, v, of_u, of_v = camera.view.project_linearised(x, y, z)
         center = (u + state.offset_px[0], v + state.offset_px[1])
-        if not self.optics.camera.contains(center, margin_px=-0.5 * state.size_px):
+        distance_m = math.dist((x, y, z), camera.view.place)
+        angle_rad = math.asin(min(radius_m / distance_m, 0.9))
+        size_px = 2 * angle_rad * self.optics.camera.focal_px
+        if not self.optics.camera.contains(center, margin_px=-0.5 * size_px):
             return None
-        eye = camera.view.place
-        growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
-        std_px = min(max(_std_px(predicted.cov, of_u, of_v), _MIN_STD_PX), _MAX_STD_PX)
-        return Prior(np.array(center), std_px, min(max(growth, 0.8), 1.25))
+        std_px = min(max(_std_px(cov, of_u, of_v), _MIN_STD_PX), _MAX_STD_PX)
+        return Prior(np.array(center), std_px, distance_m, angle_rad, size_px)
 
-    def find(
-        self, state: CameraState, camera: CameraFrame, prior: Prior | None
-    ) -> tuple[CameraState, ImageDetection | None]:
-        """The object near its prior, from `camera.outlines` (`batch`) or by a search; None where it is not detected."""
-        if prior is None:
-            return state, None
+    def quick(
+        self, state: CameraState, camera: CameraFrame, prior: Prior
+    ) -> tuple[CameraState, ImageDetection | None, bool]:
+        """The object near its prior without a search of all pixels: from `camera.outlines` (`batch`) or by a marker's
+        hue; and whether a search may find it."""
         detection = None if state.by_background else self._given(state, camera.outlines or [], prior)
+        may_be_there = state.target is not None
         if detection is None and self.marker is not None:
             detection, is_hue_there = self._find_marker(self.marker, state, camera, prior)
-            if detection is None and not is_hue_there:
-                return state, None
-        if detection is not None:
-            target = state.target and self.image_tracker.follow(state.target, detection.outline)
-            return state._replace(target=target), detection
-        if state.target is None:
+            may_be_there &= is_hue_there
+        if detection is None:
+            return state, None, may_be_there
+        return state, detection, False
+
+    def eye(self, state: CameraState, camera: CameraFrame, predicted: Belief, evidence: Evidence) -> Eye:
+        """This camera's input of the particle filter."""
+        at_pair = camera.view.project_linearised(*predicted.mean[0].tolist())
+        at_image = camera.view.project_linearised(*_position_at(predicted, camera.stamp_s))
+        offset = (
+            state.offset_px[0] + at_image[0] - at_pair[0],
+            state.offset_px[1] + at_image[1] - at_pair[1],
+        )
+        template = template_of(None if state.target is None else state.target.silhouette)
+        return Eye(camera.view, offset, template, evidence)
+
+    def examine(self, state: CameraState, camera: CameraFrame, prior: Prior) -> tuple[CameraState, Examined | None]:
+        """The region around the prior, and what separates the object from its surroundings there."""
+        target = state.target
+        if target is None:
             return state, None
-        previous = state.target
+        target = self.image_tracker.predicted(target, prior.angle_rad)
         background = self._known_background(camera)
-        different = None
-        if background is not None:
-            of_pixels = background.evidence if state.by_background else background.differs
-            different = partial(of_pixels, camera.image, camera.view)
-        elif state.by_background:  # only colours are left
-            if previous.model.similarity(previous.model.background) > _SEPARABLE:
+        if background is None and state.by_background:  # only colours are left
+            if target.model.similarity(target.model.background) > _SEPARABLE:
                 return state, None
             state = state._replace(by_background=False)
+        foreground = None
+        if background is not None:
+            of_pixels = background.evidence if state.by_background else background.differs
+            foreground = partial(of_pixels, camera.image, camera.view)
         # in front of a moving camera, colours alone are more accurate where they separate the object
-        evidence = different if state.by_background or background is self.background else None
-        search = partial(self.image_tracker.step, previous, camera.image, by_color=not state.by_background)
-        target, detection = search(prior, evidence, if_joined=different)
-        if detection is None and evidence is None and different is not None:
-            evidence = different
-            target, detection = search(prior, evidence)
-        if detection is None and evidence is not None and not previous.touched:  # the motion may have reversed
-            last_px = previous.particles.current[:, :2].mean(axis=0)
-            target, detection = search(Prior(last_px, _WIDE_SEARCH * previous.size, prior.growth), evidence)
-        if self.marker is not None and detection is not None and detection.outline.is_partial:
-            return state, None  # the occluder may have the same hue
-        return state._replace(target=target), detection
+        segmented_by: SegmentedBy = "colour and foreground" if background is self.background else "colour"
+        if state.by_background:
+            segmented_by = "foreground"
+        examined = self.image_tracker.examine(
+            target, camera.image, prior.center_px, 2 * prior.std_px, foreground, segmented_by
+        )
+        return state._replace(target=target), examined
+
+    def whole(
+        self, state: CameraState, camera: CameraFrame, examined: Examined, prior: Prior
+    ) -> tuple[CameraState, ImageDetection] | None:
+        """The object as its own outline shows it, if it is whole and as the prior tells."""
+        if state.target is None:
+            return None
+        result = self.image_tracker.detect(
+            state.target, camera.image, examined, prior.center_px, not state.by_background
+        )
+        if result is None:
+            return None
+        target, detection, mask = result
+        off_px = math.dist(detection.outline.center_px.tolist(), prior.center_px.tolist())
+        if off_px > 3 * prior.std_px + _BESIDE * prior.size_px:
+            return None
+        p_root = camera.view.center + prior.distance_m * camera.view.rays(detection.outline.center_px)
+        radius_m = prior.distance_m * math.sin(prior.angle_rad)
+        seen = self._seen(detection, mask, examined, camera, p_root, radius_m)
+        return state._replace(target=replace(target, silhouette=seen)), detection
+
+    @staticmethod
+    def _seen(
+        detection: ImageDetection, mask: Mask, examined: Examined, camera: CameraFrame, p_root: Array, radius_m: float
+    ) -> Silhouette | None:
+        """The silhouette of an object that is no ball."""
+        outline = detection.outline
+        if outline.is_disc:
+            return None
+        return Silhouette(mask, examined.roi, camera.view, p_root, outline.center_px, radius_m)
+
+    def detect(
+        self, state: CameraState, camera: CameraFrame, examined: Examined, located: Located, eye: int
+    ) -> tuple[CameraState, ImageDetection | None]:
+        """The object where the particle filter located it: its own outline if that is whole, else the particles'."""
+        target = state.target
+        if target is None:
+            return state, None
+        center_px = camera.view.project(located.p_root) + state.offset_px
+        if not self.image_tracker.holds(target, examined, center_px):
+            state, again = self.examine(state, camera, Prior(center_px, 0.0, math.nan, target.angle_rad, target.size))
+            examined = again or examined
+        target = self.image_tracker.learn_rivals(target, examined, center_px)
+        state = state._replace(target=target)
+        whole = self.image_tracker.detect(target, camera.image, examined, center_px, not state.by_background)
+        if whole is not None:
+            target, detection, mask = whole
+            seen = self._seen(detection, mask, examined, camera, located.p_root, located.radius_m)
+            return state._replace(target=replace(target, silhouette=seen)), detection
+        if self.marker is not None or min(located.fill) < MIN_FILL:  # a marker's occluder may have the same hue
+            return state, None
+        return state, self._partial(state, target, camera, located, center_px, located.fill[eye])
+
+    def _partial(
+        self, state: CameraState, target: Target, camera: CameraFrame, located: Located, center_px: Array, fill: float
+    ) -> ImageDetection | None:
+        if not self.optics.camera.contains(center_px, margin_px=_MIN_INSIDE * min(target.box)):
+            return None
+        angle = math.asin(min(located.radius_m / math.dist(located.p_root, camera.view.place), 0.9))
+        w, h = target.box
+        x, y = center_px.tolist()
+        box_px = (x - (w - 1) / 2, y - (h - 1) / 2, w, h)
+        outline = Outline(
+            center_px=center_px,
+            cov_px=_PARTICLE_PX**2 * np.eye(2),
+            angular_radius_rad=angle,
+            angular_radius_var=(_SAME_SIZE * angle) ** 2,
+            box_px=box_px,
+            area_px=math.pi / 4 * w * h,
+            is_partial=True,
+        )
+        return ImageDetection(outline, box_px, fill)
 
     def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
         """The background of the static or moving camera; None if unknown, or for a marker if the camera moves."""
@@ -118,22 +220,22 @@ class CameraTracker:
         """The blob nearest to the prior, None if its area does not fit (then its hue does not separate it); and whether
         there is any blob."""
         x, y = prior.center_px.tolist()
-        near = (x, y, state.size_px + 4 * prior.std_px + 3)
-        area_px = math.pi / 4 * (prior.growth * state.size_px) ** 2
+        near = (x, y, prior.size_px + 4 * prior.std_px + 3)
+        area_px = math.pi / 4 * (prior.size_px) ** 2
         differs = partial(self.background.differs, camera.image, camera.view)
         blobs = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
         nearest = min(blobs, key=lambda blob: math.dist(blob.center_px.tolist(), (x, y)), default=None)
         if nearest is None:
             return None, False
-        ratio = (self._size_px(nearest) / (prior.growth * state.size_px)) ** 2
+        ratio = (self._size_px(nearest) / (prior.size_px)) ** 2
         if not MIN_SCORE <= ratio <= _LARGER_BLOB:
             return None, True
         return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True
 
     def _given(self, state: CameraState, outlines: list[Outline], prior: Prior) -> ImageDetection | None:
         """The outline of `outlines` that lies near the prior and has the predicted size."""
-        half = 0.5 * state.size_px + 2 * prior.std_px + 4
-        expected_px = prior.growth * state.size_px
+        half = 0.5 * prior.size_px + 2 * prior.std_px + 4
+        expected_px = prior.size_px
         for outline in outlines:
             near = float(np.abs(outline.center_px - prior.center_px).max()) < half
             if near and abs(self._size_px(outline) / expected_px - 1) < _SAME_SIZE:
@@ -144,7 +246,7 @@ class CameraTracker:
         """Update the object's offset from the track and its size."""
         u, v, _, _ = camera.view.project_linearised(*_position_at(belief, camera.stamp_s))
         x, y = outline.center_px.tolist()
-        return state._replace(offset_px=(x - u, y - v), size_px=self._size_px(outline))
+        return state._replace(offset_px=(x - u, y - v))
 
     def detection(self, camera: CameraFrame, detection: ImageDetection) -> Detection2D:
         """The message of an image detection."""

@@ -1,9 +1,9 @@
-"""Image tracker of one camera: colour likelihood → particle filter → mask → sub-pixel outline (R Fig 13)."""
+"""Image tracker of one camera: evidence for the particle filter → mask near the located object → sub-pixel outline."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,41 +11,35 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.appearance import ColorModel, color_bins, histogram
+from tracking.appearance import ColorModel, color_bins, histogram, share
 from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
-from tracking.particle_filter import SHARPNESS, Particles, Prior, likelihoods, propagate, resample, sample
+from tracking.particle_filter import Evidence, Map, Silhouette
 
-Evidence = Callable[[Box], NDArray[np.float32] | Mask]
-"""Box → probability (h, w) that a pixel is foreground, or a foreground mask."""
+Foreground = Callable[[Box], NDArray[np.float32] | Mask]
+"""Box → probability (h, w) that a pixel differs from the background, or a mask."""
+SegmentedBy = Literal["colour", "colour and foreground", "foreground"]
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-_WIDE_PRIOR = 0.5  # standard deviation, in object sizes, above which too few particles would fall on the object
 _GAP = 0.05  # half the width, in object sizes, of gaps that are closed in a foreground mask
 _THIN = 0.22  # radius, in object sizes, of the disc that opens its mask
 MIN_SCORE = 0.4  # below which the object is not detected
 _LEARN_RATE = 0.03  # update rate of the object's colours
 _BACKGROUND_RATE = 0.2  # the same for the colours around it
-_SIZE_RATE = 0.3  # the same for its size and aspect ratio
+_SIZE_RATE = 0.3  # the same for the sides of its box
 _MIN_AREA_PX = 10  # area of the smallest object
 # Share of a mask without its thin parts below which these belong to the object (octopus 0.6, leaks 0.9).
 _CORE = 0.75
 _REACH = 1.25  # largest mask, as a multiple of the expected size
-# Chosen on independent films of two equal balls and of fast reversals, seeds 4107 and 4129-4141.
 _TOUCHING = 0.25  # area beyond the reach, relative to the object's, from which another object touches it
-_PASSING = 5  # images for which the two may occlude each other
-_BESIDE = 0.05  # tolerance of the prediction then, in object sizes, added to three standard deviations
-
-
-@dataclass(frozen=True)
-class ImageTrackerParams:
-    """Parameters of the image tracker."""
-
-    particles: int = 120
-    """Number of particles."""
-
-    def __post_init__(self) -> None:
-        if self.particles < 2:
-            raise ValueError(f"{self.particles} particles; expected at least 2")
+_RATIO_RATE = 0.05  # update rate of the ratio of measured and predicted size
+_NEW_RATIO_RATE = 0.5  # the same, while its size is not known
+_SIZE_FRAMES = 10  # frames in which an object was wholly visible after which its size is known
+_MIN_RATIO_STD = 0.005
+_ERRORS = 3.0  # standard deviations of that ratio below its mean from which part of the object is hidden
+_OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
+_OFF_PX = 1.5
+_BESIDE = 1.22  # distance from the object's centre, in object sizes, from which foreground is another's
+_RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in front of the object
 
 
 class ImageDetection(NamedTuple):
@@ -58,167 +52,216 @@ class ImageDetection(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """State of the image tracker: colours, particles, size √(width·height) of the box (px), sides of the box at unit
-    size, share of the box that the object covers, and number of further images in which another object may touch it."""
+    """State of the image tracker.
+
+    Attributes:
+        model: Colours.
+        rivals: (N_BINS,) colours of other foreground beside the object.
+        shape: Width and height of the box (px) per radian of the angular radius.
+        angle_rad: Predicted angular radius.
+        silhouette: When it was last wholly visible; None: a ball's.
+        ratio: Mean ratio of the measured angular radius to the predicted one.
+        ratio_std: Its standard deviation.
+        frames: Number of frames in which the object was wholly visible.
+    """
 
     model: ColorModel
-    particles: Particles
-    size: float
+    rivals: Array
     shape: tuple[float, float]
-    fill: float
-    touched: int = 0
+    angle_rad: float
+    silhouette: Silhouette | None
+    ratio: float = 1.0
+    ratio_std: float = 0.05
+    frames: int = 0
+
+    @property
+    def box(self) -> tuple[float, float]:
+        """Width and height of the expected box, px."""
+        return self.shape[0] * self.angle_rad, self.shape[1] * self.angle_rad
+
+    @property
+    def is_size_known(self) -> bool:
+        """Whether the object's size is known well enough to tell that a part of it is hidden."""
+        return self.frames >= _SIZE_FRAMES
+
+    @property
+    def size(self) -> float:
+        """√(width·height) of the expected box, px."""
+        return math.sqrt(self.shape[0] * self.shape[1]) * self.angle_rad
+
+
+class Examined(NamedTuple):
+    """Region of an image around the predicted object: colour bins (h, w), likelihoods (h, w) that segment the object,
+    the most accurate first, each with what is rather background (None: unknown), what differs from the background, and
+    the evidence for the particle filter."""
+
+    roi: Box
+    bins: NDArray[np.uint8]
+    likelihoods: tuple[tuple[Map, Mask | None], ...]
+    changed: Mask
+    evidence: Evidence
 
 
 class ImageTracker:
-    """Tracks one object in one camera's images. Holds no state: `start` returns a `Target`, `step` the next one."""
+    """Tracks one object in one camera's images. Holds no state: `start` and `detect` return a `Target`."""
 
-    def __init__(self, params: ImageTrackerParams, optics: Optics, rng: np.random.Generator) -> None:
-        self.params, self.optics, self.rng = params, optics, rng
+    def __init__(self, optics: Optics) -> None:
+        self.optics = optics
 
     def start(
         self,
         image: Image,
         box: BoxPx,
+        angle_rad: float,
         model: ColorModel | None = None,
-        shift_px: Array | None = None,
-        fill: float | None = None,
+        silhouette: Silhouette | None = None,
     ) -> Target:
         """Initial target.
 
         Args:
             image: RGB (H, W, 3).
             box: Box of the object.
+            angle_rad: Its angular radius.
             model: Its colours; None: from the image.
-            shift_px: Its motion (2,) from one image to the next; None: at rest.
-            fill: Share of the box that it covers; None: from its colours.
+            silhouette: Its silhouette; None: a disc.
         """
         x, y, w, h = box
         center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
         roi = self.region(center, 1.2 * w + 4, 1.2 * h + 4)
-        bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
-        inside = masks.ellipse(roi, center, 0.9 * w, 0.9 * h)
-        around = masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
-        model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
-        size = float(np.sqrt(w * h))
-        aspect = float(np.sqrt(w / h))
-        shape = (aspect, 1 / aspect)
-        if fill is None:
-            segments = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
-            outline = None if segments is None else fit_outline(image, segments[0], roi, self.optics)
-            fill = np.pi / 4 if outline is None else min(outline.area_px / (w * h), 1.0)  # as measured by `step`
-        particles = sample(self.params.particles, center, size, 0.5, self.rng, shift_px)
-        return Target(model, particles, size, shape, fill)
+        if model is None:
+            bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
+            inside = masks.ellipse(roi, center, 0.9 * w, 0.9 * h)
+            around = masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
+            model = ColorModel(histogram(bins[inside]), histogram(bins[~around]))
+        rivals = np.zeros(len(model.object))
+        return Target(model, rivals, (w / angle_rad, h / angle_rad), angle_rad, silhouette)
 
-    def step(
+    def examine(
         self,
         target: Target,
         image: Image,
-        prior: Prior | None = None,
-        evidence: Evidence | None = None,
-        by_color: bool = True,
-        if_joined: Evidence | None = None,
-    ) -> tuple[Target, ImageDetection | None]:
-        """The target in the next image, and its detection; None where it is not detected.
+        center_px: Array,
+        reach_px: float,
+        foreground: Foreground | None,
+        segmented_by: SegmentedBy,
+    ) -> Examined | None:
+        """The region of an image within `reach_px` of the object's predicted centre (2,); None outside of the image.
 
         Args:
-            target: In the last image.
+            target: In the last image, at the size that is predicted for this one.
             image: RGB (H, W, 3).
-            prior: Predicted position; None: constant velocity.
-            evidence: Foreground, which contains the object; None: the background is unknown.
-            by_color: Whether the likelihood is that of the object's colours; else it is the evidence.
-            if_joined: Evidence to use, if `evidence` is None, where another object has the colours and touches.
+            center_px: Predicted centre.
+            reach_px: How far off it may be.
+            foreground: What differs from the background; None: it is unknown.
+            segmented_by: What separates the object from its surroundings.
         """
-        s = replace(target, touched=max(target.touched - 1, 0))
-
-        def likelihood_in(roi: Box) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-            bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
-            if evidence is None:
-                return bins, np.take(s.model.table(), bins)
-            changed = evidence(roi)
-            if not by_color:
-                return bins, np.asarray(changed, np.float32)
-            colors = np.take(s.model.table(), bins)
-            return bins, np.asarray(cv2.copyTo(colors, np.asarray(changed > 0.5).view(np.uint8)), np.float32)
-
-        if prior:
-            s = replace(s, size=s.size * prior.growth)
-            if prior.std_px > _WIDE_PRIOR * s.size:
-                prior = self._narrowed(s, prior, likelihood_in)
-        particles = propagate(s.particles, prior, self.rng)
-        middle = particles.current[:, :2].mean(axis=0)
-        reach = 2.0 * particles.current[:, :2].std(axis=0)
-        half = _REACH * s.size * np.array(s.shape) / 2 + reach + 4
-        roi = self.region(middle, *half)
+        w, h = target.box
+        roi = self.region(center_px, _REACH * w / 2 + reach_px + 4, _REACH * h / 2 + reach_px + 4)
         if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
-            return s, None
-        bins, likelihood = likelihood_in(roi)
-        weights = likelihoods(particles, _integral(2 * likelihood - 1), roi[:2], s.shape)
-        center: Array = weights @ particles.current[:, :2]
-        s = replace(s, particles=resample(particles, weights, self.rng))
-        backdrop = s.model.backdrop()[bins] if evidence is None else None
-        segments = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.fill)
-        if segments is not None and evidence is not None and masks.is_cut(segments[0], roi, image):
-            center = masks.centroid(segments[0], roi)
-            roi = self.region(center, *half)
-            bins, likelihood = likelihood_in(roi)
-            segments = self._mask(likelihood, None, roi, center, s.size, s.shape, s.fill)
-        if segments is None:
-            return s, None
-        mask, joined = segments
-        if evidence is None and joined is not None and if_joined is not None:
-            return self.step(target, image, prior, if_joined, by_color)
-        if evidence is None:
-            joined = None
-        if joined is not None:
-            s = replace(s, touched=_PASSING)
-        expected_area = s.fill * s.size**2
-        outline = fit_outline(image, mask, roi, self.optics, expected_area, joined)
-        if outline is None or (s.touched and prior is not None and _is_off(outline, prior, s.size)):
-            return s, None
-        ratio = outline.area_px / expected_area
-        score = s.model.similarity(histogram(bins[mask])) if by_color else float(likelihood[mask].mean())
-        score *= min(ratio, 1 / ratio)
+            return None
+        bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
+        colors = np.take(target.model.table(), bins)
+        is_changed = np.zeros(bins.shape, bool)
+        inside = 2 * colors - 1
+        likelihoods: list[tuple[Map, Mask | None]] = []
+        if segmented_by == "colour":
+            likelihoods.append((colors, target.model.backdrop()[bins]))
+        if foreground is not None:
+            changed = np.asarray(foreground(roi), np.float32)
+            is_changed = changed > 0.5
+            among_changed = np.take(2 * share(target.model.object, target.rivals) - 1, bins)
+            inside = np.where(is_changed, np.maximum(among_changed, _RIVAL), np.minimum(inside, 0))
+            likelihoods.append((changed if segmented_by == "foreground" else colors * is_changed, None))
+        camera = self.optics.camera
+        smooth = np.asarray(cv2.blur(np.asarray(inside, np.float32), (3, 3)), np.float32)
+        evidence = Evidence(smooth, (roi[0], roi[1]), (camera.width, camera.height))
+        return Examined(roi, bins, tuple(likelihoods), is_changed, evidence)
+
+    def detect(
+        self, target: Target, image: Image, examined: Examined, center_px: Array, by_color: bool
+    ) -> tuple[Target, ImageDetection, Mask] | None:
+        """The target, its detection at the centre (2,) where it was located, and its mask in the region; None if the
+        mask is not its whole image."""
+        for likelihood, backdrop in examined.likelihoods:
+            whole = self._whole(target, image, examined, likelihood, backdrop, center_px, by_color)
+            if whole is not None:
+                return whole
+        return None
+
+    def _whole(
+        self,
+        target: Target,
+        image: Image,
+        examined: Examined,
+        likelihood: Map,
+        backdrop: Mask | None,
+        center_px: Array,
+        by_color: bool,
+    ) -> tuple[Target, ImageDetection, Mask] | None:
+        """As `detect`, segmented by one likelihood."""
+        roi = examined.roi
+        mask = self._mask(likelihood, backdrop, roi, center_px, target.box)
+        if mask is None or masks.is_cut(mask, roi, image):
+            return None
+        outline = fit_outline(image, mask, roi, self.optics)
+        if outline is None or outline.is_partial:
+            return None
+        ratio = outline.angular_radius_rad / target.angle_rad
+        may_be_smaller = outline.is_disc and not target.is_size_known
+        if ratio < target.ratio - _ERRORS * target.ratio_std and not may_be_smaller:
+            return None
+        if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size + _OFF_PX:
+            return None
+        bins = examined.bins
+        score = target.model.similarity(histogram(bins[mask])) if by_color else float(likelihood[mask].mean())
+        score *= min(ratio, 1 / ratio) ** 2
         if score < MIN_SCORE:
-            return s, None
-        return self._learn(s, bins, mask, outline, score, ratio)
+            return None
+        return *self._learn(target, examined, mask, outline, score, ratio), mask
 
-    def follow(self, target: Target, outline: Outline) -> Target:
-        """The target moved to an outline that was detected otherwise; its colours stay."""
-        size = float(np.sqrt(outline.area_px / target.fill))
-        return replace(target, particles=_moved_to(target.particles, outline.center_px, size), size=size)
+    def holds(self, target: Target, examined: Examined, center_px: Array) -> bool:
+        """Whether the examined region holds the object at a centre (2,), as far as the image does."""
+        w, h = (0.5 * _REACH * side for side in target.box)
+        needed = self.region(center_px, w + 1, h + 1)
+        x0, y0, x1, y1 = examined.roi
+        return x0 <= needed[0] and y0 <= needed[1] and needed[2] <= x1 and needed[3] <= y1
 
-    def _narrowed(
-        self, s: Target, prior: Prior, likelihood_in: Callable[[Box], tuple[NDArray[np.uint8], NDArray[np.float32]]]
-    ) -> Prior:
-        """Narrow a wide prior to its most object-like position (maximum of centre-surround likelihood)."""
-        w, h = (s.size * side for side in s.shape)
-        roi = self.region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
-        if roi[2] <= roi[0] or roi[3] <= roi[1]:
-            return prior
-        likelihood = likelihood_in(roi)[1]
-        inside, surround = (_box_mean(likelihood, k * w, k * h) for k in (1, 2))
-        x = np.arange(roi[0], roi[2]) - prior.center_px[0]
-        y = np.arange(roi[1], roi[3]) - prior.center_px[1]
-        distance2 = x[None, :] ** 2 + y[:, None] ** 2
-        log = SHARPNESS * 4 / 3 * (inside - surround) - distance2 / (2 * prior.std_px**2)
-        row, column = np.unravel_index(int(np.argmax(log)), log.shape)
-        return Prior(np.array([roi[0] + column, roi[1] + row]), 0.25 * s.size, prior.growth)
+    def learn_rivals(self, target: Target, examined: Examined, center_px: Array) -> Target:
+        """The target with the colours of the foreground beside the object, located at a centre (2,)."""
+        w, h = (_BESIDE * side for side in target.box)
+        beside = examined.changed & ~masks.ellipse(examined.roi, center_px, w, h)
+        share_beside = min(np.count_nonzero(beside) / target.size**2, 1.0)
+        seen = share_beside * histogram(examined.bins[beside]) if share_beside > 0 else 0.0
+        rivals = (1 - _BACKGROUND_RATE) * target.rivals + _BACKGROUND_RATE * seen
+        return replace(target, rivals=rivals)
+
+    def predicted(self, target: Target, angle_rad: float) -> Target:
+        """The target at a predicted angular radius."""
+        return replace(target, angle_rad=angle_rad)
 
     def _learn(
-        self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
+        self, target: Target, examined: Examined, mask: Mask, outline: Outline, score: float, ratio: float
     ) -> tuple[Target, ImageDetection]:
-        """Update particles, size and colours from a detection; the size only if the whole object is visible."""
-        k = _SIZE_RATE
-        size = s.size if outline.is_partial else s.size * ratio ** (0.5 * k)
-        measured_aspect = s.shape[0] ** 2 if outline.is_partial else outline.box_px[2] / outline.box_px[3]
-        aspect = (s.shape[0] ** 2) ** (1 - k) * measured_aspect**k
+        """Update size, colours and those beside the object."""
+        bins = examined.bins
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
-        model = s.model.blend(newest, _LEARN_RATE, _BACKGROUND_RATE)
-        sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
-        target = Target(model, _moved_to(s.particles, outline.center_px, size), size, sides, s.fill, s.touched)
-        w, h = size * sides[0], size * sides[1]
+        model = target.model.blend(newest, _LEARN_RATE, _BACKGROUND_RATE)
+        boxes = zip(target.shape, outline.box_px[2:], strict=True)
+        width, height = (side ** (1 - _SIZE_RATE) * (px / target.angle_rad) ** _SIZE_RATE for side, px in boxes)
+        k = _RATIO_RATE if target.is_size_known else _NEW_RATIO_RATE
+        mean = target.ratio + k * (ratio - target.ratio)
+        variance = (1 - k) * target.ratio_std**2 + k * (ratio - mean) ** 2
+        learned = replace(
+            target,
+            model=model,
+            shape=(width, height),
+            ratio=mean,
+            ratio_std=max(math.sqrt(variance), _MIN_RATIO_STD),
+            frames=target.frames + 1,
+        )
+        w, h = learned.box
         x, y = outline.center_px.tolist()
-        return target, ImageDetection(outline, (x - (w - 1) / 2, y - (h - 1) / 2, w, h), score)
+        return learned, ImageDetection(outline, (x - (w - 1) / 2, y - (h - 1) / 2, w, h), score)
 
     def region(self, center: Array, half_w: float, half_h: float) -> Box:
         """Region of the image up to `half_w` and `half_h` (px) from a centre (2,)."""
@@ -228,45 +271,33 @@ class ImageTracker:
         return masks.clipped(box, camera.width, camera.height)
 
     def _mask(
-        self,
-        likelihood: NDArray[np.float32],
-        backdrop: Mask | None,
-        roi: Box,
-        center: Array,
-        size: float,
-        shape: tuple[float, float],
-        fill: float = 1.0,
-    ) -> tuple[Mask, Mask | None] | None:
-        """Mask of the object near `center`, and the whole component if another object touches it, else None; None if
-        the mask is too small.
+        self, likelihood: Map, backdrop: Mask | None, roi: Box, center: Array, box: tuple[float, float]
+    ) -> Mask | None:
+        """Mask of the object near `center`; None if it is too small, or another object touches it.
 
         The mask is cut off beyond the expected outline, and parts that are much thinner than the object are removed by
         opening (background of the object's colour that touches it), unless they are much of the mask. Holes are filled.
         Without a `backdrop` (the likelihood is a foreground mask) wider gaps are closed, where object and background
         have the same colour.
         """
+        w, h = box
+        size = math.sqrt(w * h)
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
         if size >= 12:
             gap = 1 if backdrop is not None else max(int(_GAP * size), 1)
             hard = masks.closed(hard, masks.square(gap))
-        w, h = size * shape[0], size * shape[1]
         component = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
         if component is None:
             return None
-        joined = None
         within = component & masks.ellipse(roi, center, _REACH * w, _REACH * h)
+        if within.any():
+            within = component & masks.ellipse(roi, masks.centroid(within, roi), _REACH * w, _REACH * h)
         if beyond := np.count_nonzero(component) - np.count_nonzero(within):
-            if beyond > _TOUCHING * fill * size**2:
-                joined = masks.filled(component, backdrop)
+            if beyond > _TOUCHING * math.pi / 4 * w * h:
+                return None
             component = _without_thin_parts(within, size)
         mask = masks.filled(component, backdrop)
-        return (mask, joined) if np.count_nonzero(mask) >= _MIN_AREA_PX else None
-
-
-def _is_off(outline: Outline, prior: Prior, size: float) -> bool:
-    """Whether an outline belongs to the other of two touching objects."""
-    off_px = math.dist(outline.center_px.tolist(), prior.center_px.tolist())
-    return off_px > 3 * prior.std_px + _BESIDE * size
+        return mask if np.count_nonzero(mask) >= _MIN_AREA_PX else None
 
 
 def _without_thin_parts(mask: Mask, size: float) -> Mask:
@@ -275,21 +306,3 @@ def _without_thin_parts(mask: Mask, size: float) -> Mask:
         return mask
     core = masks.opened(mask, int(_THIN * size))
     return core if np.count_nonzero(core) > _CORE * np.count_nonzero(mask) else mask
-
-
-def _moved_to(particles: Particles, center_px: Array, size: float) -> Particles:
-    """The particles moved to a mean position (2,) and a mean size."""
-    current = particles.current.copy()
-    current[:, :2] += center_px - current[:, :2].mean(axis=0)
-    current[:, 2] *= size / current[:, 2].mean()
-    return Particles(current, particles.previous)
-
-
-def _box_mean(values: NDArray[np.float32], width: float, height: float) -> NDArray[np.float32]:
-    """Means over a box of odd sides around every pixel; 0 outside of the values."""
-    sides = (2 * int(width / 2) + 1, 2 * int(height / 2) + 1)
-    return np.asarray(cv2.boxFilter(values, cv2.CV_32F, sides, borderType=cv2.BORDER_CONSTANT), dtype=np.float32)
-
-
-def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    return np.asarray(cv2.integral(values, sdepth=cv2.CV_64F), dtype=np.float64)

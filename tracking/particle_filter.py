@@ -1,120 +1,334 @@
-"""Particle filter over the position and scale of an object in one image (R, "3D particle filter")."""
+"""Particle filter over whole objects: a particle is a position and a radius, and each image says how well it fits (R).
 
+    sample from the prediction → weigh → (resample, disperse, weigh more sharply) … → weighted mean
+
+A particle's image is the object's template: points within the object, which should show it, and points around it, which
+should not.  An object that is half hidden by a hand that moves with it is thus located by the part that is visible.
+"""
+
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.types import Array
+from pps_vision.errors import InputError
+from pps_vision.geometry.camera import View
+from pps_vision.jit import njit
+from pps_vision.types import Array, Mask
+from tracking.ego_motion import Box
 
-# Noise of the second-order autoregression x ← 2x₁ − x₂ + noise (`bench stages`, part `image_tracker`).
-_STD_POSITION = 0.25  # in object sizes, without a prior
-_MIN_STD_POSITION = 0.05  # in object sizes, with a prior
-_STD_SCALE = 0.04  # relative
-SHARPNESS = 12.0
-"""Factor of the log-likelihood."""
+Map = NDArray[np.float32]
+_INSIDE = 150  # points of a template within the object, about
+_DISPERSION = 0.5  # variance by which particles are dispersed between layers, relative to theirs
+_EDGE = 48  # points of a template along the object's edge, about
+BESIDE_PX = 1.5  # distance from the edge at which the image is compared
+_TANGENT = 3  # contour pixels to both sides that give its direction
+_BISECTIONS = 7
+_LEAST_INFORMATION = 0.05  # of the images along an axis, relative to the prediction's
+_FARTHEST = 4.0  # standard deviations of the prediction: no particle is farther
 
 
-class Prior(NamedTuple):  # constructing a frozen dataclass is three times slower
-    """Predicted position: centre (2,) px, its standard deviation (px), and the size relative to the last image."""
+@dataclass(frozen=True)
+class ParticleFilterParams:
+    """Parameters of the particle filter."""
 
+    count: int = 120
+    """Number of particles."""
+    layers: int = 6
+    """Largest number of annealing layers (Deutscher 2000), whose exponent of the likelihood rises to 1."""
+    least_effective: float = 0.3
+    """Effective share of the particles in each layer: the smaller, the fewer layers."""
+    sharpness: float = 30.0
+    """Log-likelihood ratio of an image that shows the whole object and one that shows none of it."""
+    radius_std: tuple[float, float] = (0.05, 0.01)
+    """Relative standard deviation of the radius, before and after the object was wholly visible for some time."""
+
+    def __post_init__(self) -> None:
+        if not (self.count >= 2 and self.layers >= 1 and self.sharpness > 0 and min(self.radius_std) > 0):
+            raise InputError(
+                "particle filter", f"{self}; expected 2 or more particles, 1 or more layers, positive numbers"
+            )
+
+
+class Template(NamedTuple):
+    """Points of an object's image in the plane through its centre across the line of sight, in units of its radius."""
+
+    inside: Array  # (n, 2) spread over the object
+    edge: Array  # (m, 2) along its edge
+    outward: Array  # (m, 2) the edge's normals
+
+
+class Evidence(NamedTuple):
+    """Region of one image: what each pixel (h, w) says, 1 if it shows the object, -1 if it shows the background."""
+
+    pixels: Map
+    corner: tuple[int, int]  # x, y of the first pixel, px
+    size: tuple[int, int]  # width and height of the image, px
+
+
+class Eye(NamedTuple):
+    """A camera's view, the object's offset (2,) px from where it projects to (calibration error), and the evidence."""
+
+    view: View
+    offset_px: tuple[float, float]
+    template: Template
+    evidence: Evidence
+
+
+class Prediction(NamedTuple):
+    """Predicted position (3,) m with its covariance (3, 3) m², and radius (m) with its relative standard deviation."""
+
+    p_root: Array
+    cov_root: Array
+    radius_m: float
+    radius_std: float = 0.01
+
+
+class Located(NamedTuple):
+    """Weighted mean of the particles and its covariance; the position that the images alone tell, and its covariance
+    (without the prediction, which they were sampled from); the mean score of the images, and of each eye the visible
+    share of the object."""
+
+    p_root: Array
+    cov_root: Array
+    measured: Array
+    measured_cov: Array
+    radius_m: float
+    score: float
+    fill: tuple[float, ...]
+
+
+def locate(
+    params: ParticleFilterParams, prediction: Prediction, eyes: Sequence[Eye], rng: np.random.Generator
+) -> Located:
+    """Return where the object is."""
+    projections = [_Projection(eye, prediction) for eye in eyes]
+    spread = np.linalg.cholesky(prediction.cov_root)
+
+    def score(x: Array) -> Array:
+        positions = prediction.p_root + x[:, :3] @ spread.T
+        by_eye = [projection.scores(positions, prediction.radius_std * x[:, 3])[0] for projection in projections]
+        return np.asarray(np.sum(by_eye, axis=0))
+
+    mean, cov = posterior(params, 4, score, rng)
+    p_root = prediction.p_root + spread @ mean[:3]
+    log_radius = prediction.radius_std * float(mean[3])
+    at_mean = [projection.scores(p_root[None], np.array([log_radius])) for projection in projections]
+    measured, measured_cov = _without_prediction(mean[:3], cov[:3, :3])
+    return Located(
+        p_root,
+        spread @ cov[:3, :3] @ spread.T,
+        prediction.p_root + spread @ measured,
+        spread @ measured_cov @ spread.T,
+        prediction.radius_m * math.exp(log_radius),
+        float(np.mean([score[0] for score, _ in at_mean])),
+        tuple(float(fill[0]) for _, fill in at_mean),
+    )
+
+
+def posterior(
+    params: ParticleFilterParams, dimensions: int, score: Callable[[Array], Array], rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Mean (d,) and covariance (d, d) of particles (n, d), a priori standard normal, weighed by their scores (n,)."""
+    n = params.count
+    x = rng.standard_normal((n, dimensions))
+    exponent = 0.0
+    for _ in range(params.layers):
+        prior = -0.5 * np.sum(x**2, axis=1) if exponent else np.zeros(n)  # the first layer is drawn from it
+        exponent, weights = _annealed(params.sharpness * score(x), prior, params.least_effective * n)
+        mean = weights @ x
+        cov = (weights[:, None] * (x - mean)).T @ (x - mean) + 1e-6 * np.eye(dimensions)
+        if exponent == 1:
+            break
+        x = x[_resampled(weights, rng)]
+        x = x + rng.standard_normal(x.shape) @ np.linalg.cholesky(_DISPERSION * cov).T
+    return mean, cov
+
+
+def _annealed(log: Array, prior: Array, least_effective: float) -> tuple[float, Array]:
+    """The largest exponent of a likelihood, up to 1, with an effective number of particles of `least_effective`, and
+    the weights (n,) for the logarithms `log` of the likelihood and `prior` of the density."""
+    exponent = 1.0
+    low = 0.0
+    high = 1.0
+    for _ in range(_BISECTIONS):
+        log_weights = exponent * log + prior
+        weights = np.exp(log_weights - log_weights.max())
+        weights /= weights.sum()
+        if 1 / float(weights @ weights) >= least_effective:
+            low = exponent
+        else:
+            high = exponent
+        if low == 1:
+            break
+        exponent = 0.5 * (low + high)
+    return exponent, weights
+
+
+def _without_prediction(mean: Array, cov: Array) -> tuple[Array, Array]:
+    """Mean (3,) and covariance (3, 3) of the likelihood whose product with a standard normal distribution has these."""
+    variances, axes = np.linalg.eigh(cov)
+    information = np.maximum(1 / variances - 1, _LEAST_INFORMATION)
+    along = np.clip((axes.T @ mean) / variances / information, -_FARTHEST, _FARTHEST)
+    return axes @ along, axes @ np.diag(1 / information) @ axes.T
+
+
+class _Projection:
+    """Projects particles near the prediction: the template once, exactly, and for each particle shifted and scaled."""
+
+    def __init__(self, eye: Eye, prediction: Prediction) -> None:
+        self._eye = eye
+        p = prediction.p_root
+        self._distance_m = math.dist(p, eye.view.place)
+        axes = across(eye.view, p) * rim_radius(prediction.radius_m, self._distance_m)
+        center_px = eye.view.project(p)
+        inside, edge, beyond = (eye.view.project(p + points @ axes) - center_px for points in self._plane_points(eye))
+        outward = beyond - edge
+        outward *= BESIDE_PX / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+        contiguous = np.ascontiguousarray
+        self._points = contiguous(inside), contiguous(edge - outward), contiguous(edge + outward)
+
+    @staticmethod
+    def _plane_points(eye: Eye) -> tuple[Array, Array, Array]:
+        inside, edge, outward = eye.template
+        return inside, edge, edge + 0.1 * outward
+
+    def scores(self, positions: Array, growth: Array) -> tuple[Array, Array]:
+        """Scores (n,) of particles at positions (n, 3) whose radius has grown (log, n), and visible shares (n,)."""
+        eye = self._eye
+        centers = eye.view.project(positions) + eye.offset_px
+        distances = np.linalg.norm(positions - eye.view.center, axis=1)
+        scales = np.exp(growth) * self._distance_m / distances
+        evidence = eye.evidence
+        return scores(evidence.pixels, evidence.corner, evidence.size, self._points, centers, scales)
+
+
+def across(view: View, p_root: Array) -> Array:
+    """(2, 3) unit vectors across the line of sight to a point (3,): to the right and down in the image."""
+    sight = p_root - view.center
+    sight = sight / np.linalg.norm(sight)
+    right = view.T_root_camera[:3, 0] - (view.T_root_camera[:3, 0] @ sight) * sight
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(sight, right)])
+
+
+def rim_radius(radius_m: float, distance_m: float) -> float:
+    """Radius (m) of the circle in which a ball's outline cuts the plane through its centre across the line of sight."""
+    return radius_m / math.sqrt(max(1 - (radius_m / distance_m) ** 2, 0.01))
+
+
+@cache
+def disc() -> Template:
+    """Template of a ball."""
+    k = np.arange(_INSIDE)
+    radius = np.sqrt((k + 0.5) / _INSIDE)
+    angle = math.pi * (3 - math.sqrt(5)) * k  # Vogel's spiral
+    inside = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    angle = 2 * math.pi * np.arange(_EDGE) / _EDGE
+    edge = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return Template(inside, edge, edge)
+
+
+class Silhouette(NamedTuple):
+    """Mask (h, w) of the region `box` of an image, of an object at `p_root` (3,), seen at `center_px` (2,)."""
+
+    mask: Mask
+    box: Box
+    view: View
+    p_root: Array
     center_px: Array
-    std_px: float
-    growth: float
+    radius_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Particles:
-    """Particles (n, 3) in the current and the previous image: centre x, y (px) and scale of the box."""
-
-    current: Array
-    previous: Array
-
-
-def sample(
-    count: int,
-    center_px: Array,
-    size_px: float,
-    spread_px: float,
-    rng: np.random.Generator,
-    shift_px: Array | None = None,
-) -> Particles:
-    """Particles around a position.
-
-    Args:
-        count: Number of particles.
-        center_px: Their mean (2,).
-        size_px: Their scale.
-        spread_px: Standard deviation of their positions.
-        rng: Source of the noise.
-        shift_px: Motion (2,) from the previous to the current image; None: at rest.
-    """
-    current = np.ones((count, 3))
-    current[:, :2] = center_px + spread_px * rng.standard_normal((count, 2))
-    current[:, 2] = size_px
-    previous = current.copy()
-    if shift_px is not None:
-        previous[:, :2] -= shift_px
-    return Particles(current, previous)
+def template_of(silhouette: Silhouette | None) -> Template:
+    """Template of an object; None: of a ball."""
+    if silhouette is None:
+        return disc()
+    mask, box, view, p_root, center_px, radius_m = silhouette
+    distance_m = math.dist(p_root, view.place)
+    axes = across(view, p_root) * rim_radius(radius_m, distance_m)
+    to_plane = np.linalg.inv(view.project_jacobian(p_root) @ axes.T).T
+    corner = np.array(box[:2]) - center_px
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contour = max(contours, key=len)[:, 0].astype(float)
+    along = np.roll(contour, -_TANGENT, axis=0) - np.roll(contour, _TANGENT, axis=0)
+    outward = np.stack([-along[:, 1], along[:, 0]], axis=-1)  # OpenCV's contours run counterclockwise, y down
+    chosen = np.arange(0, len(contour), max(len(contour) // _EDGE, 1))
+    edge = (contour + corner)[chosen] @ to_plane
+    normal = outward[chosen] @ to_plane
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    return Template((_thinned(mask, _INSIDE) + corner) @ to_plane, edge, normal)
 
 
-def propagate(particles: Particles, prior: Prior | None, rng: np.random.Generator) -> Particles:
-    """The particles in the next image: moved to the prior, or without a prior by their last motion."""
-    moved = particles.current.copy()
-    mean = moved[:, :2].mean(axis=0)
-    if prior is None:
-        moved[:, :2] += mean - particles.previous[:, :2].mean(axis=0)
-        std_px = _STD_POSITION * moved[:, 2:]
-    else:
-        moved[:, :2] += prior.center_px - mean
-        moved[:, 2] *= prior.growth
-        std_px = np.maximum(_MIN_STD_POSITION * moved[:, 2:], prior.std_px)
-    moved[:, :2] += std_px * rng.standard_normal((len(moved), 2))
-    moved[:, 2] *= np.exp(_STD_SCALE * rng.standard_normal(len(moved)))
-    return Particles(moved, particles.current)
+def _thinned(mask: Mask, n: int) -> Array:
+    """(about n, 2) pixels x, y of a mask on a square grid."""
+    step = max(int(math.sqrt(np.count_nonzero(mask) / n)), 1)
+    rows, columns = np.nonzero(mask[::step, ::step])
+    return np.stack([columns * step, rows * step], axis=-1).astype(float)
 
 
-def likelihoods(
-    particles: Particles,
-    integral: NDArray[np.float64],
+@njit(cache=True, error_model="numpy")
+def scores(
+    pixels: Map,
     corner: tuple[int, int],
-    shape: tuple[float, float],
-) -> Array:
-    """Normalised likelihoods (n,) of the particles.
+    size: tuple[int, int],
+    points: tuple[Array, Array, Array],
+    centers: Array,
+    scales: Array,
+) -> tuple[Array, Array]:
+    """Scores (n,) of a template at `centers` (n, 2) px, scaled by `scales` (n,), and the visible shares (n,).
 
-    A box gains by every object pixel inside it and loses by every other, relative to its expected area.
-
-    Args:
-        particles: The particles (n).
-        integral: Integral image of 2p − 1, p the probability that a pixel belongs to the object.
-        corner: Position of the integral image's first pixel in the image.
-        shape: Width and height of the box at scale 1.
+    `points` (m, 2) px lie inside the object, just inside its edge, and just outside.  The score is the mean evidence
+    inside, plus the share of the edge where only the inner side shows the object, minus that where the outer side does.
+    Points beyond the image do not count, but a quarter of all always does; those beyond the region (h, w), whose first
+    pixel is `corner`, say nothing.
     """
-    gain = box_sums(integral, particles.current, corner, (0.5 * shape[0], 0.5 * shape[1]))
-    area = shape[0] * shape[1] * float(np.mean(particles.current[:, 2])) ** 2
-    log = SHARPNESS * gain / max(area, 1.0)
-    weights: Array = np.exp(log - log.max())
-    return weights / weights.sum()
+    inside, inner, outer = points
+    n = len(centers)
+    score = np.zeros(n)
+    fill = np.zeros(n)
+    for i in range(n):
+        k = scales[i]
+        u = centers[i, 0] - corner[0] + 0.5
+        v = centers[i, 1] - corner[1] + 0.5
+        total = 0.0
+        shown = 0
+        counted = 0
+        for j in range(len(inside)):
+            value, is_in_image = _value(pixels, corner, size, u + k * inside[j, 0], v + k * inside[j, 1])
+            total += value
+            shown += value > 0
+            counted += is_in_image
+        counted = max(counted, len(inside) // 4, 1)
+        fill[i] = shown / counted
+        edge = 0.0
+        edges = 0
+        for j in range(len(inner)):
+            within, _ = _value(pixels, corner, size, u + k * inner[j, 0], v + k * inner[j, 1])
+            beyond, is_in_image = _value(pixels, corner, size, u + k * outer[j, 0], v + k * outer[j, 1])
+            beyond = max(beyond, 0.0)
+            edge += max(within, 0.0) * (1 - beyond) - beyond
+            edges += is_in_image
+        score[i] = total / counted + edge / max(edges, len(inner) // 4, 1)
+    return score, fill
 
 
-def box_sums(
-    integral: NDArray[np.float64], particles: Array, corner: tuple[int, int], half_sides: tuple[float, float]
-) -> Array:
-    """Sums (n,) over the boxes of particles (n, 3), from the integral image (h + 1, w + 1) of the region that begins at
-    `corner`; `half_sides` are those of a box at scale 1."""
-    half = particles[:, 2:] * np.array(half_sides)
-    limit = np.array(integral.shape)[::-1] - 1
-    middle = particles[:, :2] - np.array(corner) + 0.5
-    x0, y0 = np.clip(np.rint(middle - half), 0, limit).astype(np.intp).T
-    x1, y1 = np.clip(np.rint(middle + half), 0, limit).astype(np.intp).T
-    sums: Array = integral[y1, x1] - integral[y0, x1] - integral[y1, x0] + integral[y0, x0]
-    return sums
+@njit(cache=True, error_model="numpy")
+def _value(pixels: Map, corner: tuple[int, int], size: tuple[int, int], u: float, v: float) -> tuple[float, bool]:
+    """Evidence at a point of the region, 0 beyond it, and whether the point is in the image."""
+    x = math.floor(u)
+    y = math.floor(v)
+    value = float(pixels[y, x]) if 0 <= y < pixels.shape[0] and 0 <= x < pixels.shape[1] else 0.0
+    return value, 0 <= x + corner[0] < size[0] and 0 <= y + corner[1] < size[1]
 
 
-def resample(particles: Particles, weights: Array, rng: np.random.Generator) -> Particles:
-    """Draw particles in proportion to their weights (systematic resampling)."""
+def _resampled(weights: Array, rng: np.random.Generator) -> NDArray[np.intp]:
+    """(n,) indices drawn in proportion to the weights (systematic resampling)."""
     n = len(weights)
     positions = (rng.random() + np.arange(n)) / n
-    chosen = np.minimum(np.searchsorted(np.cumsum(weights), positions), n - 1)
-    return Particles(particles.current[chosen], particles.previous[chosen])
+    return np.minimum(np.searchsorted(np.cumsum(weights), positions), n - 1)

@@ -1,5 +1,6 @@
 """Track one object in the images of an uncalibrated camera, given its box in the first image."""
 
+import math
 from typing import Literal, NamedTuple, Protocol
 
 import cv2
@@ -7,10 +8,13 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
-from pps_vision.types import Image
-from tracking.image_tracker import BoxPx, ImageTracker, ImageTrackerParams
+from pps_vision.types import Array, Image
+from tracking.image_tracker import MIN_SCORE, BoxPx, ImageTracker
 from tracking.outline import Optics
+from tracking.particle_filter import BESIDE_PX, Evidence, ParticleFilterParams, disc, posterior, scores
 
+_STD_POSITION = 0.25  # of the noise of the autoregression, in object sizes
+_STD_SCALE = 0.04  # relative
 TrackerName = Literal["colour", "csrt"]
 """The colour particle filter, or OpenCV's CSRT (Lukežič et al., CVPR 2017)."""
 MAX_SIMILARITY = 0.5
@@ -34,13 +38,23 @@ class BoxTracker(Protocol):
 
 
 class ColorTracker:
-    """The particle filter of the stereo tracker. Score: similarity of the colours times ratio of the areas."""
+    """Colour particle filter (R): particles of position and scale, driven by second-order autoregression.
 
-    def __init__(self, image: Image, box_px: BoxPx, params: ImageTrackerParams, rng: np.random.Generator) -> None:
+    Score: similarity of the colours times ratio of the areas; where the object is partly hidden, its visible share.
+    """
+
+    def __init__(self, image: Image, box_px: BoxPx, params: ParticleFilterParams, rng: np.random.Generator) -> None:
         _check(image, box_px)
-        self._tracker = ImageTracker(params, assumed_optics(image.shape[1], image.shape[0]), rng)
-        self._target = self._tracker.start(image, box_px)
+        self._params = params
+        self._rng = rng
+        optics = assumed_optics(image.shape[1], image.shape[0])
+        self._tracker = ImageTracker(optics)
+        angle_rad = 0.5 * math.sqrt(box_px[2] * box_px[3]) / optics.camera.focal_px
+        self._target = self._tracker.start(image, box_px, angle_rad)
         self._box_px = box_px
+        x, y, w, h = box_px
+        self._center: Array = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
+        self._shift: Array = np.zeros(2)
 
     @property
     def similarity(self) -> float:
@@ -49,11 +63,43 @@ class ColorTracker:
 
     def step(self, image: Image) -> BoxDetection:
         """The object in the next image."""
-        self._target, detection = self._tracker.step(self._target, image)
-        if detection is None:
+        target = self._target
+        std_px = _STD_POSITION * target.size
+        predicted = self._center + self._shift
+        examined = self._tracker.examine(target, image, predicted, 2 * std_px, None, "colour")
+        if examined is None:
             return BoxDetection(self._box_px, 0.0)
-        self._box_px = detection.box_px
-        return BoxDetection(detection.box_px, detection.score)
+        center, fill = self._located(examined.evidence, predicted, std_px)
+        detected = self._tracker.detect(target, image, examined, center, by_color=True)
+        if detected is not None:
+            target, detection, _ = detected
+            self._target = self._tracker.predicted(target, detection.outline.angular_radius_rad / target.ratio)
+            center = detection.outline.center_px
+            self._box_px, score = detection.box_px, detection.score
+        elif fill > MIN_SCORE:
+            w, h = target.box
+            self._box_px, score = (center[0] - (w - 1) / 2, center[1] - (h - 1) / 2, w, h), fill
+        else:
+            return BoxDetection(self._box_px, 0.0)
+        self._shift = center - self._center
+        self._center = center
+        return BoxDetection(self._box_px, score)
+
+    def _located(self, evidence: Evidence, predicted: Array, std_px: float) -> tuple[Array, float]:
+        """Centre (2,) px of the particles, predicted ± `std_px`, and the visible share of the object there."""
+        sides = 0.5 * np.array(self._target.box)
+        template = disc()
+        inside, edge = sides * template.inside, sides * template.edge
+        points = inside, edge - BESIDE_PX * template.outward, edge + BESIDE_PX * template.outward
+
+        def scores_at(x: Array) -> tuple[Array, Array]:
+            centers = predicted + std_px * x[:, :2]
+            scales = np.exp(_STD_SCALE * x[:, 2])
+            return scores(evidence.pixels, evidence.corner, evidence.size, points, centers, scales)
+
+        mean, _ = posterior(self._params, 3, lambda x: scores_at(x)[0], self._rng)
+        center: Array = predicted + std_px * mean[:2]
+        return center, float(scores_at(mean[None])[1][0])
 
 
 class CsrtTracker:

@@ -17,14 +17,15 @@ from tracking import FollowedBy, Mode, frame_checks, kalman
 from tracking.acquisition import Acquisition, Candidate, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
-from tracking.camera_tracker import CameraState, CameraTracker
+from tracking.camera_tracker import CameraState, CameraTracker, Prior
 from tracking.frame_checks import Fingerprints, Stamps
-from tracking.image_tracker import ImageDetection, ImageTrackerParams
+from tracking.image_tracker import Examined, ImageDetection
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
+from tracking.particle_filter import Located, ParticleFilterParams, Prediction, Silhouette, locate
 from tracking.stereo import (
     Association,
     CameraFrames,
@@ -38,6 +39,10 @@ from tracking.stereo import (
 Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
+_WIDEST_PX = 40.0  # largest standard deviation of a search
+_PIXELS = 0.5  # least standard deviation of a search, px
+_GOOD = 1.6  # score of the particles below which a stop or turn is considered
+_BETTER = 0.2  # by which its score must be better
 _NOTHING: Detections = (None, None)
 _NO_MODELS = (None, None)
 
@@ -63,8 +68,8 @@ class TrackerParams:
     """What an eye at rest sees unchanged for this long becomes its background."""
     trigger: TriggerParams = field(default_factory=TriggerParams)
     """Motion trigger of each camera."""
-    image: ImageTrackerParams = field(default_factory=ImageTrackerParams)
-    """Image tracker of each camera."""
+    particles: ParticleFilterParams = field(default_factory=ParticleFilterParams)
+    """Particle filter over whole objects."""
     marker: MarkerParams = field(default_factory=MarkerParams)
     """Colour of the marker."""
     stereo: StereoParams = field(default_factory=StereoParams)
@@ -120,6 +125,7 @@ class TrackerState(NamedTuple):
     radius_m: float = math.nan
     radius_var_m2: float = math.nan
     hits: int = 0  # frames in which the object was observed
+    whole_hits: int = 0  # of them, those in which it was wholly visible
     observed: Observation3D | None = None  # the last observation
     stamps_s: Stamps = (-math.inf, -math.inf)  # of the last frame, as are `images` and `view`
     images: Fingerprints | None = None
@@ -143,10 +149,11 @@ class Tracker:
         self.params, self.rig, self.stages = params, rig, stages
         self.searched_rig = rig = rig if params.reduction == 1 else rig.reduced(params.reduction)
         self._optics = Optics(rig.left), Optics(rig.right)
+        self._rng = rng
         marker = params.marker if params.mode == "marker" else None
         self._cameras = (
-            CameraTracker("left", self._optics[0], params.image, marker, params.background_memory_s, rng),
-            CameraTracker("right", self._optics[1], params.image, marker, params.background_memory_s, rng),
+            CameraTracker("left", self._optics[0], marker, params.background_memory_s),
+            CameraTracker("right", self._optics[1], marker, params.background_memory_s),
         )
         self.search_counts: SearchCounts = Counter()
         self._poses = PoseEstimator(rig, params.stamp_error_s)
@@ -201,12 +208,13 @@ class Tracker:
         cameras, stamp_s = camera_frames(frame, view, outlines), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
         was_tracked = predicted is not None and state.hits >= self.params.confirm_frames
-        state, predicted, detections = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
+        state, predicted, detections, located = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
         with self.stages("triangulation"):
-            state, observation = self._associate(state, predicted, cameras, poses, stamp_s, detections)
+            state, observation = self._associate(state, predicted, cameras, poses, stamp_s, detections, located)
         with self.stages("filter"):
             state, belief, updated = self._update(state, predicted, observation, view, stamp_s)
-            state, track = self._manage(state, belief, observation if updated else None, poses, stamp_s, blind=blind)
+            measured = observation if updated else None
+            state, track = self._manage(state, belief, measured, poses, stamp_s, located, blind=blind)
             if was_tracked and predicted is None and not track.is_known:  # dropped, or found elsewhere
                 track = Track3D.unknown(stamp_s, Status.LOST)
         if not blind:
@@ -235,34 +243,86 @@ class Tracker:
         stamp_s: float,
         *,
         blind: bool,
-    ) -> tuple[TrackerState, Belief | None, Detections]:
+    ) -> tuple[TrackerState, Belief | None, Detections, Located | None]:
         """The object in both images: near the prediction, else anywhere.
 
         If the object is re-acquired elsewhere, it must pass the re-identification gate; its motion state is reset and
         the track must be confirmed again.
         """
         if blind:
-            return state, predicted, _NOTHING
+            return state, predicted, _NOTHING, None
         if predicted is None:
             state, detections = self._acquire(state, cameras, view, stamp_s)
-            return state, None, detections
+            return state, None, detections, None
         with self.stages("image"):
-            state, detections = self._follow(state, predicted, cameras)
-        passing = any(camera.target is not None and camera.target.touched for camera in state.cameras)
-        if None in detections and state.hits >= self.params.confirm_frames and not passing:
+            state, detections, located = self._follow(state, predicted, cameras)
+        if None in detections and state.hits >= self.params.confirm_frames:
             acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
-                return acquired._replace(hits=0), None, elsewhere
-        return state, predicted, detections
+                return acquired._replace(hits=0, whole_hits=0), None, elsewhere, None
+        return state, predicted, detections, located
 
-    def _follow(self, state: TrackerState, predicted: Belief, cameras: CameraFrames) -> tuple[TrackerState, Detections]:
-        """The object near where the track predicts it."""
+    def _follow(
+        self, state: TrackerState, predicted: Belief, cameras: CameraFrames
+    ) -> tuple[TrackerState, Detections, Located | None]:
+        """The object near where the track predicts it: by quick means in each image, else by the particle filter; and
+        where the particles are, if either image does not show the whole object."""
         last = state.belief or predicted
-        (left_state, left), (right_state, right) = (
-            tracker.find(camera_state, camera, tracker.predict(camera_state, camera, last, predicted))
-            for tracker, camera_state, camera in zip(self._cameras, state.cameras, cameras, strict=True)
-        )
-        return state._replace(cameras=(left_state, right_state)), (left, right)
+        search_cov = self._search_cov(predicted, cameras, np.zeros(3))
+        dt_s = predicted.stamp_s - last.stamp_s
+        wide_cov = self._search_cov(predicted, cameras, predicted.mean[0] - last.mean[0])
+        wide_cov += (state.kalman.prior_std[0] * dt_s) ** 2 * np.eye(3)
+        states = list(state.cameras)
+        detections: list[ImageDetection | None] = [None, None]
+        regions: dict[int, Examined] = {}
+        priors: dict[int, Prior] = {}
+        for k, (tracker, camera) in enumerate(zip(self._cameras, cameras, strict=True)):
+            prior = tracker.predict(states[k], camera, predicted, wide_cov, state.radius_m)
+            if prior is None:
+                continue
+            states[k], detections[k], may_be_there = tracker.quick(states[k], camera, prior)
+            if may_be_there:
+                states[k], region = tracker.examine(states[k], camera, prior)
+                if region is not None:
+                    regions[k] = region
+                    priors[k] = tracker.predict(states[k], camera, predicted, search_cov, state.radius_m) or prior
+        if not regions:
+            return state._replace(cameras=(states[0], states[1])), (detections[0], detections[1]), None
+        whole = {k: self._cameras[k].whole(states[k], cameras[k], region, priors[k]) for k, region in regions.items()}
+        if all(whole.values()):
+            for k, result in whole.items():
+                if result is not None:
+                    states[k], detections[k] = result
+            return state._replace(cameras=(states[0], states[1])), (detections[0], detections[1]), None
+        eyes = [
+            self._cameras[k].eye(states[k], cameras[k], predicted, region.evidence) for k, region in regions.items()
+        ]
+        radius = state.radius_m, self.params.particles.radius_std[state.whole_hits >= self.params.confirm_frames]
+        located = locate(self.params.particles, Prediction(predicted.mean[0], search_cov, *radius), eyes, self._rng)
+        if located.score < _GOOD:  # the motion may have stopped or turned
+            wide = Prediction(last.mean[0], wide_cov, *radius)
+            elsewhere = locate(self.params.particles, wide, eyes, self._rng)
+            located = elsewhere if elsewhere.score > located.score + _BETTER else located
+        for eye, k in enumerate(regions):
+            states[k], detections[k] = self._cameras[k].detect(states[k], cameras[k], regions[k], located, eye)
+        state = state._replace(cameras=(states[0], states[1]))
+        is_partial = any(detection is not None and detection.outline.is_partial for detection in detections)
+        is_measured = is_partial and None not in detections and len(regions) == 2
+        return state, (detections[0], detections[1]), located if is_measured else None
+
+    def _search_cov(self, predicted: Belief, cameras: CameraFrames, shift: Array) -> Array:
+        """(3, 3) m² within which the object is searched: of the prediction, an error of the pixels, and a `shift` (3,)
+        m that a sudden stop or turn would take back."""
+        p = predicted.mean[0]
+        sight = p - 0.5 * (cameras[0].view.center + cameras[1].view.center)
+        baseline_m = math.dist(cameras[0].view.place, cameras[1].view.place)
+        distance_m = float(np.linalg.norm(sight))
+        pixel_m = _PIXELS * distance_m / self.searched_rig.left.focal_px
+        along = sight / distance_m
+        cov = predicted.cov[:3, :3] + np.outer(shift, shift) + pixel_m**2 * np.eye(3)
+        cov += (pixel_m * distance_m / baseline_m) ** 2 * np.outer(along, along)
+        scale = min((_WIDEST_PX / _PIXELS * pixel_m) ** 2 / float(np.trace(cov)), 1.0)
+        return np.asarray(scale * cov, float)
 
     def _acquire(
         self,
@@ -283,19 +343,21 @@ class Tracker:
         if not self._passes_gate(state, predicted, view, outlines, stamp_s, models):
             return state, _NOTHING
         by_color = pair[0].by_color and pair[1].by_color
-        period_s = cameras[0].stamp_s - state.stamps_s[0]
+        observation = state.association.observe(view, *outlines, stamp_s)
         targets = []
         with self.stages("image"):
             for tracker, camera, candidate in zip(self._cameras, cameras, pair, strict=True):
-                flow = candidate.flow
-                shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * period_s
                 outline = candidate.outline
-                _, _, w, h = outline.box_px
-                fill = None if by_color and not outline.is_partial else outline.area_px / (w * h)
                 if by_color:
                     tracker.background.invalidate(camera.image, camera.view, candidate.mask, candidate.box)
                 box = _whole_box(outline) if outline.is_partial else outline.box_px
-                targets.append(tracker.image_tracker.start(camera.image, box, candidate.model, shift_px, fill))
+                seen = None
+                if not outline.is_partial and not outline.is_disc and observation is not None:
+                    shape = candidate.mask, candidate.box, camera.view, observation.p_root
+                    seen = Silhouette(*shape, outline.center_px, observation.radius_m)
+                targets.append(
+                    tracker.image_tracker.start(camera.image, box, outline.angular_radius_rad, candidate.model, seen)
+                )
         left, right = (
             camera_state._replace(target=target, by_background=not by_color)
             for camera_state, target in zip(state.cameras, targets, strict=True)
@@ -315,7 +377,7 @@ class Tracker:
         targets = []
         for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
             tracker.background.invalidate_box(camera.image, camera.view, blob.box_px)
-            targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
+            targets.append(tracker.image_tracker.start(camera.image, blob.box_px, blob.angular_radius_rad))
         pairs = zip(state.cameras, targets, strict=True)
         left, right = (camera_state._replace(target=target) for camera_state, target in pairs)
         return state._replace(cameras=(left, right)), _detections(*marker)
@@ -347,6 +409,7 @@ class Tracker:
         poses: CameraPoses,
         stamp_s: float,
         detections: Detections,
+        located: Located | None,
     ) -> tuple[TrackerState, Observation3D | None]:
         """Triangulate what both cameras detected, after learning the calibration's error from it.
 
@@ -369,6 +432,10 @@ class Tracker:
             learned = state.association.learned(poses.view, observation, left.outline, right.outline)
             state = state._replace(association=learned)
             observation = learned.observe(poses.view, left.outline, right.outline, stamp_s, shift) or observation
+        if located is not None:
+            observation = replace(
+                observation, p_root=located.measured, cov_root=observation.cov_root + located.measured_cov
+            )
         if poses.stamp_error_s > 0 and state.view is not None:
             dt_s = stamp_s - 0.5 * sum(state.stamps_s)
             observation = with_pose_error(observation, state.view, view, dt_s, poses.stamp_error_s)
@@ -407,6 +474,7 @@ class Tracker:
         observation: Observation3D | None,
         poses: CameraPoses,
         stamp_s: float,
+        located: Located | None,
         *,
         blind: bool,
     ) -> tuple[TrackerState, Track3D]:
@@ -416,7 +484,11 @@ class Tracker:
             return state, Track3D.unknown(stamp_s)
         confirmed = state.hits >= self.params.confirm_frames
         if observation is not None:
-            state = _with_radius(state._replace(hits=state.hits + 1, observed=observation), observation)
+            state = state._replace(hits=state.hits + 1, observed=observation)
+            if located is None or state.hits == 1:
+                state = _with_radius(state, observation)
+            elif state.whole_hits < self.params.confirm_frames:
+                state = state._replace(radius_m=located.radius_m)
         elif state.observed is not None and stamp_s - state.observed.stamp_s > self.params.lost_after_s:
             return self._initial, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING)
         elif not confirmed and not blind:
@@ -442,9 +514,10 @@ class Tracker:
         if state.belief is None:
             return state
         belief = state.belief
+        is_partial = any(detection is not None and detection.outline.is_partial for detection in detections)
         left, right = (
             tracker.remember(camera_state, camera, detection.outline, belief)
-            if detection is not None and observation is not None
+            if detection is not None and observation is not None and not is_partial
             else camera_state
             for (tracker, camera, detection), camera_state in zip(by_camera, state.cameras, strict=True)
         )
@@ -482,11 +555,10 @@ def _detections(left: Outline, right: Outline) -> Detections:
 def _with_radius(state: TrackerState, observation: Observation3D) -> TrackerState:
     """The state with the radius averaged over the last frames; its error is correlated, so its variance is that of one
     frame."""
-    weight = 1 / min(state.hits, _RADIUS_MEMORY)
-    radius = observation.radius_m if state.hits == 1 else state.radius_m
-    return state._replace(
-        radius_m=radius + weight * (observation.radius_m - radius), radius_var_m2=observation.radius_var_m2
-    )
+    whole_hits = state.whole_hits + 1
+    radius = state.radius_m if state.whole_hits else observation.radius_m
+    radius += (observation.radius_m - radius) / min(whole_hits, _RADIUS_MEMORY)
+    return state._replace(radius_m=radius, radius_var_m2=observation.radius_var_m2, whole_hits=whole_hits)
 
 
 @njit(cache=True, error_model="numpy")

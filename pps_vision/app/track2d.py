@@ -8,7 +8,7 @@ from pps_vision.app.progress import progress
 from pps_vision.errors import InputError
 from pps_vision.recordings.tables import Box
 from pps_vision.recordings.video import ImageSequence
-from tracking.image_tracker import ImageTrackerParams
+from tracking.particle_filter import ParticleFilterParams
 from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTracker, TrackerName
 
 
@@ -31,7 +31,7 @@ def track_boxes(
         if name == "csrt":
             tracker = CsrtTracker(image, init)
             continue
-        tracker = ColorTracker(image, init, ImageTrackerParams(), np.random.default_rng(seed))
+        tracker = ColorTracker(image, init, ParticleFilterParams(), np.random.default_rng(seed))
         if tracker.similarity > MAX_SIMILARITY:
             report(
                 f"warning: the object's colours and those of its surroundings are alike (similarity "

@@ -105,8 +105,6 @@ FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly 
     ("stale head pose", MARKER): "does not know that the joints are old: 8 mm off, χ² 106068",
     ("stale head pose, said so", GENERIC): "widens by the head's last speed only: 9 mm off, χ² 9573",
     ("stale head pose, said so", MARKER): "widens by the head's last speed only: 9 mm off, χ² 9616",
-    ("occluder", GENERIC): "coasts on a velocity that the hiding edge gave it: 110 mm off, χ² 3453",
-    ("occluder", MARKER): "coasts on a velocity that the hiding edge gave it: 124 mm off, χ² 3521",
 }
 
 

@@ -74,7 +74,8 @@ def steps(
         with pytest.MonkeyPatch.context() as patch:
             for name, outlines in (("_acquire", pair), ("_follow", (followed or {}).get(k, pair))):
                 detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in outlines)
-                patch.setattr(tracker, name, lambda state, *_, detected=detected, **__: (state, detected))
+                result = (detected,) if name == "_acquire" else (detected, None)
+                patch.setattr(tracker, name, lambda state, *_, result=result, **__: (state, *result))
             if poses:
                 patch.setattr(tracker._poses, "step", lambda _: poses)
             steps.append(tracker.step(frame))

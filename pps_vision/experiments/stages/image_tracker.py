@@ -27,12 +27,12 @@ from pps_vision.experiments.timing import timed_steps
 from pps_vision.recordings.video import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName
-from tracking.image_tracker import ImageTrackerParams
 from tracking.marker import MarkerParams, find_markers
+from tracking.particle_filter import ParticleFilterParams
 from tracking.track2d import ColorTracker, assumed_optics
 
-DEFAULT = f"{ImageTrackerParams().particles} particles"
-COUNTS = (2, ImageTrackerParams().particles, 1000)  # numbers of particles
+DEFAULT = f"{ParticleFilterParams().count} particles"
+COUNTS = (2, ParticleFilterParams().count, 1000)  # numbers of particles
 BASELINES: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
 _MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
 _FAST: dict[str, Any] = {"speed": 0.6, "head": "sway"}
@@ -95,7 +95,7 @@ REAL: dict[str, Callable[[Path], BoxedFilm]] = {
 
 def _particles(count: int, film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
     """Our particle filter."""
-    tracker = ColorTracker(film.images[0], box, ImageTrackerParams(particles=count), np.random.default_rng(seed))
+    tracker = ColorTracker(film.images[0], box, ParticleFilterParams(count=count), np.random.default_rng(seed))
 
     def step(image: Image) -> BoxPx | None:
         detection = tracker.step(image)

@@ -1,0 +1,95 @@
+"""Colours of an object: their bins, its model, whether two objects are one, and where colours segment none."""
+
+import colorsys
+
+import numpy as np
+import pytest
+
+from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import Mask
+from tracking.acquisition import segment
+from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
+from tracking.ego_motion import Box
+from tracking.motion_trigger import Region2D
+from tracking.outline import Optics
+
+
+def test_bins_are_hue_and_saturation_or_value(rng):
+    image = rng.integers(0, 256, (40, 40, 3), dtype=np.uint8)
+    bins = color_bins(image)
+    agree = 0
+    for rgb, got in zip(image.reshape(-1, 3), bins.ravel(), strict=True):
+        h, s, v = colorsys.rgb_to_hsv(*((rgb // 4 * 4 + 2) / 255))
+        grey = s < 40 / 255 or v < 25 / 255
+        agree += got == (100 + min(int(v * 10), 9) if grey else 10 * int(h * 10) + min(int(s * 10), 9))
+    assert agree > 0.96 * bins.size  # the rest lies on the edges, where 8-bit hues round
+
+
+def test_a_color_only_the_object_has_is_the_object():
+    red, blue = (color_bins(np.full((8, 8, 3), color, np.uint8)) for color in ((200, 0, 0), (0, 0, 200)))
+    model = ColorModel(histogram(red), histogram(blue))
+    table = model.table()
+    assert len(table) == N_BINS
+    assert table[red[0, 0]] > 0.9
+    assert table[blue[0, 0]] == 0
+    assert model.similarity(model.object) == pytest.approx(1)
+    assert model.similarity(model.background) == 0
+    half = model.blend(ColorModel(model.background, model.object), 0.5, 0.25)
+    assert half.similarity(model.object) == pytest.approx(np.sqrt(0.5))
+    np.testing.assert_allclose(half.background, 0.75 * model.background + 0.25 * model.object)
+    rare = ColorModel(0.999 * model.object + 0.001 * model.background, np.zeros(N_BINS))
+    assert rare.table()[blue[0, 0]] < 0.5  # one pixel in a thousand of the object, none elsewhere
+    assert histogram(np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)).sum() == pytest.approx(1)
+
+
+def model(share: float) -> ColorModel:
+    """A share of one colour, the rest of another."""
+    colors = np.zeros(N_BINS)
+    colors[[3, 40]] = share, 1 - share
+    return ColorModel(colors, np.full(N_BINS, 1 / N_BINS))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "radius_m", "is_same"),
+    [
+        (0.9, 0.9, 0.03, True),
+        (0.8, 0.95, 0.025, True),
+        (0.9, 0.1, 0.03, False),  # another colour in one eye
+        (0.1, 0.9, 0.03, False),
+        (0.9, 0.9, 0.02, False),  # another size
+        (0.9, 0.9, 0.04, False),
+    ],
+)
+def test_colours_in_either_eye_and_size_must_agree(left, right, radius_m, is_same):
+    tracked = (model(0.9), model(0.9))
+    detected = (model(left), model(right))
+    assert is_same_object(tracked, 0.03, detected, radius_m) == is_same
+
+
+class Unchanged:
+    """A foreground that shows nothing, and leaves it to distinct colours."""
+
+    def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
+        return is_distinct
+
+    def moved_mask(self, seed: Mask, box: Box) -> None: ...
+
+    disoccluded_mask = moved_mask
+
+
+def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng):
+    """Blue among specks: none, an eighth, a quarter, or two thirds as many as in the disc; with few of them its colours
+    alone tell it where a foreground is known."""
+    v, u = np.mgrid[:240, :320]
+    disc = np.hypot(u - 150, v - 110) < 15
+    region = Region2D((138, 98, 25, 25), np.ones((25, 25), bool), 1.0)
+    for around, is_taken, is_distinct in (
+        (0.0, True, True),
+        (0.12, True, False),
+        (0.25, True, False),
+        (0.6, False, False),
+    ):
+        blue = rng.random(disc.shape) < np.where(disc, 0.9, around)
+        image = np.where(blue[..., None], (30, 60, 210), (200, 40, 40)).astype(np.uint8)
+        assert (segment(image, region, Optics(LEFT_EYE)) is not None) == is_taken
+        assert (segment(image, region, Optics(LEFT_EYE), Unchanged()) is not None) == is_distinct
