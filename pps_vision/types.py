@@ -120,7 +120,7 @@ class Track3D(_Message):
 
     `mean` (4, 3): row k is the k-th time derivative of position; `cov` (12, 12) in the order
     of `mean.ravel()`.  A filter of lower order leaves the rows it does not model at zero.
-    While `status` is searching or lost, `mean` and `cov` are NaN.
+    While `status` is searching or lost, `mean` and `cov` are NaN.  `track_id` is the object's number.
     """
 
     stamp_s: float
@@ -129,6 +129,7 @@ class Track3D(_Message):
     radius_m: float
     radius_var_m2: float
     status: Status
+    track_id: int = 0
 
     @property
     def position(self) -> Array:
@@ -146,9 +147,9 @@ class Track3D(_Message):
         return self.status in (Status.TRACKING, Status.COASTING)
 
     @classmethod
-    def unknown(cls, stamp_s: float, status: Status = Status.SEARCHING) -> "Track3D":
+    def unknown(cls, stamp_s: float, status: Status = Status.SEARCHING, track_id: int = 0) -> "Track3D":
         """A track without a state: NaN everywhere."""
-        return cls(stamp_s, np.full((4, 3), np.nan), np.full((12, 12), np.nan), np.nan, np.nan, status)
+        return cls(stamp_s, np.full((4, 3), np.nan), np.full((12, 12), np.nan), np.nan, np.nan, status, track_id)
 
 
 @dataclass(frozen=True, slots=True)

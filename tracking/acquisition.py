@@ -6,7 +6,7 @@ one object.  A marker is detected by its hue.
 
 import itertools
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.appearance import ColorModel, color_bins, histogram
+from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
 from tracking.background import Background
 from tracking.ego_motion import Box
 from tracking.foreground import Foreground, MovingForeground, StaticForeground
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
+from tracking.moving_background import BoxPx
 from tracking.optical_flow import Flow2D
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
@@ -33,12 +34,22 @@ OwnBody = Callable[[Array, View], Mask]
 """Joints (rad) and the view of a camera → mask (H, W) of the robot's own body."""
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
 Backgrounds = tuple[Background, Background]
+FollowedBoxes = tuple[Sequence[BoxPx], Sequence[BoxPx]]  # of objects in the left and the right image
 SearchCounts = Counter[str]
 """Statistics of the search: "frames" searched, those with "motion_left" and "motion_right", numbers of
 "candidates_left" and "candidates_right", and pairs of candidates "rejected by" colour, size, epipolar gate, …"""
 
 # Squared saturation of each colour bin; 0.1 for the bins without a hue.
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
+_VIVID = 6  # tenth of the saturation from which a colour is vivid
+_AROUND_PX = 6  # around a motion region whose vivid parts are sought
+_MIN_PART = 0.02  # of a motion region
+_MIN_PART_PX = 40
+_WHOLE_PART = 0.8  # share of what moves from which a part is the whole
+_RIM_PX = 1.5  # distance of a part's edge from the circle around it
+_RIM = 0.06  # the same, relative to the radius
+_SECTORS = 36  # of the circle
+_MIN_RIM = 0.4  # of them, in which the edge lies on the circle
 _MARGIN = 1.0  # around a motion region, relative to its size
 _MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of region and surroundings above which no object stands out
 _ROUNDS = 4  # largest number of alternating estimates of colours and mask
@@ -67,6 +78,7 @@ class Candidate:
     mask: Mask
     box: Box  # region of the image of `mask` (h, w)
     is_partly_occluded: bool = False  # whether it appears from behind an occluder, so that a part of it may be hidden
+    is_part: bool = False  # whether it is a vivid part of what moves, such as an object in a hand
 
 
 class Acquisition:
@@ -89,15 +101,23 @@ class Acquisition:
         self._triggers = tuple(MotionTrigger(trigger, side.camera) for side in optics)
 
     def step(
-        self, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
+        self,
+        cameras: CameraFrames,
+        view: StereoView,
+        stamp_s: float,
+        association: Association,
+        followed: FollowedBoxes = ((), ()),
     ) -> tuple[Candidate, Candidate] | None:
-        """The object in both images, or None.
+        """An object in both images beside those that are `followed`, or None.
 
         The right image is searched only if the left one shows motion; flow need not confirm it again.
         """
         with self.stages("trigger"):
-            left = self._trigger(0, cameras[0], confirm=True)
-            right = self._trigger(1, cameras[1], confirm=False) if left else self._remember(1, cameras[1])
+            left = self._trigger(0, cameras[0], followed[0], confirm=True)
+            if left:
+                right = self._trigger(1, cameras[1], followed[1], confirm=False)
+            else:
+                right = self._remember(1, cameras[1], followed[1])
         self._counts.update(frames=1, motion_left=bool(left), motion_right=bool(right))
         if not (left and right):
             return None
@@ -109,6 +129,11 @@ class Acquisition:
             self._counts.update(candidates_left=len(a), candidates_right=len(b))
             return self._best_pair(association, cameras, view, a, b, stamp_s)
 
+    def remember(self, cameras: CameraFrames, followed: FollowedBoxes) -> None:
+        """Keep both images for later comparisons, without a search."""
+        for eye, camera in enumerate(cameras):
+            self._remember(eye, camera, followed[eye])
+
     def find_marker(
         self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
     ) -> tuple[Outline, Outline] | None:
@@ -117,8 +142,7 @@ class Acquisition:
         Of the consistent pairs of blobs of its hue, the first that has moved (in both images if the cameras move), or
         with moving cameras the only pair, if it is nearer than its surroundings (not a patch of a wall).
         """
-        for eye, camera in enumerate(cameras):
-            self._remember(eye, camera)
+        self.remember(cameras, ((), ()))
         lefts, rights = (
             moved_markers(marker, camera, optics, background)
             for camera, optics, background in zip(cameras, self._optics, self._backgrounds, strict=True)
@@ -154,12 +178,12 @@ class Acquisition:
         box = masks.clipped((int(x), int(y), int(x + w) + 1, int(y + h) + 1), camera.width, camera.height)
         return self._triggers[eye].moves(masks.ellipse(box, outline.center_px, w, h), box)
 
-    def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
+    def _trigger(self, eye: int, camera: CameraFrame, followed: Sequence[BoxPx], confirm: bool) -> list[Region2D]:
         own = self._own(camera)
-        return self._triggers[eye].step(camera.image, camera.view, camera.stamp_s, own, confirm)
+        return self._triggers[eye].step(camera.image, camera.view, camera.stamp_s, own, confirm, followed)
 
-    def _remember(self, eye: int, camera: CameraFrame) -> list[Region2D]:
-        self._triggers[eye].remember(camera.image, camera.view, camera.stamp_s, self._own(camera))
+    def _remember(self, eye: int, camera: CameraFrame, followed: Sequence[BoxPx]) -> list[Region2D]:
+        self._triggers[eye].remember(camera.image, camera.view, camera.stamp_s, self._own(camera), followed)
         return []
 
     def _own(self, camera: CameraFrame) -> Callable[[], Mask] | None:
@@ -178,8 +202,13 @@ class Acquisition:
         elif earlier is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
             warp_earlier = partial(trigger.seen_before, camera.view, camera.stamp_s)
             foreground = MovingForeground(background, camera.view, warp_earlier, camera.image)
-        segments = (segment(camera.image, region, self._optics[eye], foreground) for region in regions)
-        candidates = [candidate for candidate in segments if candidate is not None]
+        candidates = []
+        for region in regions:
+            whole = segment(camera.image, region, self._optics[eye], foreground)
+            if whole is not None:
+                candidates.append(whole)
+            if whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < masks.SOLID:
+                candidates += vivid_parts(camera.image, region, self._optics[eye], foreground)
         if earlier is None and eye == 0:  # the camera moves: flow confirms that a colour region moves by itself
             candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]
         return candidates
@@ -195,7 +224,7 @@ class Acquisition:
     ) -> tuple[Candidate, Candidate] | None:
         """The consistent pair of candidates with most evidence, or None."""
         best = None
-        best_evidence = 0.0
+        best_rank = (False, 0.0)
         for a, b in itertools.product(left, right):
             likeness = a.model.similarity(b.model.object)
             if likeness < _MIN_LIKENESS:
@@ -208,13 +237,13 @@ class Acquisition:
                 self._counts["rejected since half hidden"] += 1
                 continue
             ratio = outline_a.angular_radius_rad / outline_b.angular_radius_rad
-            evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
+            rank = a.is_part and b.is_part, likeness * float(np.sqrt(a.evidence * b.evidence))
             if max(ratio, 1 / ratio) > _MAX_RATIO:
                 self._counts["rejected by size"] += 1
-            elif evidence > best_evidence and association.observe(view, outline_a, outline_b, stamp_s):
+            elif rank > best_rank and association.observe(view, outline_a, outline_b, stamp_s):
                 best = replace(a, outline=outline_a), replace(b, outline=outline_b)
-                best_evidence = evidence
-            elif evidence > best_evidence:
+                best_rank = rank
+            elif rank > best_rank:
                 self._counts[f"rejected by {association.refusal(view, outline_a, outline_b)}"] += 1
         return best
 
@@ -278,6 +307,82 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
     return Candidate(shape, model, evidence, region.flow, by_color, mask, box, is_partly_occluded)
 
 
+def vivid_parts(
+    image: Image, region: Region2D, optics: Optics, foreground: Foreground | None = None
+) -> list[Candidate]:
+    """Candidates of the vivid colours of a motion region: what a hand holds is a vivid part of what moves.
+
+    A part that fingers hide is taken for a disc if enough of its edge lies on the circle around it.
+    """
+    x, y, w, h = region.box_px
+    height, width = image.shape[:2]
+    around = x - _AROUND_PX, y - _AROUND_PX, x + w + _AROUND_PX, y + h + _AROUND_PX
+    box = masks.clipped(around, width, height)
+    bins = color_bins(image[box[1] : box[3], box[0] : box[2]])
+    changed = np.zeros(bins.shape, bool)
+    changed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
+    if foreground is not None:
+        changed = foreground.differs(box) & masks.dilated(changed, max(w, h) // 4)
+    of_bin = np.bincount(bins[changed], minlength=N_BINS)[:100].reshape(10, 10)[:, _VIVID:].sum(axis=1)
+    hues = np.flatnonzero(of_bin >= max(_MIN_PART * np.count_nonzero(changed), _MIN_PART_PX))
+    candidates = []
+    for group in _adjacent(hues.tolist()):
+        table = np.zeros(256, bool)
+        for hue in group:
+            table[10 * hue + _VIVID : 10 * hue + 10] = True
+        colored = table[bins] & changed
+        mask = masks.closed_component(colored, colored)
+        if mask is None or np.count_nonzero(mask) > _WHOLE_PART * np.count_nonzero(changed):
+            continue
+        outline = _disc_around(image, mask, box, optics)
+        if outline is not None:
+            model = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
+            evidence = region.evidence * (1 - model.similarity(model.background))
+            candidates.append(Candidate(outline, model, evidence, region.flow, True, mask, box, is_part=True))
+    return candidates
+
+
+def _adjacent(hues: list[int]) -> list[list[int]]:
+    """Groups of neighbouring hues on the circle of ten."""
+    groups: list[list[int]] = []
+    for hue in hues:
+        if groups and groups[-1][-1] == hue - 1:
+            groups[-1].append(hue)
+        else:
+            groups.append([hue])
+    if len(groups) > 1 and groups[0][0] == 0 and groups[-1][-1] == 9:
+        groups[0] += groups.pop()
+    return groups
+
+
+def _disc_around(image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
+    """Outline of a part: its own if it is a disc, else the circle around it, if enough of its edge lies on that."""
+    outline = fit_outline(image, mask, box, optics)
+    if outline is None or outline.is_partial or outline.is_disc:
+        return outline if outline is not None and outline.is_disc else None
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contour = max(contours, key=len)[:, 0]
+    (u, v), radius = cv2.minEnclosingCircle(contour)
+    radius += 0.5  # the contour's pixels lie inside
+    distance = np.hypot(contour[:, 0] - u, contour[:, 1] - v)
+    angles = np.arctan2(contour[:, 1] - v, contour[:, 0] - u)[distance > radius - max(_RIM_PX, _RIM * radius)]
+    share = len(np.unique((angles * _SECTORS / (2 * np.pi)).astype(int))) / _SECTORS
+    if share < _MIN_RIM:
+        return None
+    center = np.array([box[0] + u, box[1] + v])
+    angle = outline.angular_radius_rad * radius / float(np.sqrt(outline.area_px / np.pi))
+    return replace(
+        outline,
+        center_px=center,
+        cov_px=np.eye(2),
+        angular_radius_rad=angle,
+        angular_radius_var=(0.05 * angle) ** 2,
+        box_px=(center[0] - radius, center[1] - radius, 2 * radius, 2 * radius),
+        area_px=float(np.pi * radius**2),
+        is_partial=True,
+    )
+
+
 def _sine(a: Array, b: Array) -> float:
     """Sine of the angle between two vectors (3,)."""
     return float(np.linalg.norm(np.cross(a, b)) / np.linalg.norm(a) / np.linalg.norm(b))
@@ -288,7 +393,9 @@ def _object_outline(image: Image, mask: Mask, box: Box, optics: Optics) -> Outli
     shape = fit_outline(image, mask, box, optics)
     if shape is None or shape.area_px > _MAX_SHARE * image.shape[0] * image.shape[1]:
         return None
-    return shape if shape.area_px >= _MIN_FILL * shape.box_px[2] * shape.box_px[3] else None
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    _, sides, _ = cv2.minAreaRect(max(contours, key=len))
+    return shape if shape.area_px >= _MIN_FILL * (sides[0] + 1) * (sides[1] + 1) else None
 
 
 def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:

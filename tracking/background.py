@@ -1,6 +1,7 @@
 """Background model of a static camera: the mean image without moving objects."""
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
-from tracking.moving_background import ASIDE_PX, MovingBackground, beyond, edge_of_background, most, smoothed
+from tracking.moving_background import ASIDE_PX, BoxPx, MovingBackground, beyond, edge_of_background, most, smoothed
 
 CHANGED = 0.3  # least foreground share of an object's image
 _PERIOD_S = 0.2  # in which every row is updated once
@@ -108,24 +109,22 @@ class Background:
         inside = box[0] - left, box[1] - top, box[2] - left, box[3] - top
         return edge_of_background(image[top:bottom, left:right], self.moving.seen(view, wide), 1.0, mask, inside)
 
-    def update(
-        self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
-    ) -> None:
-        """Update the model with an image, except around the box (x, y, width, height px) of the tracked object."""
+    def update(self, image: Image, view: View, stamp_s: float, objects_px: Sequence[BoxPx] = ()) -> None:
+        """Update the model with an image, except around the boxes (x, y, width, height px) of the tracked objects."""
         last = self._last or view
         self._last = view
-        x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
         if not self.is_known(view):
             self._view = view if self.ego.is_still(last, view) else None
             if self._view is not None:
                 self._recent = smoothed(image, (0, 0, image.shape[1], len(image)))
                 self._mean = self._recent.astype(np.float32)
                 self._since_s = np.full(image.shape[:2], stamp_s)
-                box = max(int(x), 0), max(int(y), 0), max(int(x + w), 0), max(int(y + h), 0)
-                self._mean[box[1] : box[3], box[0] : box[2]] = self._behind(view, box, image)
+                for x, y, w, h in objects_px:
+                    box = max(int(x), 0), max(int(y), 0), max(int(x + w), 0), max(int(y + h), 0)
+                    self._mean[box[1] : box[3], box[0] : box[2]] = self._behind(view, box, image)
                 self.moving.invalidate()
             else:
-                self.moving.update(image, view, stamp_s, object_px)
+                self.moving.update(image, view, stamp_s, objects_px)
             return
         height = len(image)
         top = self._row
@@ -136,7 +135,8 @@ class Background:
         rows = np.s_[top:bottom]
         self._threshold = max(_NOISE_FACTOR * 1.4826 * noise, _MIN_CONTRAST)
         current = smoothed(image, (0, top, image.shape[1], bottom))
-        excluded = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
+        sides = ((x - 0.3 * w, y - 0.3 * h - top, x + 1.3 * w, y + 1.3 * h - top) for x, y, w, h in objects_px)
+        excluded = np.array([*sides], int).reshape(-1, 4)
         layers = self._mean[rows], self._recent[rows], self._since_s[rows]
         _learn(current, *layers, gain, self._threshold, stamp_s, self.memory_s, excluded)
 
@@ -215,10 +215,10 @@ def _learn(
     threshold: float,
     stamp_s: float,
     memory_s: float,
-    excluded: tuple[int, int, int, int],
+    excluded: NDArray[np.int64],
 ) -> None:
-    """Update `mean`, `recent` (h, w, 3) and `since_s` (h, w) with the rows `current`; not the mean in the box
-    `excluded`."""
+    """Update `mean`, `recent` (h, w, 3) and `since_s` (h, w) with the rows `current`; not the mean in the
+    boxes `excluded` (k, 4)."""
     rows, columns = since_s.shape
     scale, rate, limit = np.float32(1 / gain), np.float32(_RATE), np.float32(threshold)
     half, brightest = np.float32(0.5), np.float32(255)
@@ -233,7 +233,11 @@ def _learn(
             if max(abs(red - recent[y, x, 0]), abs(green - recent[y, x, 1]), abs(blue - recent[y, x, 2])) > limit:
                 recent[y, x, 0], recent[y, x, 1], recent[y, x, 2] = red + half, green + half, blue + half
                 since_s[y, x] = stamp_s
-            if excluded[0] <= x < excluded[2] and excluded[1] <= y < excluded[3]:
+            is_excluded = False
+            for k in range(len(excluded)):
+                if excluded[k, 0] <= x < excluded[k, 2] and excluded[k, 1] <= y < excluded[k, 3]:
+                    is_excluded = True
+            if is_excluded:
                 continue
             if max(abs(red - r), abs(green - g), abs(blue - b)) <= limit:
                 mean[y, x, 0], mean[y, x, 1] = r + rate * (red - r), g + rate * (green - g)

@@ -48,6 +48,10 @@ class StaticForeground:
         differing = np.count_nonzero(differs & colored)
         return bool(differing >= CHANGED * enclosed and enclosed >= _MIN_ENCLOSED * np.count_nonzero(colored))
 
+    def differs(self, box: Box) -> Mask:
+        """Foreground mask (h, w) of a box."""
+        return self._differs[box[1] : box[3], box[0] : box[2]]
+
     def shows_the_object(self, colored: Mask, moved: Mask) -> bool:
         """Whether a colour region (h, w) is the object of the foreground `moved` (h, w): both are nearly equal, or the
         foreground is not solid, such as an arm that holds an object."""
@@ -119,6 +123,10 @@ class MovingForeground:
     def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
         """True: in front of a moving camera optical flow confirms colour regions."""
         return True
+
+    def differs(self, box: Box) -> Mask:
+        """Foreground mask (h, w) of a box."""
+        return self.background.moving.differs(self.current, self.view, box)
 
     def shows_the_object(self, colored: Mask, moved: Mask) -> bool:
         """Whether a colour region (h, w) and the foreground `moved` (h, w) largely overlap: the colour's edge is more

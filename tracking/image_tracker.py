@@ -33,7 +33,7 @@ _REACH = 1.25  # largest mask, as a multiple of the expected size
 _TOUCHING = 0.25  # area beyond the reach, relative to the object's, from which another object touches it
 _RATIO_RATE = 0.05  # update rate of the ratio of measured and predicted size
 _NEW_RATIO_RATE = 0.5  # the same, while its size is not known
-_SIZE_FRAMES = 10  # frames in which an object was wholly visible after which its size is known
+SIZE_FRAMES = 10  # frames in which an object was wholly visible after which its size is known
 _MIN_RATIO_STD = 0.005
 _ERRORS = 3.0  # standard deviations of that ratio below its mean from which part of the object is hidden
 _OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
@@ -82,7 +82,7 @@ class Target:
     @property
     def is_size_known(self) -> bool:
         """Whether the object's size is known well enough to tell that a part of it is hidden."""
-        return self.frames >= _SIZE_FRAMES
+        return self.frames >= SIZE_FRAMES
 
     @property
     def size(self) -> float:

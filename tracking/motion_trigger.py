@@ -7,7 +7,7 @@ measures their image velocity (`optical_flow`).
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, View, reduced_image
-from pps_vision.types import Image, Mask
+from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.ego_motion import ROOM_M, Box, EgoMotion
-from tracking.moving_background import most
+from tracking.moving_background import BoxPx, most
 from tracking.optical_flow import JITTER_S, Flow2D, GreyImage, Match, match
 
 Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
 _FLOW_INTERVAL_S = 0.05  # age of the image from which flow is measured
 _COARSE = 2  # side of the coarse comparison's pixels, px
+_FOLLOWED_MARGIN = 0.25  # around the boxes of followed objects, relative to their size
+_FOLLOWED_MARGIN_PX = 4
 _COLOR_MARGIN_PX = 24  # around a coarse residual, in which all pixels and colours are compared
 
 
@@ -96,6 +98,7 @@ class _Frame:
     view: View
     stamp_s: float
     own: Callable[[], Mask] | None
+    followed: Sequence[BoxPx] = ()  # boxes of the objects that are followed
 
     @cached_property
     def coarse(self) -> Pixels:
@@ -131,7 +134,13 @@ class MotionTrigger:
         self._is_slow = False
 
     def step(
-        self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None, confirm: bool = True
+        self,
+        image: Image,
+        view: View,
+        stamp_s: float,
+        own: Callable[[], Mask] | None = None,
+        confirm: bool = True,
+        followed: Sequence[BoxPx] = (),
     ) -> list[Region2D]:
         """Return the motion regions, strongest first.
 
@@ -139,8 +148,9 @@ class MotionTrigger:
             image: RGB.
             own: Returns the pixels (H, W) of the robot's own body, which is ignored; called only when needed.
             confirm: Drop regions that flow does not confirm.
+            followed: Boxes of the objects that are followed, whose motion is no news.
         """
-        current = self._next(image, view, stamp_s, own)
+        current = self._next(image, view, stamp_s, own, followed)
         reference = self._reference(current)
         regions = self._regions(reference, current)[: self.params.max_regions] if reference else []
         if reference and regions and self.params.flow:
@@ -148,9 +158,16 @@ class MotionTrigger:
         self._past.append(current)
         return regions
 
-    def remember(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None) -> None:
+    def remember(
+        self,
+        image: Image,
+        view: View,
+        stamp_s: float,
+        own: Callable[[], Mask] | None = None,
+        followed: Sequence[BoxPx] = (),
+    ) -> None:
         """Keep an image as a reference for later ones, without searching it."""
-        self._past.append(self._next(image, view, stamp_s, own))
+        self._past.append(self._next(image, view, stamp_s, own, followed))
 
     def image_before(self, view: View, stamp_s: float) -> Image | None:
         """Return the oldest image of the last `interval_s`, of an eye that has not moved; None if there is none."""
@@ -181,7 +198,9 @@ class MotionTrigger:
                     return True
         return False
 
-    def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Frame:
+    def _next(
+        self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None, followed: Sequence[BoxPx]
+    ) -> _Frame:
         """Drop old images and return the new one; the next comparison has the other interval."""
         longest_s = self.params.slow_interval_s + 1e-6
         while len(self._past) > 1 and stamp_s - self._past[0].stamp_s > longest_s:
@@ -189,7 +208,7 @@ class MotionTrigger:
                 break  # flow is measured since the oldest one
             self._past.popleft()
         self._is_slow = not self._is_slow
-        return _Frame(image.copy(), view, stamp_s, own)
+        return _Frame(image.copy(), view, stamp_s, own, followed)
 
     def _newest(self, current: _Frame) -> _Frame | None:
         """Newest image that is `_FLOW_INTERVAL_S` old."""
@@ -299,7 +318,7 @@ class MotionResidual:
         smallest: Pixels | None = None
         for inverse_distance in self._inverse_distances():
             residual = self._at(old, new, inverse_distance, box)
-            smallest = residual if smallest is None else np.minimum(smallest, residual)
+            smallest = self._without_followed(residual, box) if smallest is None else np.minimum(smallest, residual)
             if np.count_nonzero(smallest) < self.min_area_px:
                 return None
             box, smallest = _shrunk(box, smallest)
@@ -365,6 +384,27 @@ class MotionResidual:
         exposure = _median(difference)
         noise = 1.4826 * _median(np.abs(difference - exposure))  # standard deviation, from the absolute deviation
         return exposure, max(self._params.noise_factor * noise, self._params.min_contrast)
+
+    def _without_followed(self, residual: Pixels, box: Box) -> Pixels:
+        """The residual without the objects that are followed, and the places where they were."""
+        moved = self._current.view.project(self._seen_by_reference()) if self._reference.followed else np.empty((0, 2))
+        shifts = zip(self._reference.followed, moved, strict=True)
+        earlier = [(u - 0.5 * w, v - 0.5 * h, w, h) for (_, _, w, h), (u, v) in shifts if np.isfinite(u)]
+        for x, y, w, h in (*self._current.followed, *earlier):
+            margin = _FOLLOWED_MARGIN * max(w, h) + _FOLLOWED_MARGIN_PX
+            sides = x - margin, y - margin, x + w + margin, y + h + margin
+            left, top, right, bottom = (int(side / self._scale) for side in sides)
+            inside = np.s_[
+                max(top - box[1], 0) : max(bottom - box[1], 0), max(left - box[0], 0) : max(right - box[0], 0)
+            ]
+            residual[inside] = 0
+        return residual
+
+    def _seen_by_reference(self) -> Array:
+        """(n, 3) points of the room behind the centres of the objects that were followed in the older image."""
+        view = self._reference.view
+        centers = np.array([(x + 0.5 * w, y + 0.5 * h) for x, y, w, h in self._reference.followed])
+        return view.center + ROOM_M * view.rays(centers)
 
     def _without_body(self, residual: Pixels, box: Box) -> Pixels:
         """The residual without the robot's own body, present and past; evaluated last, because it costs most."""

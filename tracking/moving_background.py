@@ -1,5 +1,6 @@
 """Background model of a moving camera: an earlier image warped to the current pose."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -83,16 +84,17 @@ class MovingBackground:
         """Reset the model."""
         self.is_known = False
 
-    def update(self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None) -> None:
-        """Make the pose of an image the anchor, every `_PERIOD_S`; the tracked object's box is left out."""
+    def update(self, image: Image, view: View, stamp_s: float, objects_px: Sequence[BoxPx] = ()) -> None:
+        """Make the pose of an image the anchor, every `_PERIOD_S`; the boxes of the tracked objects are left out."""
         if self.is_known and stamp_s - self._stamp_s <= _PERIOD_S - 1e-6:
             return
         height, width = image.shape[:2]
-        x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
-        excluded = np.s_[
-            max(int(y - _KEPT * h), 0) : max(int(y + (1 + _KEPT) * h), 0),
-            max(int(x - _KEPT * w), 0) : max(int(x + (1 + _KEPT) * w), 0),
-        ]
+        excluded = np.zeros((height, width), bool)
+        for x, y, w, h in objects_px:
+            excluded[
+                max(int(y - _KEPT * h), 0) : max(int(y + (1 + _KEPT) * h), 0),
+                max(int(x - _KEPT * w), 0) : max(int(x + (1 + _KEPT) * w), 0),
+            ] = True
         whole = (0, 0, width, height)
         current = smoothed(image, whole)
         if not self.is_known or stamp_s - self._stamp_s > 2 * _PERIOD_S:
@@ -113,9 +115,7 @@ class MovingBackground:
         self._stamp_s = stamp_s
         self.is_known = True
 
-    def _renewed(
-        self, image: Image, current: Pixels, view: View, excluded: tuple[slice, slice]
-    ) -> tuple[Pixels, NDArray[np.uint8]]:
+    def _renewed(self, image: Image, current: Pixels, view: View, excluded: Mask) -> tuple[Pixels, NDArray[np.uint8]]:
         """Background warped to a view and updated with its image; and a mask, 255 where it is known."""
         whole = (0, 0, current.shape[1], current.shape[0])
         self._fit_distance(current, view)
@@ -133,7 +133,7 @@ class MovingBackground:
             moved[inside][changed_since <= self._threshold] = 0
         moved[excluded] = 1
         cv2.copyTo(current, 1 - moved, mean)
-        was_known[excluded] &= mean[excluded].any(axis=2)
+        was_known[excluded] &= mean[excluded].any(axis=1)
         return mean, np.asarray((was_known | (moved == 0)).view(np.uint8) * np.uint8(255), np.uint8)
 
     def _fit_distance(self, current: Pixels, view: View) -> None:

@@ -74,6 +74,7 @@ class Outline:
         is_partial: A part of the object is hidden or cut off by the image's border.
         harmonics: Second and third of the edge (cos, sin, cos, sin) over the radius.
         non_circularity: Relative excess of the second moment over a disc's.
+        is_cut: The image's border cuts it off.
     """
 
     center_px: Array
@@ -85,6 +86,7 @@ class Outline:
     is_partial: bool
     harmonics: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     non_circularity: float = 0.0
+    is_cut: bool = False
 
     @property
     def is_disc(self) -> bool:
@@ -260,6 +262,7 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
         m.cov, m.omega, m.area, camera.focal_px, u_by_direction, v_by_direction
     )
     edge_harmonics, excess = harmonics(coverage.alpha, optics.weights, left, top, m.direction, m.omega)
+    is_cut = x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height
     return Outline(
         center_px=np.array((u, v)),
         cov_px=np.array(((uu, uv), (uv, vv))),
@@ -267,9 +270,10 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
         angular_radius_var=radius_var,
         box_px=(float(x), float(y), float(width), float(height)),
         area_px=m.area,
-        is_partial=x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height,
+        is_partial=is_cut,
         harmonics=edge_harmonics,
         non_circularity=excess,
+        is_cut=is_cut,
     )
 
 

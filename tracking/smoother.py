@@ -118,6 +118,8 @@ class _Segment:
     def continues_with(self, step: TrackerStep) -> bool:
         """Whether the step is of this track, or one more observation that may lead to it."""
         last = self.steps[-1]
+        if step.track.track_id != last.track.track_id:
+            return False
         if step.track.is_known:
             return last.track.is_known or _is_unconfirmed(last)
         return _is_unconfirmed(last) and _is_unconfirmed(step)

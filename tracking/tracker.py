@@ -1,10 +1,11 @@
-"""Tracker of one object in stereo images: detect → associate → predict → update → initiate or delete (R Fig 13)."""
+"""Tracker of objects in stereo images: detect → associate → predict → update → initiate or delete (R Fig 13)."""
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +15,12 @@ from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import FollowedBy, Mode, frame_checks, kalman
-from tracking.acquisition import Acquisition, Candidate, OwnBody, SearchCounts, Stages
+from tracking.acquisition import Acquisition, Candidate, FollowedBoxes, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.camera_tracker import CameraState, CameraTracker, Prior
 from tracking.frame_checks import Fingerprints, Stamps
-from tracking.image_tracker import Examined, ImageDetection
+from tracking.image_tracker import SIZE_FRAMES, Examined, ImageDetection
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
 from tracking.motion_trigger import TriggerParams
@@ -43,7 +44,9 @@ _WIDEST_PX = 40.0  # largest standard deviation of a search
 _PIXELS = 0.5  # least standard deviation of a search, px
 _GOOD = 1.6  # score of the particles below which a stop or turn is considered
 _BETTER = 0.2  # by which its score must be better
-_NOTHING: Detections = (None, None)
+_PART_RATIO_STD = 0.02  # relative error of the angular radius of a disc that is partly hidden
+_SEARCH_EVERY = 2  # frames between searches for further objects
+_CLEARLY = 1.4  # ratio of times to contact, or of distances, from which another object is attended
 _NO_MODELS = (None, None)
 
 
@@ -55,6 +58,8 @@ class TrackerParams:
     """Track any moving object, or a marker of known hue."""
     reduction: int = 1
     """Side of the pixel blocks that are averaged before tracking: larger takes less time, with more error."""
+    max_objects: int = 1
+    """Largest number of objects that are followed at a time; of markers, one."""
     confirm_frames: int = 3
     """An object is tracked once both cameras detected it in this many frames in a row."""
     lost_after_s: float = 0.5
@@ -90,6 +95,8 @@ class TrackerParams:
             )
         if not self.aspect_rad > 0:
             raise InputError("tracker", f"angle of another aspect {self.aspect_rad} rad; expected more than 0")
+        if self.max_objects < 1:
+            raise InputError("tracker", f"{self.max_objects} objects; expected 1 or more")
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
             raise InputError(
                 "tracker",
@@ -99,11 +106,13 @@ class TrackerParams:
 
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
-    """Result of one frame: the track, the detections and the observation behind it, and the point (3,) midway between
-    the cameras, m, root frame.
+    """Result of one frame for one object: its track, the detections and the observation behind it, and the point (3,)
+    midway between the cameras, m, root frame.
 
     `followed_by` is the cheapest that tells the object apart: its colours; where its surroundings have them too, what
     differs from the learned background of either eye; a marker's hue.  None while no object is followed.
+
+    A tracker's step is that of the attended object; `others` are those of the other objects, oldest first.
     """
 
     track: Track3D
@@ -111,13 +120,20 @@ class TrackerStep:
     observation: Observation3D | None
     midpoint_root: Array
     followed_by: FollowedBy | None = None
+    others: tuple["TrackerStep", ...] = ()
+
+    @property
+    def tracks(self) -> tuple[Track3D, ...]:
+        """Tracks of all objects, that of the attended one first."""
+        return self.track, *(other.track for other in self.others)
 
 
-class TrackerState(NamedTuple):
-    """State of the tracker, without the backgrounds, the cameras' motion and the images of the motion trigger."""
+class TrackState(NamedTuple):
+    """State of one object's track."""
 
     association: Association
     kalman: KalmanParams  # scaled to the object's distance
+    track_id: int = 0
     appearance: tuple[Appearance, Appearance] | None = None
     cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
     belief: Belief | None = None
@@ -125,15 +141,50 @@ class TrackerState(NamedTuple):
     radius_m: float = math.nan
     radius_var_m2: float = math.nan
     hits: int = 0  # frames in which the object was observed
-    whole_hits: int = 0  # of them, those in which it was wholly visible
+    whole_hits: int = 0  # those in which it was wholly visible
     observed: Observation3D | None = None  # the last observation
+
+
+class TrackerState(NamedTuple):
+    """State of the tracker, without the backgrounds, the cameras' motion and the images of the motion trigger."""
+
+    tracks: tuple[TrackState, ...] = ()
+    attended_id: int | None = None
+    last_id: int = 0  # of the newest track
+    frames: int = 0
     stamps_s: Stamps = (-math.inf, -math.inf)  # of the last frame, as are `images` and `view`
     images: Fingerprints | None = None
     view: StereoView | None = None
 
 
+class _Scene(NamedTuple):
+    """What one frame shows: both cameras, their poses, the mean stamp, and the view and the stamp of the last frame."""
+
+    cameras: CameraFrames
+    poses: CameraPoses
+    stamp_s: float
+    last_view: StereoView | None
+    last_stamp_s: float
+    is_blind: bool
+
+    @property
+    def view(self) -> StereoView:
+        return self.poses.view
+
+
+class _Followed(NamedTuple):
+    """A track with its prediction (None: it starts) and its detections, and where the particles are, if either image
+    does not show the whole object; whether it was tracked before it started elsewhere."""
+
+    track: TrackState
+    predicted: Belief | None
+    detections: Detections = (None, None)
+    located: Located | None = None
+    was_tracked: bool = False
+
+
 class Tracker:
-    """Tracks one object in 3D.  `step` takes frames in the order of their stamps.
+    """Tracks objects in 3D.  `step` takes frames in the order of their stamps.
 
     `own_body` masks the robot's own body; `stages` is a context manager entered around each stage (to time it).
     """
@@ -160,14 +211,17 @@ class Tracker:
         backgrounds = self._cameras[0].background, self._cameras[1].background
         self._acquisition = Acquisition(params.trigger, self._optics, backgrounds, own_body, stages, self.search_counts)
         untrained = Association.untrained(params.stereo, rig.left.width)
-        self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
-        self.state = self._initial
+        self._initial = TrackState(untrained, params.kalman, appearance=(marker, marker) if marker else None)
+        self._max_objects = 1 if marker else params.max_objects
+        self.state = TrackerState()
 
     @property
     def appearance(self) -> tuple[Appearance, Appearance] | None:
-        """The marker's hue, or the object's colours when it was confirmed, in the left and the right eye; None while
-        there is no object, or no colour."""
-        return self.state.appearance
+        """The marker's hue, or the attended object's colours when it was confirmed, in the left and the right eye; None
+        while there is no object, or no colour."""
+        tracks = {track.track_id: track for track in self.state.tracks}
+        attended = self.state.attended_id
+        return (self._initial if attended is None else tracks.get(attended, self._initial)).appearance
 
     @property
     def camera_motion(self) -> CameraMotion:
@@ -202,69 +256,135 @@ class Tracker:
     ) -> tuple[TrackerState, TrackerStep]:
         """Detect, associate, update, initiate or delete."""
         images = frame_checks.fingerprints(frame)
-        blind = frame_checks.is_blind(images, state.images)
-        poses = self._poses.nominal(frame) if blind else self._poses.step(frame)
-        view, blind = poses.view, blind or not poses.is_known
-        cameras, stamp_s = camera_frames(frame, view, outlines), frame.stamp_s
-        predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
-        was_tracked = predicted is not None and state.hits >= self.params.confirm_frames
-        state, predicted, detections, located = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
+        is_blind = frame_checks.is_blind(images, state.images)
+        poses = self._poses.nominal(frame) if is_blind else self._poses.step(frame)
+        cameras = camera_frames(frame, poses.view, outlines)
+        last_stamp_s = 0.5 * sum(state.stamps_s)
+        scene = _Scene(cameras, poses, frame.stamp_s, state.view, last_stamp_s, is_blind or not poses.is_known)
+        followed = [self._detect(track, scene) for track in state.tracks]
+        if not scene.is_blind:
+            followed, last_id = self._search(state, followed, scene)
+            state = state._replace(last_id=last_id)
+        results = [self._track(item, scene) for item in followed]
+        if not scene.is_blind:
+            self._learn_backgrounds(results, cameras)
+        tracks = tuple(track for track, _, _ in results if track.belief is not None)
+        steps = [step for _, step, _ in results]
+        attended = self._attended(state.attended_id, steps)
+        stamps_s = frame.stamp_left_s, frame.stamp_right_s
+        attended_id = None if attended is None else attended.track.track_id
+        state = TrackerState(tracks, attended_id, state.last_id, state.frames + 1, stamps_s, images, poses.view)
+        if attended is None:
+            return state, TrackerStep(Track3D.unknown(frame.stamp_s), (), None, poses.view.midpoint)
+        return state, replace(attended, others=tuple(step for step in steps if step is not attended))
+
+    def _track(self, item: _Followed, scene: _Scene) -> tuple[TrackState, TrackerStep, Detections]:
+        """Associate the detections of one object, update its track, confirm or delete it, and learn from it."""
+        track, predicted, detections, located, was_tracked = item
+        was_tracked |= predicted is not None and track.hits >= self.params.confirm_frames
         with self.stages("triangulation"):
-            state, observation = self._associate(state, predicted, cameras, poses, stamp_s, detections, located)
+            track, observation = self._associate(track, predicted, scene, detections, located)
         with self.stages("filter"):
-            state, belief, updated = self._update(state, predicted, observation, view, stamp_s)
+            track, belief, updated = self._update(track, predicted, observation, scene)
             measured = observation if updated else None
-            state, track = self._manage(state, belief, measured, poses, stamp_s, located, blind=blind)
-            if was_tracked and predicted is None and not track.is_known:  # dropped, or found elsewhere
-                track = Track3D.unknown(stamp_s, Status.LOST)
-        if not blind:
-            state = self._learn(state, cameras, detections, observation)
-        state = state._replace(stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
-        parts = zip(self._cameras, cameras, detections, strict=True)
+            track, result = self._manage(track, belief, measured, scene, located)
+            if was_tracked and predicted is None and not result.is_known:  # dropped, or found elsewhere
+                result = Track3D.unknown(scene.stamp_s, Status.LOST, track.track_id)
+        if not scene.is_blind and track.belief is not None:
+            track = self._learn(track, scene.cameras, detections, observation)
+        parts = zip(self._cameras, scene.cameras, detections, strict=True)
         messages = tuple(
             tracker.detection(camera, detection) for tracker, camera, detection in parts if detection is not None
         )
-        return state, TrackerStep(track, messages, observation, view.midpoint, self._followed_by(state))
+        step = TrackerStep(result, messages, observation, scene.view.midpoint, self._followed_by(track))
+        return track, step, detections
 
-    def _followed_by(self, state: TrackerState) -> FollowedBy | None:
+    def _followed_by(self, track: TrackState) -> FollowedBy | None:
         """`TrackerStep.followed_by`."""
-        if state.belief is None:
+        if track.belief is None:
             return None
         if self.params.mode == "marker":
             return "hue"
-        return "background" if any(camera.by_background for camera in state.cameras) else "colour"
+        return "background" if any(camera.by_background for camera in track.cameras) else "colour"
 
-    def _detect(
-        self,
-        state: TrackerState,
-        predicted: Belief | None,
-        cameras: CameraFrames,
-        view: StereoView,
-        stamp_s: float,
-        *,
-        blind: bool,
-    ) -> tuple[TrackerState, Belief | None, Detections, Located | None]:
-        """The object in both images: near the prediction, else anywhere.
+    def _attended(self, last_id: int | None, steps: Sequence[TrackerStep]) -> TrackerStep | None:
+        """The step of the object that is attended: the one with the smallest time to contact with the cameras, else the
+        nearest that moves; the last one, unless another is clearly sooner or nearer."""
+        known = [step for step in steps if step.track.is_known]
+        last = next((step for step in steps if step.track.track_id == last_id), None)
+        if not known:
+            return last or next(iter(steps), None)
+        urgencies = [_urgency(step) for step in known]
+        best = max(range(len(known)), key=urgencies.__getitem__)
+        if last is None or not last.track.is_known:
+            return known[best]
+        (last_sooner, last_nearer), (sooner, nearer) = _urgency(last), urgencies[best]
+        is_clear = sooner > _CLEARLY * last_sooner or (last_sooner == 0 and nearer > _CLEARLY * last_nearer)
+        return known[best] if is_clear else last
 
-        If the object is re-acquired elsewhere, it must pass the re-identification gate; its motion state is reset and
+    def _detect(self, track: TrackState, scene: _Scene) -> _Followed:
+        """The object near where the track predicts it."""
+        predicted = None if track.belief is None else kalman.predict(track.kalman, track.belief, scene.stamp_s)
+        if scene.is_blind or predicted is None:
+            return _Followed(track, predicted)
+        with self.stages("image"):
+            track, detections, located = self._follow(track, predicted, scene.cameras)
+        return _Followed(track, predicted, detections, located)
+
+    def _search(self, state: TrackerState, followed: list[_Followed], scene: _Scene) -> tuple[list[_Followed], int]:
+        """Search for objects: in every frame while none is followed or one is out of sight, else in every second one.
+
+        If an object is re-acquired elsewhere, it must pass the re-identification gate; its motion state is reset and
         the track must be confirmed again.
         """
-        if blind:
-            return state, predicted, _NOTHING, None
-        if predicted is None:
-            state, detections = self._acquire(state, cameras, view, stamp_s)
-            return state, None, detections, None
-        with self.stages("image"):
-            state, detections, located = self._follow(state, predicted, cameras)
-        if None in detections and state.hits >= self.params.confirm_frames:
-            acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
-            if elsewhere[0] is not None:
-                return acquired._replace(hits=0, whole_hits=0), None, elsewhere, None
-        return state, predicted, detections, located
+        kept = [
+            item for item in followed if None not in item.detections or item.track.hits >= self.params.confirm_frames
+        ]
+        awaited = [item for item in kept if None in item.detections]
+        has_room = len(kept) < self._max_objects
+        boxes = self._followed_boxes(followed)
+        if not (awaited or not followed or (has_room and state.frames % _SEARCH_EVERY == 0)):
+            if self._max_objects > 1:
+                self._acquisition.remember(scene.cameras, boxes)
+            return followed, state.last_id
+        acquired = self._acquire(state, scene, boxes)
+        if acquired is None:
+            return followed, state.last_id
+        start, outlines, models = acquired
+        for item in awaited:
+            if self._passes_gate(item, scene, outlines, models):
+                again = start(item.track)._replace(hits=0, whole_hits=0)
+                restarted = _Followed(again, None, _detections(*outlines), was_tracked=True)
+                return [restarted if other is item else other for other in followed], state.last_id
+        is_cut = kept and any(outline.is_cut for outline in outlines)  # such as an arm that reaches into the image
+        if is_cut or not has_room or any(self._overlaps(item, scene, outlines) for item in kept):
+            return followed, state.last_id
+        track = start(self._initial)._replace(track_id=state.last_id + 1)
+        return [*followed, _Followed(track, None, _detections(*outlines))], state.last_id + 1
+
+    @staticmethod
+    def _followed_boxes(followed: Sequence[_Followed]) -> FollowedBoxes:
+        """Boxes of the detected objects in both images."""
+        detected = [item.detections for item in followed]
+        left, right = ([pair[k].box_px for pair in detected if pair[k] is not None] for k in (0, 1))  # type: ignore[union-attr]
+        return left, right
+
+    def _overlaps(self, item: _Followed, scene: _Scene, outlines: tuple[Outline, Outline]) -> bool:
+        """Whether outlines lie where a track predicts its object in either image."""
+        if item.predicted is None:
+            return False
+        for tracker, camera, outline in zip(self._cameras, scene.cameras, outlines, strict=True):
+            reach_px = 0.5 * outline.angular_radius_rad * tracker.optics.camera.focal_px
+            pixel = camera.view.project(item.predicted.mean[0])
+            size_px = item.track.radius_m / math.dist(item.predicted.mean[0], camera.view.place)
+            reach_px += size_px * tracker.optics.camera.focal_px
+            if math.dist(pixel.tolist(), outline.center_px.tolist()) < reach_px:
+                return True
+        return False
 
     def _follow(
-        self, state: TrackerState, predicted: Belief, cameras: CameraFrames
-    ) -> tuple[TrackerState, Detections, Located | None]:
+        self, state: TrackState, predicted: Belief, cameras: CameraFrames
+    ) -> tuple[TrackState, Detections, Located | None]:
         """The object near where the track predicts it: by quick means in each image, else by the particle filter; and
         where the particles are, if either image does not show the whole object."""
         last = state.belief or predicted
@@ -325,25 +445,35 @@ class Tracker:
         return np.asarray(scale * cov, float)
 
     def _acquire(
-        self,
-        state: TrackerState,
-        cameras: CameraFrames,
-        view: StereoView,
-        stamp_s: float,
-        predicted: Belief | None = None,
-    ) -> tuple[TrackerState, Detections]:
-        """Search both images for an object; with a `predicted` belief, only for the one that is tracked."""
+        self, state: TrackerState, scene: _Scene, followed: FollowedBoxes
+    ) -> tuple[Callable[[TrackState], TrackState], tuple[Outline, Outline], tuple[ColorModel | None, ...]] | None:
+        """Search both images for an object: what starts its track, its outlines and its colours."""
+        association = state.tracks[0].association if state.tracks else self._initial.association
+        cameras = scene.cameras
         if self.params.mode == "marker":
-            return self._acquire_marker(state, cameras, view, stamp_s, predicted)
-        pair = self._acquisition.step(cameras, view, stamp_s, state.association)
+            if state.view is None:  # whether anything has moved is known from the second frame on
+                return None
+            with self.stages("image"):
+                blobs = self._acquisition.find_marker(
+                    self.params.marker, cameras, scene.view, scene.stamp_s, association
+                )
+            return None if blobs is None else (partial(self._start_marker, cameras, blobs), blobs, _NO_MODELS)
+        pair = self._acquisition.step(cameras, scene.view, scene.stamp_s, association, followed)
         if pair is None:
-            return state, _NOTHING
+            return None
         outlines = pair[0].outline, pair[1].outline
-        models = pair[0].model, pair[1].model
-        if not self._passes_gate(state, predicted, view, outlines, stamp_s, models):
-            return state, _NOTHING
+        observation = association.observe(scene.view, *outlines, scene.stamp_s)
+        return partial(self._start, cameras, pair, observation), outlines, (pair[0].model, pair[1].model)
+
+    def _start(
+        self,
+        cameras: CameraFrames,
+        pair: tuple[Candidate, Candidate],
+        observation: Observation3D | None,
+        track: TrackState,
+    ) -> TrackState:
+        """The track with the targets of a pair of candidates."""
         by_color = pair[0].by_color and pair[1].by_color
-        observation = state.association.observe(view, *outlines, stamp_s)
         targets = []
         with self.stages("image"):
             for tracker, camera, candidate in zip(self._cameras, cameras, pair, strict=True):
@@ -355,62 +485,56 @@ class Tracker:
                 if not outline.is_partial and not outline.is_disc and observation is not None:
                     shape = candidate.mask, candidate.box, camera.view, observation.p_root
                     seen = Silhouette(*shape, outline.center_px, observation.radius_m)
-                targets.append(
-                    tracker.image_tracker.start(camera.image, box, outline.angular_radius_rad, candidate.model, seen)
-                )
+                appearance = outline.angular_radius_rad, candidate.model, seen
+                target = tracker.image_tracker.start(camera.image, box, *appearance)
+                if candidate.is_part:  # a disc of known size, partly hidden
+                    target = replace(target, ratio_std=_PART_RATIO_STD, frames=SIZE_FRAMES)
+                targets.append(target)
         left, right = (
             camera_state._replace(target=target, by_background=not by_color)
-            for camera_state, target in zip(state.cameras, targets, strict=True)
+            for camera_state, target in zip(track.cameras, targets, strict=True)
         )
-        return state._replace(cameras=(left, right), search_result=pair), _detections(*outlines)
+        is_part = pair[0].is_part and pair[1].is_part
+        whole_hits = self.params.confirm_frames if is_part else 0  # the size of a disc is known
+        return track._replace(cameras=(left, right), search_result=pair, whole_hits=whole_hits)
 
-    def _acquire_marker(
-        self, state: TrackerState, cameras: CameraFrames, view: StereoView, stamp_s: float, predicted: Belief | None
-    ) -> tuple[TrackerState, Detections]:
-        """As `_acquire`, a marker."""
-        if state.view is None:  # whether anything has moved is known from the second frame on
-            return state, _NOTHING
-        with self.stages("image"):
-            marker = self._acquisition.find_marker(self.params.marker, cameras, view, stamp_s, state.association)
-        if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
-            return state, _NOTHING
+    def _start_marker(self, cameras: CameraFrames, blobs: tuple[Outline, Outline], track: TrackState) -> TrackState:
+        """The track with the targets of a marker's blobs."""
         targets = []
-        for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
+        for tracker, camera, blob in zip(self._cameras, cameras, blobs, strict=True):
             tracker.background.invalidate_box(camera.image, camera.view, blob.box_px)
             targets.append(tracker.image_tracker.start(camera.image, blob.box_px, blob.angular_radius_rad))
-        pairs = zip(state.cameras, targets, strict=True)
+        pairs = zip(track.cameras, targets, strict=True)
         left, right = (camera_state._replace(target=target) for camera_state, target in pairs)
-        return state._replace(cameras=(left, right)), _detections(*marker)
+        return track._replace(cameras=(left, right))
 
     def _passes_gate(
         self,
-        state: TrackerState,
-        predicted: Belief | None,
-        view: StereoView,
+        item: _Followed,
+        scene: _Scene,
         outlines: tuple[Outline, Outline],
-        stamp_s: float,
         models: Sequence[ColorModel | None],
     ) -> bool:
-        """Re-identification gate: same colours and size, and a plausible position; open while nothing is tracked."""
-        if predicted is None:
-            return True
-        tracked_models = [camera.target.model if camera.target else None for camera in state.cameras]
-        observation = state.association.observe(view, *outlines, stamp_s)
-        if observation is None or not is_same_object(tracked_models, state.radius_m, models, observation.radius_m):
+        """Re-identification gate: same colours and size, and a plausible position."""
+        track = item.track
+        predicted = item.predicted
+        tracked_models = [camera.target.model if camera.target else None for camera in track.cameras]
+        observation = track.association.observe(scene.view, *outlines, scene.stamp_s)
+        if predicted is None or observation is None:
+            return False
+        if not is_same_object(tracked_models, track.radius_m, models, observation.radius_m):
             return False
         measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-        return kalman.gate(state.kalman, predicted, *measurement) is not None
+        return kalman.gate(track.kalman, predicted, *measurement) is not None
 
     def _associate(
         self,
-        state: TrackerState,
+        state: TrackState,
         predicted: Belief | None,
-        cameras: CameraFrames,
-        poses: CameraPoses,
-        stamp_s: float,
+        scene: _Scene,
         detections: Detections,
         located: Located | None,
-    ) -> tuple[TrackerState, Observation3D | None]:
+    ) -> tuple[TrackState, Observation3D | None]:
         """Triangulate what both cameras detected, after learning the calibration's error from it.
 
         The first outline, grown from a motion region, is too rough to learn from.
@@ -418,7 +542,7 @@ class Tracker:
         left, right = detections
         if left is None or right is None:
             return state, None
-        shift, view = None, poses.view
+        shift, view, stamp_s, cameras = None, scene.view, scene.stamp_s, scene.cameras
         if predicted is not None and len(predicted.mean) > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
             p, v = predicted.mean[0], predicted.mean[1]
             shift_left, shift_right = (
@@ -429,26 +553,27 @@ class Tracker:
         if observation is None:
             return state, None
         if predicted is not None:
-            learned = state.association.learned(poses.view, observation, left.outline, right.outline)
+            learned = state.association.learned(view, observation, left.outline, right.outline)
             state = state._replace(association=learned)
-            observation = learned.observe(poses.view, left.outline, right.outline, stamp_s, shift) or observation
+            observation = learned.observe(view, left.outline, right.outline, stamp_s, shift) or observation
         if located is not None:
             observation = replace(
                 observation, p_root=located.measured, cov_root=observation.cov_root + located.measured_cov
             )
-        if poses.stamp_error_s > 0 and state.view is not None:
-            dt_s = stamp_s - 0.5 * sum(state.stamps_s)
-            observation = with_pose_error(observation, state.view, view, dt_s, poses.stamp_error_s)
+        stamp_error_s = scene.poses.stamp_error_s
+        if stamp_error_s > 0 and scene.last_view is not None:
+            observation = with_pose_error(
+                observation, scene.last_view, view, stamp_s - scene.last_stamp_s, stamp_error_s
+            )
         return state, observation
 
     def _update(
         self,
-        state: TrackerState,
+        state: TrackState,
         predicted: Belief | None,
         observation: Observation3D | None,
-        view: StereoView,
-        stamp_s: float,
-    ) -> tuple[TrackerState, Belief | None, bool]:
+        scene: _Scene,
+    ) -> tuple[TrackState, Belief | None, bool]:
         """The belief after the observation, and whether it was taken in; the first observation starts the filter, at
         the velocity that the optical flow measured, if it did."""
         if observation is None:
@@ -458,30 +583,38 @@ class Tracker:
             shift_var = outline_shift_var(state.observed, observation)
             belief = kalman.update(state.kalman, kalman.shifted(predicted, shift_var), *measurement)
             return state, belief, belief.rejections == 0
+        view = scene.view
         params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
         flows = (state.search_result[0].flow, state.search_result[1].flow) if state.search_result else (None, None)
         white_cov = observation.cov_root - observation.correlated_cov_root
         measured = velocity(flows, view, observation.p_root, params.prior_std[:2], white_cov) or (None, None)
         belief = kalman.start(
-            *(params, stamp_s, observation.p_root, observation.cov_root, *measured, observation.correlated_cov_root)
+            *(
+                params,
+                scene.stamp_s,
+                observation.p_root,
+                observation.cov_root,
+                *measured,
+                observation.correlated_cov_root,
+            )
         )
         return state._replace(kalman=params), belief, True
 
     def _manage(
         self,
-        state: TrackerState,
+        state: TrackState,
         belief: Belief | None,
         observation: Observation3D | None,
-        poses: CameraPoses,
-        stamp_s: float,
+        scene: _Scene,
         located: Located | None,
-        *,
-        blind: bool,
-    ) -> tuple[TrackerState, Track3D]:
+    ) -> tuple[TrackState, Track3D]:
         """Confirm, coast or delete the track; a frame in which a camera is blind does not break a confirmation."""
+        stamp_s = scene.stamp_s
+        track_id = state.track_id
+        deleted = self._initial._replace(track_id=track_id)
         state = state._replace(belief=belief)
         if belief is None:
-            return state, Track3D.unknown(stamp_s)
+            return state, Track3D.unknown(stamp_s, track_id=track_id)
         confirmed = state.hits >= self.params.confirm_frames
         if observation is not None:
             state = state._replace(hits=state.hits + 1, observed=observation)
@@ -490,30 +623,36 @@ class Tracker:
             elif state.whole_hits < self.params.confirm_frames:
                 state = state._replace(radius_m=located.radius_m)
         elif state.observed is not None and stamp_s - state.observed.stamp_s > self.params.lost_after_s:
-            return self._initial, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING)
-        elif not confirmed and not blind:
-            return self._initial, Track3D.unknown(stamp_s)
+            return deleted, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING, track_id)
+        elif not confirmed and not scene.is_blind:
+            return deleted, Track3D.unknown(stamp_s, track_id=track_id)
         if state.hits < self.params.confirm_frames:
-            return state, Track3D.unknown(stamp_s)
+            return state, Track3D.unknown(stamp_s, track_id=track_id)
         status = Status.COASTING if observation is None else Status.TRACKING
-        ahead = belief.mean[0] - poses.view.midpoint
-        angles = poses.rotation_std_rad, self.params.aspect_rad
+        ahead = belief.mean[0] - scene.view.midpoint
+        angles = scene.poses.rotation_std_rad, self.params.aspect_rad
         mean, cov = _full_state(belief.mean, belief.cov, belief.correlated_cov, ahead, *angles)
-        return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
+        return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status, track_id)
+
+    def _learn_backgrounds(
+        self, results: Sequence[tuple[TrackState, TrackerStep, Detections]], cameras: CameraFrames
+    ) -> None:
+        """Update both backgrounds, except behind the detected objects; a marker that is followed does not need them."""
+        if self.params.mode == "marker" and any(track.belief is not None for track, _, _ in results):
+            return
+        for k, (tracker, camera) in enumerate(zip(self._cameras, cameras, strict=True)):
+            detected = [detections[k] for _, _, detections in results]
+            boxes = [detection.box_px for detection in detected if detection is not None]
+            tracker.background.update(camera.image, camera.view, camera.stamp_s, boxes)
 
     def _learn(
-        self, state: TrackerState, cameras: CameraFrames, detections: Detections, observation: Observation3D | None
-    ) -> TrackerState:
-        """Update each camera's state, the object's colours once it is confirmed, and the backgrounds."""
-        by_camera = list(zip(self._cameras, cameras, detections, strict=True))
-        if self.params.mode == "generic" or state.belief is None:  # a marker needs it to be found
-            for tracker, camera, detection in by_camera:
-                tracker.background.update(
-                    camera.image, camera.view, camera.stamp_s, detection.box_px if detection else None
-                )
-        if state.belief is None:
-            return state
+        self, state: TrackState, cameras: CameraFrames, detections: Detections, observation: Observation3D | None
+    ) -> TrackState:
+        """Update each camera's state, and the object's colours once it is confirmed."""
+        by_camera = zip(self._cameras, cameras, detections, strict=True)
         belief = state.belief
+        if belief is None:
+            return state
         is_partial = any(detection is not None and detection.outline.is_partial for detection in detections)
         left, right = (
             tracker.remember(camera_state, camera, detection.outline, belief)
@@ -527,6 +666,22 @@ class Tracker:
         return state._replace(cameras=(left, right), appearance=appearance)
 
 
+def _urgency(step: TrackerStep) -> tuple[float, float]:
+    """1 / time to contact with the cameras (1/s; 0: it does not come), and 1 / distance (1/m; 0: it is at rest).
+
+    What is within two standard deviations of rest does not move.
+    """
+    track = step.track
+    offset = track.position - step.midpoint_root
+    distance_m = float(np.linalg.norm(offset))
+    cov = track.cov[3:6, 3:6]
+    closing_m_s = -float(track.velocity @ offset) / distance_m
+    std_m_s = math.sqrt(max(float(offset @ cov @ offset), 0.0)) / distance_m
+    speed_m_s = float(np.linalg.norm(track.velocity))
+    moves = speed_m_s > 2 * math.sqrt(float(np.trace(cov)))
+    return (closing_m_s / distance_m if closing_m_s > 2 * std_m_s else 0.0), 1 / distance_m if moves else 0.0
+
+
 def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
     """The step of images reduced `k` times, in pixels of the original images."""
     detections = []
@@ -535,7 +690,8 @@ def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
         center_px, box_px = k * (detection.center_px + 0.5) - 0.5, (k * x, k * y, k * w, k * h)
         detections.append(replace(detection, center_px=center_px, cov_px=k**2 * detection.cov_px, box_px=box_px))
     observation = step.observation and replace(step.observation, residual_px=k * step.observation.residual_px)
-    return replace(step, detections=tuple(detections), observation=observation)
+    others = tuple(_enlarged(other, k) for other in step.others)
+    return replace(step, detections=tuple(detections), observation=observation, others=others)
 
 
 def _whole_box(outline: Outline) -> tuple[float, float, float, float]:
@@ -552,11 +708,11 @@ def _detections(left: Outline, right: Outline) -> Detections:
     return ImageDetection(left, left.box_px, 1.0), ImageDetection(right, right.box_px, 1.0)
 
 
-def _with_radius(state: TrackerState, observation: Observation3D) -> TrackerState:
+def _with_radius(state: TrackState, observation: Observation3D) -> TrackState:
     """The state with the radius averaged over the last frames; its error is correlated, so its variance is that of one
     frame."""
     whole_hits = state.whole_hits + 1
-    radius = state.radius_m if state.whole_hits else observation.radius_m
+    radius = observation.radius_m if state.hits == 1 else state.radius_m
     radius += (observation.radius_m - radius) / min(whole_hits, _RADIUS_MEMORY)
     return state._replace(radius_m=radius, radius_var_m2=observation.radius_var_m2, whole_hits=whole_hits)
 

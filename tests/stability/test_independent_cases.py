@@ -12,6 +12,7 @@ from data import SEED
 from pps_vision.experiments.films.cases import CASES, NEW_CASES, Case
 from pps_vision.experiments.films.scenes import Film, FilmScene
 from pps_vision.experiments.films.score import OURS, measure_film
+from tracking.tracker import TrackerParams
 
 BY_NAME = {case.name: case for case in (*CASES, *NEW_CASES)}
 LARGE = Case("object of 200 px", FilmScene(radius_m=0.109, extent_m=0.08, seconds=2.5))
@@ -76,3 +77,12 @@ def test_a_case_is_tracked_within_its_limits(name):
     assert scores["false_percent"] <= limits.false
     assert scores["median_mm"] <= limits.median_mm
     assert scores["covered_percent"] >= limits.covered
+
+
+@pytest.mark.parametrize(("max_objects", "is_known"), [(1, False), (2, True)])
+def test_what_comes_while_another_object_is_followed_is_known_within_half_a_second(max_objects, is_known):
+    film = Film(small(BY_NAME["first rests"]), SEED, Path("absent"))
+    scores = measure_film(film, TrackerParams(max_objects=max_objects))[OURS]
+    print({key: round(value, 1) for key, value in scores.items()})
+    assert (scores["known_percent"] == 100) == is_known
+    assert (scores["right_percent"] > 90) == is_known

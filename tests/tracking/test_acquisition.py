@@ -51,7 +51,7 @@ class Search:
         pair = self._acquisition.step(cameras, self._view, frame.stamp_s, self._association)
         for camera, background in zip(cameras, self._backgrounds, strict=True):
             if is_learned:
-                background.update(camera.image, camera.view, frame.stamp_s, None)
+                background.update(camera.image, camera.view, frame.stamp_s)
         return pair
 
     def find_marker(self, left: Image, right: Image, stamp_s: float = 0.0) -> tuple[Outline, Outline] | None:
@@ -68,7 +68,7 @@ def learned_from(picture: Callable[[], Image], view: View) -> Background:
     """The background of an eye at rest after twelve pictures."""
     background = Background(EgoMotion(view.camera), 0.3)
     for k in range(12):
-        background.update(picture(), view, DT * k, None)
+        background.update(picture(), view, DT * k)
     return background
 
 

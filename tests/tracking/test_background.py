@@ -28,7 +28,7 @@ def draw(rng: np.random.Generator, patch: tuple[float, float, float] | None = No
 def learned(rng: np.random.Generator, noise: float = 2.0) -> Background:
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     for k in range(12):
-        background.update(draw(rng, noise=noise), VIEW, DT * k, None)
+        background.update(draw(rng, noise=noise), VIEW, DT * k)
     return background
 
 
@@ -59,7 +59,7 @@ def test_it_becomes_background_as_soon_at_any_rate_of_images(fps, rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     changed_s = 1.0
     for k in range(int((changed_s + 0.9) * fps) + 3):
-        background.update(draw(rng, (60.0, 50.0, 70.0) if k / fps >= changed_s else None), VIEW, k / fps, None)
+        background.update(draw(rng, (60.0, 50.0, 70.0) if k / fps >= changed_s else None), VIEW, k / fps)
         stays = changed_s <= k / fps < changed_s + 0.3 - 1 / fps
         if stays or k / fps > changed_s + 0.3 + 2 * 0.2 + 2 / fps:
             evidence = background.evidence(draw(rng, (60.0, 50.0, 70.0)), VIEW, WHOLE)[INNER]
@@ -71,7 +71,7 @@ def test_what_keeps_changing_and_the_tracked_object_do_not_become_background(lev
     background = learned(rng)
     for k in range(12, 60):
         image = draw(rng, (levels[k // 4 % 2],) * 3)
-        background.update(image, VIEW, DT * k, box)
+        background.update(image, VIEW, DT * k, [] if box is None else [box])
     assert background.evidence(image, VIEW, WHOLE)[INNER].min() == 1
     assert background.evidence(draw(rng), VIEW, WHOLE)[INNER].mean() < 0.2
 
@@ -81,7 +81,7 @@ def test_noise_and_a_change_of_the_light_are_no_evidence(rng):
     assert (noisy.evidence(draw(rng, noise=12.0), VIEW, WHOLE) > 0.5).mean() < 0.002
     background = learned(rng)
     brighter = np.clip(1.15 * draw(rng, (60.0, 50.0, 70.0)).astype(float), 0, 255).astype(np.uint8)
-    background.update(brighter, VIEW, 12 * DT, None)
+    background.update(brighter, VIEW, 12 * DT)
     evidence = background.evidence(brighter, VIEW, WHOLE)
     assert evidence[INNER].min() == 1
     evidence[96:134, 146:194] = 0
@@ -95,7 +95,7 @@ def test_it_begins_anew_when_the_eye_moves(rng):
     moved = View(LEFT_EYE, transform(translation=(0.001, 0.0, 0.0)))
     patch = (160.0, 150.0, 170.0)
     assert not background.evidence(draw(rng, patch), moved, WHOLE).any()
-    background.update(draw(rng, patch), moved, 0.6, None)
+    background.update(draw(rng, patch), moved, 0.6)
     assert background.evidence(draw(rng, patch), moved, WHOLE)[INNER].mean() < 0.5
     assert not background.is_known(VIEW)
 
@@ -139,7 +139,7 @@ def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng):
 @pytest.mark.parametrize("box", [BOX, (-10.0, -5.0, 40.0, 30.0), (300.0, 225.0, 40.0, 30.0)])
 def test_what_an_object_hides_at_first_is_unknown(box, rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
-    background.update(draw(rng, noise=0.0), VIEW, 0.0, box)
+    background.update(draw(rng, noise=0.0), VIEW, 0.0, [box])
     hidden = np.zeros((240, 320), bool)
     x, y, w, h = (int(level) for level in box)
     hidden[max(y, 0) : y + h, max(x, 0) : x + w] = True
@@ -154,7 +154,7 @@ def test_what_an_object_hides_at_first_is_what_the_moving_eye_had_learned_there(
     background.moving.start(mean, VIEW, 0.0)
     patch = draw(rng, noise=0.0)
     patch[102:128, 152:188] = (160, 150, 170)
-    background.update(patch, VIEW, 0.1, BOX)
+    background.update(patch, VIEW, 0.1, [BOX])
     unknown = background.differs(draw(rng, noise=0.0), VIEW, WHOLE)
     assert unknown[101:109, 151:159].all()
     unknown[99:111, 149:161] = False

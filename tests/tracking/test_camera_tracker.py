@@ -172,7 +172,7 @@ def test_an_object_of_the_walls_colour_is_told_by_the_background(off_px, is_it, 
     standard deviations of its prediction and a twentieth of its size."""
     tracker = camera_tracker()
     for k in range(12):
-        tracker.background.update(picture(rng), VIEW, 0.05 * k, None)
+        tracker.background.update(picture(rng), VIEW, 0.05 * k)
     ball = disc(150, 110, 18)
     camera = seen_from(picture(rng, (ball, (70.0, 70.0, 70.0)), (ball & (_U < 150), (165.0, 165.0, 165.0))))
     state, examined = tracker.examine(known(tracker, camera.image, True), camera, prior_at(150 + off_px, 110))

@@ -72,10 +72,12 @@ def steps(
         q = joints and joints[k]
         frame = StereoFrame(0 * left if k in dark else left, right, DT * k, DT * k, q, q)
         with pytest.MonkeyPatch.context() as patch:
-            for name, outlines in (("_acquire", pair), ("_follow", (followed or {}).get(k, pair))):
-                detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in outlines)
-                result = (detected,) if name == "_acquire" else (detected, None)
-                patch.setattr(tracker, name, lambda state, *_, result=result, **__: (state, *result))
+            acquired = None if None in pair else (lambda track: track, pair, (None, None))
+            patch.setattr(tracker, "_acquire", lambda *_, result=acquired: result)
+            patch.setattr(tracker, "_passes_gate", lambda *_: True)
+            outlines = (followed or {}).get(k, pair)
+            detected = tuple(outline and ImageDetection(outline, outline.box_px, 1.0) for outline in outlines)
+            patch.setattr(tracker, "_follow", lambda track, *_, result=detected: (track, result, None))
             if poses:
                 patch.setattr(tracker._poses, "step", lambda _: poses)
             steps.append(tracker.step(frame))

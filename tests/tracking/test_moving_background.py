@@ -53,7 +53,7 @@ def learned(rng: np.random.Generator, n: int, start: tuple[float, float] | None 
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     for k in range(n):
         disc_px = None if start is None else (start[0], start[1] + 8 * k)
-        background.update(seen(turned(k), rng, disc_px)[0], turned(k), DT * k, None)
+        background.update(seen(turned(k), rng, disc_px)[0], turned(k), DT * k)
     return background
 
 
@@ -71,7 +71,7 @@ def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng):
 def test_an_eye_that_begins_to_move_knows_what_it_saw_at_rest(rng):
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     for k in range(4):
-        background.update(seen(turned(0), rng)[0], turned(0), DT * k, None)
+        background.update(seen(turned(0), rng)[0], turned(0), DT * k)
     image, disc = seen(turned(1), rng, (150.0, 120.0))
     part = background.behind_moving_eye(turned(1), 4 * DT).differs(image, turned(1), (100, 70, 220, 180))
     assert overlap(part, disc[70:180, 100:220]) > 0.85
@@ -100,7 +100,7 @@ def test_a_resting_wall_at_any_distance_is_background_of_an_eye_that_moves_sidew
     for k in range(12):
         view = View(LEFT_EYE, transform(translation=(0.008 * k, 0.0, 0.0)))
         image, _ = seen(view, rng, wall_m=wall_m)
-        background.update(image, view, DT * k, None)
+        background.update(image, view, DT * k)
     assert background.differs(image, view, (60, 10, 260, 230)).mean() < 0.01
 
 
@@ -109,7 +109,7 @@ def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object, rn
     background = Background(EgoMotion(LEFT_EYE), 0.3)
     view = turned(3)
     at = (150.0, 120.0)
-    background.moving.update(seen(turned(0), rng, None if is_object else at)[0], turned(0), 0.0, None)
+    background.moving.update(seen(turned(0), rng, None if is_object else at)[0], turned(0), 0.0, ())
     u, v = view.project(view.center + WALL_M * turned(0).rays(at))
     place = (_U - u) ** 2 + (_V - v) ** 2 < RADIUS**2
     image, _ = seen(view, rng, (u, v) if is_object else None)
@@ -128,7 +128,7 @@ def test_the_tracked_object_s_place_is_kept(rng):
         view = turned(24 - k if k > 18 else k)
         u, v = view.project(view.center + WALL_M * direction)
         image, disc = seen(view, rng, (u, v))
-        background.update(image, view, DT * k, (u - RADIUS, v - RADIUS, 2 * RADIUS, 2 * RADIUS))
+        background.update(image, view, DT * k, [(u - RADIUS, v - RADIUS, 2 * RADIUS, 2 * RADIUS)])
     box = (int(u) - 30, int(v) - 30, int(u) + 30, int(v) + 30)
     assert overlap(background.moving.differs(image, view, box), disc[box[1] : box[3], box[0] : box[2]]) > 0.85
 
@@ -149,7 +149,7 @@ def test_what_looks_the_same_half_a_second_later_rests(images, is_object, rng):
     background = MovingBackground(EgoMotion(LEFT_EYE))
     at = (160.0, 120.0)
     for stamp_s, with_disc in images:
-        background.update(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s, None)
+        background.update(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s)
     image, disc = seen(turned(0), rng, at)
     share = background.differs(image, turned(0), WHOLE)[disc].mean()
     assert share > 0.95 if is_object else share < 0.05
@@ -164,7 +164,7 @@ def test_nothing_is_known_before_the_first_image(rng):
         assert not background.is_known
         assert background.differs(image, turned(0), box).all()
         assert not background.evidence(image, turned(0), box).any()
-        background.update(image, turned(0), 0.0, None)
+        background.update(image, turned(0), 0.0)
         assert not background.differs(image, turned(0), box).any()
         background.invalidate()
 
@@ -175,7 +175,7 @@ def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rn
     share = turned(11)
     box = (at[0] - 20, at[1] - 20, 40.0, 40.0)
     for k in (12, 13):
-        background.update(seen(share, rng, at)[0], share, DT * k, box)
+        background.update(seen(share, rng, at)[0], share, DT * k, [] if box is None else [box])
     assert background.is_known(share)
     image, disc = seen(share, rng, at)
     assert (background.evidence(image, share, WHOLE) > 0.5)[disc].mean() > 0.9, "it is still no background"

@@ -103,15 +103,14 @@ def measure_film(film: Film, params: TrackerParams, baselines: bool = False, eac
             if isinstance(result, Track3D):
                 tracks[name].append((result,))
             else:
-                tracks[name].append(getattr(result, "tracks", (result.track,)))
+                tracks[name].append(result.tracks)
             ms[name].append(step_ms)
     scores = {}
     for name in steps:
         judged = film.truths if name == OURS and film.scene.second_ball else film.truths[:1]
         scores[name] = score_of_film(tracks[name], judged, film.awaited_s, each)
         scores[name]["ms_per_pair"] = float(np.median(ms[name]))
-        if film.scene.others or each:
-            scores[name]["false_percent"] = _false_percent(tracks[name], film.truths)
+        scores[name]["false_percent"] = _false_percent([row[:1] for row in tracks[name]], film.truths)
     return scores
 
 
@@ -120,16 +119,17 @@ def score_of_film(
 ) -> Scores:
     """Return the score by the object with the most right frames, or with `each` the fewest.
 
-    An object's track is the one with the most right frames; a track that changes objects is partly wrong.
+    Of several tracks the nearest counts.
     """
     best = []
     for truth in truths:
-        rows = list(zip(tracks, truth, strict=True))
-        places = range(max(1, *map(len, tracks)))
-        by_place = [[row[k] if k < len(row) else Track3D.unknown(at.stamp_s) for row, at in rows] for k in places]
-        scores = [score(track, truth, moves_at_s) for track in by_place]
-        known_percent = max(values["known_percent"] for values in scores)
-        best.append({**max(scores, key=lambda values: values["right_percent"]), "known_percent": known_percent})
+        nearest = [
+            min(known, key=lambda track: float(np.linalg.norm(track.position - at.position)))
+            if (known := [track for track in row if track.is_known])
+            else Track3D.unknown(at.stamp_s)
+            for row, at in zip(tracks, truth, strict=True)
+        ]
+        best.append(score(nearest, truth, moves_at_s))
     return (min if each else max)(best, key=lambda values: values["right_percent"])
 
 
