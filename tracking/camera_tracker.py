@@ -221,13 +221,13 @@ class CameraTracker:
         there is any blob."""
         x, y = prior.center_px.tolist()
         near = (x, y, prior.size_px + 4 * prior.std_px + 3)
-        area_px = math.pi / 4 * (prior.size_px) ** 2
+        area_px = math.pi / 4 * prior.size_px**2
         differs = partial(self.background.differs, camera.image, camera.view)
         blobs = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
         nearest = min(blobs, key=lambda blob: math.dist(blob.center_px.tolist(), (x, y)), default=None)
         if nearest is None:
             return None, False
-        ratio = (self._size_px(nearest) / (prior.size_px)) ** 2
+        ratio = (self._size_px(nearest) / prior.size_px) ** 2
         if not MIN_SCORE <= ratio <= _LARGER_BLOB:
             return None, True
         return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True

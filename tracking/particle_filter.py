@@ -187,16 +187,13 @@ class _Projection:
         self._distance_m = math.dist(p, eye.view.place)
         axes = across(eye.view, p) * rim_radius(prediction.radius_m, self._distance_m)
         center_px = eye.view.project(p)
-        inside, edge, beyond = (eye.view.project(p + points @ axes) - center_px for points in self._plane_points(eye))
+        template = eye.template
+        on_plane = template.inside, template.edge, template.edge + 0.1 * template.outward
+        inside, edge, beyond = (eye.view.project(p + points @ axes) - center_px for points in on_plane)
         outward = beyond - edge
         outward *= BESIDE_PX / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
         contiguous = np.ascontiguousarray
         self._points = contiguous(inside), contiguous(edge - outward), contiguous(edge + outward)
-
-    @staticmethod
-    def _plane_points(eye: Eye) -> tuple[Array, Array, Array]:
-        inside, edge, outward = eye.template
-        return inside, edge, edge + 0.1 * outward
 
     def scores(self, positions: Array, growth: Array) -> tuple[Array, Array]:
         """Scores (n,) of particles at positions (n, 3) whose radius has grown (log, n), and visible shares (n,)."""
