@@ -1,4 +1,4 @@
-"""Tracking of one object in stereo images; `tracking.tracker` joins the parts.
+"""Tracking of objects in stereo images; `tracking.tracker` joins the parts.
 
 This module holds the option names of the command line, to be imported without the tracker's dependencies.
 """
@@ -8,4 +8,5 @@ from typing import Literal
 Mode = Literal["generic", "marker"]
 FollowedBy = Literal["colour", "background", "hue"]
 
+DEFAULT_OBJECTS = 1  # largest number of objects that are followed at a time
 DEFAULT_ORDER = 4  # order of the Kalman filter: position, velocity, acceleration and jerk (R)

@@ -5,6 +5,7 @@
 x′ and P′ are predicted by the filter, and P_k Fᵀ is their cross-covariance with the step before.
 """
 
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -76,23 +77,39 @@ def smooth(steps: Sequence[FilterStep]) -> list[Belief]:
 
 
 def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
-    """Yield a tracker's steps (`params` of its filter) with their tracks smoothed where they are known.
+    """Yield a tracker's steps (`params` of its filter) with each track smoothed by itself where it is known.
 
     The correlated error and its rate, which the track adds to the filter's covariance, stay.  A step is yielded when
-    `LAG` more have been read or its track has ended, so that the memory does not grow with the recording.
+    `LAG` more have been read or its tracks have ended, so that the memory does not grow with the recording.
     """
-    segment: _Segment | None = None
+    segments: dict[int, _Segment] = {}
+    smoothed: defaultdict[int, deque[TrackerStep]] = defaultdict(deque)  # by track, in the order of `waiting`
+    waiting: deque[list[int]] = deque()  # tracks of each step that was not yielded, the attended one first
     for step in steps:
-        if segment is None or not segment.continues_with(step):
-            if segment is not None:
-                yield from segment.pop(len(segment.steps))
-            segment = _Segment(params, step)
-            continue
-        segment.steps.append(step)
-        if len(segment.steps) == 2 * LAG:
-            yield from segment.pop(LAG)
-    if segment is not None:
-        yield from segment.pop(len(segment.steps))
+        objects = {item.track.track_id: item for item in (step, *step.others)}
+        waiting.append(list(objects))
+        for track_id in [*segments]:
+            segment = segments[track_id]
+            if track_id not in objects or not segment.continues_with(objects[track_id]):
+                smoothed[track_id].extend(segments.pop(track_id).pop(len(segment.steps)))
+        for track_id, item in objects.items():
+            if track_id not in segments:
+                segments[track_id] = _Segment(params, item)
+                continue
+            segments[track_id].steps.append(item)
+            if len(segments[track_id].steps) == 2 * LAG:
+                smoothed[track_id].extend(segments[track_id].pop(LAG))
+        yield from _complete(waiting, smoothed)
+    for track_id, segment in segments.items():
+        smoothed[track_id].extend(segment.pop(len(segment.steps)))
+    yield from _complete(waiting, smoothed)
+
+
+def _complete(waiting: deque[list[int]], smoothed: dict[int, deque[TrackerStep]]) -> Iterator[TrackerStep]:
+    """Remove and yield the first steps whose tracks are all smoothed."""
+    while waiting and all(smoothed[track_id] for track_id in waiting[0]):
+        attended, *others = (smoothed[track_id].popleft() for track_id in waiting.popleft())
+        yield replace(attended, others=tuple(others)) if others else attended
 
 
 class _Segment:

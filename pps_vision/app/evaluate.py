@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.tables import COVARIANCE, column_names, covariances, numbers, read_table
+from pps_vision.recordings.tables import COVARIANCE, attended_rows, column_names, covariances, numbers, read_table
 from pps_vision.recordings.text import read_lines
 from pps_vision.types import Array, Mask, Status, Track3D, Truth
 
@@ -56,12 +56,12 @@ class Score:
     unknown: int  # rows of the track without a position: searching, lost, or empty
 
 
-def read_path(file: Path, fps: float | None = None) -> Path3D:
+def read_path(file: Path, fps: float | None = None, track_id: int | None = None) -> Path3D:
     """Read trajectory.csv, truth.csv, another CSV with stamp_s, x_m, y_m and z_m, TUM's form, or Anipose's table of one
     point (in m), whose frames come at `fps` from 0 s on.
 
-    Rows without a position are left out.  InputError for one that cannot be read or has no stamp, or stamps that do not
-    increase.
+    Of several tracks the attended one is read, or the one with the number `track_id`.  Rows without a position are left
+    out.  InputError for one that cannot be read or has no stamp, or stamps that do not increase.
     """
     header = column_names(file)
     anipose = [name.removesuffix("_x") for name in header if name.endswith("_x")] if "fnum" in header else []
@@ -69,6 +69,8 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
     if "stamp_s" in header:
         names = ["stamp_s", "x_m", "y_m", "z_m", *(COVARIANCE if set(COVARIANCE) <= set(header) else ())]
         rows = read_table(file, names)
+        if "track_id" in header:
+            rows = attended_rows(rows) if track_id is None else _rows_of_track(file, rows, track_id)
         if "status" in header:
             status = read_table(file, ["status"])
             searching = {line for line, (value,) in status if value in (Status.SEARCHING, Status.LOST)}
@@ -99,6 +101,15 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
     table = np.array([row for _, row in positions] or np.zeros((0, 4)))
     cov = covariances(table[:, 4:]) if table.shape[1] == 10 else np.full((len(table), 3, 3), np.nan)
     return Path3D(str(file), table[:, 0], table[:, 1:4], cov, len(values) - len(positions), tuple(sorted(missing)))
+
+
+def _rows_of_track(file: Path, rows: list[tuple[int, list[str]]], track_id: int) -> list[tuple[int, list[str]]]:
+    ids = {line: field for line, (field,) in read_table(file, ["track_id"])}
+    chosen = [(line, row) for line, row in rows if ids[line] == str(track_id)]
+    if not chosen:
+        known = ", ".join(sorted(set(ids.values()), key=lambda field: (len(field), field)))
+        raise InputError(file, f"no row of track {track_id}; expected one of {known}")
+    return chosen
 
 
 def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:

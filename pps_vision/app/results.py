@@ -32,6 +32,20 @@ class Size(TypedDict):
     high_95_m: float
 
 
+class TrackNumbers(TypedDict):
+    """Results of one track: the number of its frames by status and of those in which it was attended."""
+
+    track_id: int
+    first_s: float
+    last_s: float
+    attended: int
+    tracking: int
+    coasting: int
+    object: NotRequired[Size]
+    residual_px: float | None
+    errors: NotRequired[Mapping[str, float | None]]
+
+
 class SearchSummary(TypedDict):
     """Counts of the search for the object, and what to try."""
 
@@ -59,6 +73,8 @@ class TrackSummary(TypedDict):
     residual_px: NotRequired[float | None]
     diagnosis: NotRequired[SearchSummary]
     errors: NotRequired[Mapping[str, float | None]]
+    objects: NotRequired[int]  # largest number at a time
+    tracks: NotRequired[list[TrackNumbers]]  # the longest attended first
     smoothed: NotRequired[bool]
     joints: NotRequired[str | None]
     map: NotRequired[str | None]

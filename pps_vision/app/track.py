@@ -1,4 +1,4 @@
-"""Track an object in a recording: `pps_vision.track`, on which `pps-vision track` is built."""
+"""Track the objects in a recording: `pps_vision.track`, on which `pps-vision track` is built."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -16,8 +16,8 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
-from pps_vision.types import Array, StereoFrame
-from tracking import DEFAULT_ORDER, FollowedBy, Mode
+from pps_vision.types import Array, StereoFrame, Track3D
+from tracking import DEFAULT_OBJECTS, DEFAULT_ORDER, FollowedBy, Mode
 from tracking.acquisition import SearchCounts, Stages
 from tracking.kalman import KalmanParams
 from tracking.smoother import smoothed_steps
@@ -26,13 +26,15 @@ from tracking.tracker import Tracker, TrackerParams, TrackerStep
 if TYPE_CHECKING:
     import torch
 
+OBJECTS = range(1, 5)
+"""Numbers of objects that can be followed at a time."""
 _BATCH_PAIRS = 16  # processed together on a device
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class TrackArrays:
-    """Path of the object, one row for each of n stereo pairs; NaN where its position is unknown.
+    """Path of an object, one row for each of n stereo pairs; NaN where its position is unknown.
 
     Attributes:
         stamps_s: (n,) stamps of the pairs.
@@ -41,6 +43,7 @@ class TrackArrays:
         cov: (n, 6, 6) covariance of position and velocity.
         radius_m: (n,) radius of the object.
         status: (n,) "searching", "tracking", "coasting" or "lost".
+        track_id: (n,) number of the track; the attended object may change.
     """
 
     stamps_s: Array
@@ -49,6 +52,7 @@ class TrackArrays:
     cov: Array
     radius_m: Array
     status: NDArray[np.str_]
+    track_id: NDArray[np.int_]
 
 
 class TrackedRecording:
@@ -130,20 +134,44 @@ class TrackedRecording:
         for step in steps:
             stamp_s = step.track.stamp_s
             left, right = next(pair for pair in pairs if 0.5 * (pair[0].stamp_s + pair[1].stamp_s) == stamp_s)
-            residual_px = step.observation.residual_px if step.observation else np.nan
-            yield TrackedPair((left.path, right.path), step.track, step.detections, residual_px)
+            images = left.path, right.path
+            others = tuple(_tracked_pair(images, other) for other in step.others if other.track.is_known)
+            yield _tracked_pair(images, step, others)
 
     def arrays(self, smooth: bool = False) -> TrackArrays:
-        """Track the recording and return its path as arrays; `smooth` as in `path`."""
-        rows = []
-        covs = []
-        status = []
-        for track in (step.track for step in self.path(self, smooth)):
-            rows.append((track.stamp_s, *track.position, *track.velocity, track.radius_m))
-            covs.append(track.cov[:6, :6].copy())
-            status.append(track.status.value)
-        table = np.array(rows)
-        return TrackArrays(table[:, 0], table[:, 1:4], table[:, 4:7], np.array(covs), table[:, 7], np.array(status))
+        """Track the recording and return the path of the attended object as arrays; `smooth` as in `path`."""
+        return _arrays(step.track for step in self.path(self, smooth))
+
+    def arrays_by_track(self, smooth: bool = False) -> dict[int, TrackArrays]:
+        """Track the recording and return the path of each object that was known, by `track_id`; `smooth` as in
+        `path`."""
+        steps = list(self.path(self, smooth))
+        known = [{track.track_id: track for track in step.tracks if track.is_known} for step in steps]
+        return {
+            track_id: _arrays(
+                row.get(track_id, Track3D.unknown(step.track.stamp_s)) for row, step in zip(known, steps, strict=True)
+            )
+            for track_id in sorted({track_id for row in known for track_id in row})
+        }
+
+
+def _tracked_pair(images: tuple[Path, Path], step: TrackerStep, others: tuple[TrackedPair, ...] = ()) -> TrackedPair:
+    residual_px = step.observation.residual_px if step.observation else np.nan
+    return TrackedPair(images, step.track, step.detections, residual_px, others)
+
+
+def _arrays(tracks: Iterable[Track3D]) -> TrackArrays:
+    """One track of each pair as arrays."""
+    rows = []
+    covs = []
+    status = []
+    for track in tracks:
+        rows.append((track.stamp_s, *track.position, *track.velocity, track.radius_m, track.track_id))
+        covs.append(track.cov[:6, :6].copy())
+        status.append(track.status.value)
+    table = np.array(rows)
+    path = table[:, 0], table[:, 1:4], table[:, 4:7], np.array(covs), table[:, 7], np.array(status)
+    return TrackArrays(*path, table[:, 8].astype(int))
 
 
 def track(
@@ -152,45 +180,63 @@ def track(
     order: int | None = None,
     *,
     reduction: int | None = None,
+    objects: int | None = None,
     params: TrackerParams | None = None,
     device: str | None = None,
     seed: int = 0,
 ) -> TrackedRecording:
-    """Track the moving object of a recording in 3D.
+    """Track the moving objects of a recording in 3D.
 
-    `for step in track(recording)` gives one `TrackerStep` for each stereo pair during tracking;
-    `track(recording).arrays()` gives the whole path as arrays.
+    `for step in track(recording)` gives one `TrackerStep` for each stereo pair during tracking: the attended object's,
+    with those of the others; `track(recording).arrays()` gives the whole path of the attended object as arrays,
+    `arrays_by_track()` those of all.
 
     Args:
         recording: A recording, or the folder of an iCub's recording.
         mode: "generic" (default) tracks any moving object, "marker" a green marker.
         order: Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk (default 4).
         reduction: Average each block of this many pixels a side to one before searching (default 1).
+        objects: Largest number of objects followed at a time, 1–4 (default 1).
         params: All parameters of the tracker.
         device: Process batches of frames with torch on this device (cpu, cuda, cuda:1); None: frame by frame, without
             torch.
         seed: Seed of the particles.
 
     Raises:
-        InputError: The recording cannot be read or has no calibration, or `mode`, `order` or `reduction` contradicts
-            `params`.
+        InputError: The recording cannot be read or has no calibration, or `mode`, `order`, `reduction` or `objects`
+            contradicts `params` or is out of range.
     """
-    tracker_parameters = tracker_params(mode, order, reduction, params)
+    tracker_parameters = tracker_params(mode, order, reduction, objects, params)
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
     return TrackedRecording(recording, tracker_parameters, seed, device)
 
 
 def tracker_params(
-    mode: Mode | None, order: int | None = None, reduction: int | None = None, params: TrackerParams | None = None
+    mode: Mode | None,
+    order: int | None = None,
+    reduction: int | None = None,
+    objects: int | None = None,
+    params: TrackerParams | None = None,
 ) -> TrackerParams:
     """Return the tracker's parameters for the options of `track` (None: not given); InputError if one contradicts
     `params` or is out of range."""
+    if objects is not None and objects not in OBJECTS:
+        raise InputError("track", f"{objects} objects; expected {OBJECTS[0]} to {OBJECTS[-1]}")
     if params is None:
-        kalman = KalmanParams.of_order(DEFAULT_ORDER if order is None else order)
-        return TrackerParams(mode=mode or "generic", reduction=1 if reduction is None else reduction, kalman=kalman)
-    for name, value in (("mode", mode), ("order", order), ("reduction", reduction)):
-        in_params = params.kalman.order if name == "order" else getattr(params, name)
+        return TrackerParams(
+            mode=mode or "generic",
+            reduction=1 if reduction is None else reduction,
+            max_objects=DEFAULT_OBJECTS if objects is None else objects,
+            kalman=KalmanParams.of_order(DEFAULT_ORDER if order is None else order),
+        )
+    given = {
+        "mode": (mode, params.mode),
+        "order": (order, params.kalman.order),
+        "reduction": (reduction, params.reduction),
+        "objects": (objects, params.max_objects),
+    }
+    for name, (value, in_params) in given.items():
         if value not in (None, in_params):
             problem = f"{name} {value} contradicts params with {name} {in_params}"
             raise InputError("track", f"{problem}; expected one of the two")

@@ -98,20 +98,24 @@ class TrackFiles:
     def steps(self, numbered: Iterable[tuple[int, StereoFrame, TrackerStep]]) -> Iterator[TrackerStep]:
         """Write the causal results of each pair, and yield its step."""
         for k, (number, frame, step) in enumerate(numbered):
-            for detection in step.detections:
-                self._write_detection(detection_row(number, detection, step.track.status))
+            known = [other for other in step.others if other.track.is_known]
+            for item in (step, *known):
+                for detection in item.detections:
+                    self._write_detection(detection_row(number, detection, item.track))
             if self._view:
                 self._view.add(frame, step)
             self._draw(k, frame, step, self._activation(frame, step))
             yield step
 
     def add(self, pair: TrackedPair) -> None:
-        """Write the next row of the path."""
-        reachability = None
-        if self._extras.reach:
-            reachability = self._extras.reach(self._joints.popleft(), pair.track)
-            self.reached[reachability.status] += 1
-        self._write_track(trajectory_row(pair.track, reachability))
+        """Write the next row of the path, and one for each other known track."""
+        reach = self._extras.reach
+        joints = self._joints.popleft() if reach else None
+        for item in pair.objects:
+            reachability = reach(joints, item.track) if reach and joints is not None else None
+            if reachability and item is pair:
+                self.reached[reachability.status] += 1
+            self._write_track(trajectory_row(item.track, reachability))
         self._write_forms(pair)
 
     def _activation(self, frame: StereoFrame, step: TrackerStep) -> tuple[Activation, Array] | None:

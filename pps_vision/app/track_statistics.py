@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from pps_vision.app.results import Size
+from pps_vision.app.results import Size, TrackNumbers
+from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.types import Array, Status, Track3D, Truth
 from tracking.camera_pose import CameraMotion
 
@@ -113,6 +114,51 @@ class PathStatistics:
             "position_median_mm": 1000 * float(np.median(tracking[:, 0])) if len(tracking) else np.nan,
             "velocity_rms_m_s": _rms(tracking[:, 1]),
         }
+
+
+class TracksStatistics:
+    """Statistics of each known track, by its number."""
+
+    def __init__(self, truth: Sequence[Truth] = ()) -> None:
+        self._truth = truth
+        self._tracks: dict[int, PathStatistics] = {}
+        self._stamps_s: dict[int, tuple[float, float]] = {}  # of the first and the last frame of each track
+        self._attended = Counter[int]()
+
+    def add(self, pair: TrackedPair) -> None:
+        """Add the known tracks of the next pair."""
+        for item in pair.objects:
+            track = item.track
+            if not track.is_known:
+                continue
+            if track.track_id not in self._tracks:
+                self._tracks[track.track_id] = PathStatistics(self._truth)
+            self._tracks[track.track_id].add(track, item.residual_px)
+            first_s, _ = self._stamps_s.get(track.track_id, (track.stamp_s, 0.0))
+            self._stamps_s[track.track_id] = first_s, track.stamp_s
+            self._attended[track.track_id] += item is pair
+
+    def summary(self) -> list[TrackNumbers]:
+        """Return the results of every track, the longest attended first."""
+        return [self._numbers(track_id) for track_id, _ in self._attended.most_common()]
+
+    def _numbers(self, track_id: int) -> TrackNumbers:
+        path = self._tracks[track_id]
+        first_s, last_s = self._stamps_s[track_id]
+        numbers: TrackNumbers = {
+            "track_id": track_id,
+            "first_s": first_s,
+            "last_s": last_s,
+            "attended": self._attended[track_id],
+            "tracking": path.status[Status.TRACKING],
+            "coasting": path.status[Status.COASTING],
+            "residual_px": path.residual_px,
+        }
+        if path.tracked_share:
+            numbers["object"] = path.size()
+        if self._truth:
+            numbers["errors"] = path.errors()
+        return numbers
 
 
 def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:

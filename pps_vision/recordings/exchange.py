@@ -4,11 +4,11 @@
 |---|---|---|
 | tum | trajectory.tum | `stamp x y z 0 0 0 1` of every known position, s and m |
 | anipose | trajectory_anipose.csv | a row for every pair, m; `fnum` counts them from 0 |
-| mot | mot_left.txt, mot_right.txt | boxes; frames and pixels count from 1 |
-| coco | coco.json | images, boxes with score, frame and track; pixels count from 0 |
+| mot | mot_left.txt, mot_right.txt | boxes with `track_id`; frames and pixels count from 1 |
+| coco | coco.json | images, boxes with score, frame and `track_id`; pixels count from 0 |
 | ros2 | trajectory_ros2/ (MCAP) | geometry_msgs/PoseWithCovarianceStamped of every known position on /object |
 
-Tracks are numbered: after an object was lost, the next one is another.
+Positions are those of the attended object, boxes those of all objects.
 """
 
 import json
@@ -27,7 +27,7 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from pps_vision.recordings.tables import Box, open_table
-from pps_vision.types import Array, Detection2D, Status, Track3D
+from pps_vision.types import Array, Detection2D, Track3D
 
 _POINT = "object"  # name of the object in Anipose's columns and COCO's category
 _ANIPOSE = (
@@ -42,12 +42,18 @@ _CAMERAS = "left", "right"
 
 @dataclass(frozen=True, slots=True)
 class TrackedPair:
-    """Result of tracking for one stereo pair."""
+    """Result of tracking for one stereo pair: the attended object's, and those of the other known objects."""
 
     images: tuple[Path, Path]  # files of the left and the right image
     track: Track3D
     detections: tuple[Detection2D, ...]  # in either image
     residual_px: float = np.nan  # RMS reprojection error of the two detections; NaN without both
+    others: tuple["TrackedPair", ...] = ()
+
+    @property
+    def objects(self) -> tuple["TrackedPair", ...]:
+        """The attended object and the others."""
+        return self, *self.others
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,24 +66,21 @@ class SeenBox:
     score: float
 
 
-_Add = Callable[[TrackedPair, int, int], object]
-"""Add a pair, its frame, counted from 1, and the number of its track."""
+_Add = Callable[[TrackedPair, int], object]
+"""Add a pair and its frame, counted from 1."""
 
 
 @contextmanager
 def open_forms(folder: Path, forms: Iterable[Form], size: tuple[int, int]) -> Iterator[Callable[[TrackedPair], None]]:
     """A function that adds the next pair to the files of these forms in a folder; `size` is width and height."""
     frames = count(1)
-    track = 1
     with ExitStack() as stack:
         adds: list[_Add] = [stack.enter_context(_WRITERS[form](folder, size)) for form in dict.fromkeys(forms)]
 
         def add(pair: TrackedPair) -> None:
-            nonlocal track
             frame = next(frames)
             for write in adds:
-                write(pair, frame, track)
-            track += pair.track.status == Status.LOST
+                write(pair, frame)
 
         yield add
 
@@ -87,7 +90,7 @@ def _tum(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     """TUM's form, "stamp x y z qx qy qz qw", of the known positions; a tracked point has no rotation."""
     with (folder / "trajectory.tum").open("w") as stream:
         stream.write(_TUM_HEADER)
-        yield lambda pair, *_: pair.track.is_known and stream.write(_tum_row(pair.track.stamp_s, pair.track.position))
+        yield lambda pair, _: pair.track.is_known and stream.write(_tum_row(pair.track.stamp_s, pair.track.position))
 
 
 def write_tum_rows(file: Path, stamps_s: Iterable[float], positions: Iterable[Array]) -> None:
@@ -104,7 +107,7 @@ def _anipose(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     """The table that Anipose's triangulation makes, with one point "object"; score is that of the worse image."""
     with open_table(folder / "trajectory_anipose.csv", _ANIPOSE) as write:
 
-        def add(pair: TrackedPair, frame: int, _: int) -> None:
+        def add(pair: TrackedPair, frame: int) -> None:
             detections = pair.detections if pair.track.is_known else ()
             score = min((float(detection.score) for detection in detections), default=0.0)
             row = (*pair.track.position, pair.residual_px, len(detections), score)
@@ -129,7 +132,7 @@ def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     with Writer(bag_folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         connection = bag.add_connection(f"/{_POINT}", kind, typestore=store)
 
-        def add(pair: TrackedPair, *_: int) -> None:
+        def add(pair: TrackedPair, _: int) -> None:
             if not pair.track.is_known:
                 return
             nanoseconds = round(1e9 * pair.track.stamp_s)
@@ -149,9 +152,9 @@ def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     with ExitStack() as stack:
         files = {camera: stack.enter_context((folder / f"mot_{camera}.txt").open("w")) for camera in _CAMERAS}
 
-        def add(pair: TrackedPair, frame: int, track: int) -> None:
+        def add(pair: TrackedPair, frame: int) -> None:
             for camera, file in files.items():
-                file.writelines(map(_mot_row, _boxes(pair, frame, track, camera)))
+                file.writelines(map(_mot_row, _boxes(pair, frame, camera)))
 
         yield add
 
@@ -160,16 +163,21 @@ def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
 def _coco(folder: Path, size: tuple[int, int]) -> Iterator[_Add]:
     with open_coco(folder / "coco.json", size) as add_image:
 
-        def add(pair: TrackedPair, frame: int, track: int) -> None:
+        def add(pair: TrackedPair, frame: int) -> None:
             for camera, image in zip(_CAMERAS, pair.images, strict=True):
-                add_image(camera, frame, image, _boxes(pair, frame, track, camera))
+                add_image(camera, frame, image, _boxes(pair, frame, camera))
 
         yield add
 
 
-def _boxes(pair: TrackedPair, frame: int, track: int, camera: str) -> list[SeenBox]:
-    """The boxes of one camera's detections."""
-    return [SeenBox(frame, track, item.box_px, item.score) for item in pair.detections if item.camera == camera]
+def _boxes(pair: TrackedPair, frame: int, camera: str) -> list[SeenBox]:
+    """The boxes of one camera's detections of all objects."""
+    return [
+        SeenBox(frame, item.track.track_id, detection.box_px, detection.score)
+        for item in pair.objects
+        for detection in item.detections
+        if detection.camera == camera
+    ]
 
 
 _WRITERS: Mapping[Form, Callable[[Path, tuple[int, int]], AbstractContextManager[_Add]]]

@@ -18,16 +18,19 @@ import numpy as np
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.text import finite, first_row, number, read_lines
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.types import Array, Detection2D, Reachability, Status, Track3D, Truth
+from pps_vision.types import Array, Detection2D, Reachability, Track3D, Truth
 
 Box = tuple[float, float, float, float]
 """x, y of the top-left corner, width, height, px."""
 
-DETECTIONS = ("frame", "stamp_s", "camera", "u_px", "v_px", "cov_uu_px2", "cov_uv_px2", "cov_vv_px2", "score", "status")
+DETECTIONS = (
+    *("frame", "stamp_s", "camera", "u_px", "v_px", "cov_uu_px2", "cov_uv_px2", "cov_vv_px2", "score", "status"),
+    "track_id",
+)
 COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
 TRAJECTORY = (
     *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, "radius_m", "status"),
-    *("sigma_x_m", "sigma_y_m", "sigma_z_m", "radius_95_m"),
+    *("sigma_x_m", "sigma_y_m", "sigma_z_m", "radius_95_m", "track_id"),
 )
 GAZE = ("yaw_deg", "pitch_deg", "vergence_deg")
 REACHABILITY = (*(f"gaze_{name}" for name in GAZE), "reach_probability", "reach_degree", "reach_status")
@@ -112,10 +115,11 @@ def covariances(fields: Array) -> Array:
     return np.asarray(fields[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])
 
 
-def detection_row(frame: int, detection: Detection2D, status: Status) -> tuple[object, ...]:
-    """A row of `DETECTIONS`: number of the frame, detection in one image, and status of the tracker."""
+def detection_row(frame: int, detection: Detection2D, track: Track3D) -> tuple[object, ...]:
+    """A row of `DETECTIONS`: number of the frame, detection in one image, status and number of its track."""
     cov = detection.cov_px[np.triu_indices(2)]
-    return (frame, detection.stamp_s, detection.camera, *detection.center_px, *cov, detection.score, status)
+    place = (*detection.center_px, *cov, detection.score)
+    return (frame, detection.stamp_s, detection.camera, *place, track.status, track.track_id)
 
 
 def trajectory_row(track: Track3D, reach: Reachability | None = None) -> tuple[object, ...]:
@@ -126,8 +130,14 @@ def trajectory_row(track: Track3D, reach: Reachability | None = None) -> tuple[o
     cov = track.cov[:3, :3]
     radius_95 = np.sqrt(CHI2_95 * np.linalg.eigvalsh(cov)[-1]) if np.isfinite(cov).all() else np.nan
     state = (track.stamp_s, *track.position, *track.velocity, *cov[np.triu_indices(3)], track.radius_m, track.status)
-    row = (*state, *np.sqrt(np.diag(cov)), radius_95)
+    row = (*state, *np.sqrt(np.diag(cov)), radius_95, track.track_id)
     return row if reach is None else (*row, *np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status)
+
+
+def attended_rows(rows: Sequence[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """The first row of each pair, which is that of the attended object, of rows that begin with their stamp."""
+    stamps = ["", *(fields[0] for _, fields in rows)]
+    return [row for row, last in zip(rows, stamps, strict=False) if not last or row[1][0] != last]
 
 
 def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:

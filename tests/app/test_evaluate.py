@@ -169,6 +169,26 @@ def test_the_command(tmp_path, capsys):
     assert lines[1].split()[:4] == [files[0], "400", "2", "2"]
 
 
+def test_of_several_tracks_the_attended_one_or_that_with_a_number_is_scored(tmp_path, capsys, refused):
+    """Another object 5 mm off, attended from the middle on; without a number of its track a file is read whole."""
+    others = [
+        track_at(track.position + np.array([0.003, 0, 0]), stamp_s=track.stamp_s, track_id=2) for track in tracks()[1:]
+    ]
+    rows = [tracks()[0]]
+    for k, (track, other) in enumerate(zip(tracks()[1:], others, strict=True)):
+        rows += [track, other] if k < 200 else [other, track]
+    write_table(tmp_path / "ours.csv", TRAJECTORY, map(trajectory_row, rows))
+    np.savetxt(tmp_path / "truth.tum", np.c_[STAMPS, curve(STAMPS), np.tile([0, 0, 0, 1.0], (400, 1))], "%.9f")
+    files = [str(tmp_path / name) for name in ("ours.csv", "truth.tum")]
+    scores = []
+    for options in ([], ["--track-id", "1"], ["--track-id", "2"]):
+        main(["evaluate", *files, "--json", *options])
+        (score,) = json.loads(capsys.readouterr().out)
+        scores.append((round(score["rmse_mm"], 3), score["rows"]))
+    assert scores == [(round(14.5**0.5, 3), 401), (2.0, 400), (5.0, 400)]
+    assert "ours.csv: no row of track 9; expected one of 0, 1, 2" in refused("evaluate", *files, "--track-id", "9")
+
+
 def test_rows_without_a_position_are_counted(tmp_path, capsys):
     """Except for rows with the status searching."""
     rows = [[str(0.1 * k), "0.1", "0.2", "0.3", "tracking"] for k in range(6)]

@@ -53,7 +53,7 @@ def write_results(folder: Path) -> Path:
             detection = Detection2D(
                 t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9)
             )
-            detections.append((k, detection, tracks[-1].status))
+            detections.append((k, detection, tracks[-1]))
     write_table(folder / "trajectory.csv", TRAJECTORY + REACHABILITY, map(trajectory_row, tracks, reach))
     rows = ((item.stamp_s, *item.probability) for item in felt)
     write_table(folder / "activation.csv", ("stamp_s", *felt[0].taxel_ids), rows)

@@ -30,7 +30,7 @@ def detection(camera: str, k: int) -> Detection2D:
 
 @pytest.fixture
 def pairs() -> list[TrackedPair]:
-    """Nothing in the first pair; lost in the sixth; another track afterwards."""
+    """Nothing in the first pair; lost in the sixth; another track afterwards, beside it a third one in the last."""
     pairs_made = []
     for k in range(N):
         stamp_s = 1403636579.75 + 0.05 * k
@@ -39,8 +39,10 @@ def pairs() -> list[TrackedPair]:
             track = Track3D.unknown(stamp_s, Status.LOST if k == 5 else Status.SEARCHING)
             pairs_made.append(TrackedPair(images, track, ()))
             continue
-        track = track_at((0.1 * np.sin(k), 0.02 * k, 0.5), stamp_s=stamp_s)
-        pairs_made.append(TrackedPair(images, track, (detection("left", k), detection("right", k)), 0.25))
+        track = track_at((0.1 * np.sin(k), 0.02 * k, 0.5), stamp_s=stamp_s, track_id=1 if k < 5 else 2)
+        other = TrackedPair(images, track_at((0, 0, 0.8), stamp_s=stamp_s, track_id=3), (detection("left", k + 99),))
+        detections = detection("left", k), detection("right", k)
+        pairs_made.append(TrackedPair(images, track, detections, 0.25, (other,) if k == N - 1 else ()))
     return pairs_made
 
 
@@ -87,8 +89,10 @@ def test_motmetrics_reads_mot(tmp_path, pairs):
     write(tmp_path, "mot", pairs)
     for camera, height in (("left", 6.0), ("right", 7.0)):
         read = motmetrics.io.loadtxt(str(tmp_path / f"mot_{camera}.txt"), fmt="mot15-2D")  # counts pixels from 0
-        assert read.index.tolist() == [(k + 1, 1 if k < 5 else 2) for k in range(N) if k not in (0, 5)]
-        boxes = [[10.0 + k, 20.5, 8.0, height] for k in range(N) if k not in (0, 5)]
+        others = [(N, 3)] if camera == "left" else []
+        assert read.index.tolist() == [(k + 1, 1 if k < 5 else 2) for k in range(N) if k not in (0, 5)] + others
+        places = [k for k in range(N) if k not in (0, 5)] + [N - 1 + 99 for _ in others]
+        boxes = [[10.0 + k, 20.5, 8.0, height] for k in places]
         np.testing.assert_allclose(read[["X", "Y", "Width", "Height"]], boxes)
 
 
@@ -98,14 +102,15 @@ def test_pycocotools_reads_coco(tmp_path, pairs):
     assert read.dataset["info"] == {"description": f"pps-vision {version('pps-vision')}"}
     assert len(read.getImgIds()) == 2 * N
     assert len(read.getAnnIds(catIds=read.getCatIds())) == len(read.getAnnIds()), "all are of the named category"
-    assert sorted(read.getAnnIds()) == list(range(1, 2 * (N - 2) + 1)), "COCO's evaluation takes 0 for no match"
+    assert sorted(read.getAnnIds()) == list(range(1, 2 * (N - 2) + 2)), "COCO's evaluation takes 0 for no match"
     for annotation in read.loadAnns(read.getAnnIds()):
         (image,) = read.loadImgs([annotation["image_id"]])
         k = image["frame_id"] - 1
         assert image["file_name"] == f"{image['camera']}/{k}.png"
+        k += 99 * (annotation["track_id"] == 3)
         assert annotation["bbox"] == [10.0 + k, 20.5, 8.0, height := 6.0 + (image["camera"] == "right")]
         assert annotation["area"] == 8 * height
-        assert annotation["track_id"] == (1 if k < 5 else 2)
+        assert annotation["track_id"] == (1 if k < 5 else 2 if k < N else 3)
         assert annotation["iscrowd"] == 0, "an object, not a crowd"
         assert read.annToMask(annotation | {"segmentation": [[0, 0, 4, 0, 4, 4, 0, 4]]}).shape == (240, 320)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from tracks import track_at
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.atomic_write import write_json
@@ -49,12 +50,12 @@ def test_detections(tmp_path):
     detection = Detection2D(
         1512784563.547172, "right", np.array([1 / 3, 2.0]), np.array([[4.0, 5], [5, 6]]), 0.5, 0.1, (0, 0, 1, 1)
     )
-    write_table(file, DETECTIONS, [detection_row(8, detection, Status.TRACKING)])
+    write_table(file, DETECTIONS, [detection_row(8, detection, track_at((0, 0, 1), track_id=3))])
     assert file.read_text().splitlines()[0] == (
-        "frame,stamp_s,camera,u_px,v_px,cov_uu_px2,cov_uv_px2,cov_vv_px2,score,status"
+        "frame,stamp_s,camera,u_px,v_px,cov_uu_px2,cov_uv_px2,cov_vv_px2,score,status,track_id"
     )
     (row,) = rows_of(file)
-    assert (row["frame"], row["camera"], row["status"]) == ("8", "right", "tracking")
+    assert (row["frame"], row["camera"], row["status"], row["track_id"]) == ("8", "right", "tracking", "3")
     assert (float(row["stamp_s"]), float(row["u_px"]), float(row["v_px"])) == (1512784563.547172, 1 / 3, 2)
     assert (float(row["cov_uu_px2"]), float(row["cov_uv_px2"]), float(row["cov_vv_px2"])) == (4, 5, 6)
 
@@ -63,16 +64,16 @@ def test_trajectory(tmp_path):
     file = tmp_path / "trajectory.csv"
     cov = np.zeros((12, 12))
     cov[:3, :3] = [[1, 2, 3], [2, 4, 5], [3, 5, 6]]
-    track = Track3D(0.5, np.arange(12.0).reshape(4, 3), cov, 0.03, 1e-6, Status.COASTING)
+    track = Track3D(0.5, np.arange(12.0).reshape(4, 3), cov, 0.03, 1e-6, Status.COASTING, track_id=7)
     write_table(file, TRAJECTORY, map(trajectory_row, [Track3D.unknown(0.0), track]))
     assert file.read_text().splitlines()[0] == (
         "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,"
         "cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status,"
-        "sigma_x_m,sigma_y_m,sigma_z_m,radius_95_m"
+        "sigma_x_m,sigma_y_m,sigma_z_m,radius_95_m,track_id"
     )
     nothing, row = rows_of(file)
     assert nothing["x_m"] == nothing["cov_zz_m2"] == nothing["radius_m"] == ""
-    assert nothing["status"] == "searching"
+    assert (nothing["status"], row["track_id"]) == ("searching", "7")
     assert [float(row[key]) for key in ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")] == [0, 1, 2, 3, 4, 5]
     assert [float(row[f"cov_{key}_m2"]) for key in ("xx", "xy", "xz", "yy", "yz", "zz")] == [1, 2, 3, 4, 5, 6]
     assert [float(row[f"sigma_{axis}_m"]) for axis in "xyz"] == pytest.approx(np.sqrt([1, 4, 6]))

@@ -173,6 +173,26 @@ def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng):
             np.testing.assert_array_equal(step.track.cov, expected.track.cov)
 
 
+def test_each_of_several_tracks_is_smoothed_by_itself(rng):
+    """The second begins later and is attended in between; both are as if they had been alone."""
+    paths = {1: _steps(rng), 2: _steps(rng)}
+    for track_id, steps in paths.items():
+        paths[track_id] = [replace(step, track=replace(step.track, track_id=track_id)) for step in steps]
+    late = 7
+    together = paths[1][:late]
+    for k, (first, second) in enumerate(zip(paths[1][late:], paths[2], strict=False)):
+        attended, other = (second, first) if 10 <= k < 20 else (first, second)
+        together.append(replace(attended, others=(other,)))
+    together += paths[2][len(paths[1]) - late :]
+    smoothed = list(smoothed_steps(KalmanParams(), together))
+    assert [[t.track_id for t in s.tracks] for s in smoothed] == [[t.track_id for t in s.tracks] for s in together]
+    for track_id, steps in paths.items():
+        of_track = [track for step in smoothed for track in step.tracks if track.track_id == track_id]
+        for track, alone in zip(of_track, smoothed_steps(KalmanParams(), steps), strict=True):
+            np.testing.assert_array_equal(track.mean, alone.track.mean)
+            np.testing.assert_array_equal(track.cov, alone.track.cov)
+
+
 def test_what_a_track_says_beyond_its_filter_is_still_said(rng):
     """Added to every track's position it is added to every smoothed one's; where a track says less than the filter
     that is run again (its own had begun anew), only the error that its measurements share comes on top."""

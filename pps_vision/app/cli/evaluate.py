@@ -37,6 +37,8 @@ class Evaluate:
     """Rotate and shift each path onto the truth first: for another root frame."""
     fps: float | None = None
     """Frames per second of Anipose's tables."""
+    track_id: int | None = None
+    """Number of the track to score where trajectory.csv holds several; default: the attended one of each pair."""
     json: bool = False
     """Print JSON instead."""
     figure: Path | None = None
@@ -76,7 +78,9 @@ class Evaluate:
             return [asdict(evaluate_boxes(track, truth)) for track in tracks], lambda: box_curves(tracks, truth)
         from pps_vision.app.evaluate import evaluate, path_errors, read_path
 
-        *paths, true_path = (read_path(file, self.fps) for file in self.files)
+        *files, true_file = self.files
+        paths = [read_path(file, self.fps, self.track_id) for file in files]
+        true_path = read_path(true_file, self.fps)
         for path in (*paths, true_path):
             if n := len(path.missing):
                 lines = f"{'from ' * (n > 1)}line {path.missing[0]}"

@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import MAX_SKEW_S, Form
-from tracking import DEFAULT_ORDER, Mode
+from tracking import DEFAULT_OBJECTS, DEFAULT_ORDER, Mode
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording
@@ -74,6 +74,9 @@ class TrackOptions:
     reduction: int = 1
     """Average each block of this many pixels a side to one before searching: about half the time in large images at 2,
     for two to three times the error."""
+    objects: int = DEFAULT_OBJECTS
+    """Largest number of objects followed at a time, up to 4.  Results are those of the attended object first: the one
+    most likely to be touched by --memory, else the soonest to reach the cameras, else the nearest that moves."""
     device: str | None = None
     """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
     frame, without torch."""
@@ -81,8 +84,8 @@ class TrackOptions:
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; video, view and activation.csv show the causal track."""
     also: tuple[Form, ...] = ()
-    """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images), ros2
-    (a bag; extra `ros`)."""
+    """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes of all objects in the
+    images), ros2 (a bag; extra `ros`)."""
     video: bool = False
     """Also write overlay.mp4."""
     viewer: bool = False

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Track(TrackOptions, SourceOptions):
-    """Follow a moving object (or a green marker) in both eyes and write its 3D path.
+    """Follow moving objects (or a green marker) in both eyes and write their 3D paths.
 
     Either a recording REC (of an iCub, EuRoC, KITTI, or a side-by-side video), or --left, --right and --calib for any
     stereo images or videos; the root frame is the left camera's where there is no robot.
@@ -34,9 +34,9 @@ class Track(TrackOptions, SourceOptions):
 
         from pps_vision.app.progress import progress
         from pps_vision.app.report.tracking import write_report
-        from pps_vision.app.track import track
+        from pps_vision.app.track import track, tracker_params
         from pps_vision.app.track_files import Extras, TrackFiles, diagnosis_of, headline, summary
-        from pps_vision.app.track_statistics import PathStatistics
+        from pps_vision.app.track_statistics import PathStatistics, TracksStatistics
         from pps_vision.app.versions import versions
         from pps_vision.recordings.atomic_write import whole_folder, write_json
         from pps_vision.types import ReachStatus
@@ -46,18 +46,23 @@ class Track(TrackOptions, SourceOptions):
             recording = self.open()
             has_robot = recording.robot is not None
             self._check_robot_options(has_robot, "without a robot; expected it with an iCub's REC")
-            run = track(recording, self.mode, self.order, reduction=self.reduction, device=self.device, seed=self.seed)
+            params = tracker_params(self.mode, self.order, self.reduction, self.objects)
+            run = track(recording, params=params, device=self.device, seed=self.seed)
             reach = self._reach(recording)
             extras = Extras(self.also, self.video, self.viewer, self.report, reach, self._activation(recording))
             statistics = PathStatistics(recording.truth)
+            tracks = TracksStatistics(recording.truth)
             with TrackFiles(folder, run, extras) as files:
                 numbered = run.numbered(lambda line: tqdm.write(f"warning: {line}", file=sys.stderr))
                 steps = files.steps(progress(numbered, total=len(run), desc="track", unit="pair"))
                 for pair in run.tracked_pairs(run.path(steps, self.smooth)):
                     statistics.add(pair.track, pair.residual_px)
+                    tracks.add(pair)
                     files.add(pair)
             diagnosis = diagnosis_of(run, statistics)
             content = summary(run, statistics, diagnosis)
+            content["objects"] = self.objects
+            content["tracks"] = tracks.summary()
             content["smoothed"] = self.smooth
             content["joints"] = str(self.joints) if self.joints else None
             content["map"] = str(self.map) if self.map else None

@@ -14,7 +14,15 @@ from pps_vision.app.report.path3d import PATH_SCRIPT, distance_and_ttc_of_origin
 from pps_vision.app.results import BatchSummary, TrackSummary, read_result, read_track_summary
 from pps_vision.errors import InputError
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
-from pps_vision.recordings.tables import ACTIVATION, COVARIANCE, column_names, covariances, numbers, read_table
+from pps_vision.recordings.tables import (
+    ACTIVATION,
+    COVARIANCE,
+    attended_rows,
+    column_names,
+    covariances,
+    numbers,
+    read_table,
+)
 from pps_vision.recordings.yarp_text import STAMP_LIMIT_S
 from pps_vision.types import Array, Status
 
@@ -66,7 +74,7 @@ def _read_tracked(folder: Path, source: Path) -> Tracked:
     file = folder / "trajectory.csv"
     with_map = ["reach_degree"] if "reach_degree" in column_names(file) else []
     columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map]
-    rows = read_table(file, [*columns, "status"])
+    rows = attended_rows(read_table(file, [*columns, "status"]))
     if not rows:
         raise InputError(file, "has no rows; expected one for each pair of images")
     values = _numbers(file, rows, len(columns))
