@@ -139,9 +139,8 @@ def drawn(scene: SimulationScene, row: SimulationStep, title: str) -> Image:
     if (reach := row.step.reachability) is not None:
         degree = f" (R {reach.degree:.2f})" if np.isfinite(reach.degree) else ""
         captions.append(f"left hand: {reach.status.value}{degree}")
-    tracking = row.step.tracking
     view = scene.rig.view_of(row.frame)
-    pair = draw_pair(row.frame, view, tracking.track, tracking.detections, row.taxels, activation.probability, captions)
+    pair = draw_pair(row.frame, view, row.step.tracking, row.taxels, activation.probability, captions)
     left, right = np.split(pair, 2, axis=1)
     image = left.copy()
     inset = cv2.resize(right, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)

@@ -140,7 +140,7 @@ class TrackFiles:
             return
         skin = (activation[1], activation[0].probability) if activation else ()
         view = self._run.recording.calibrated().view_of(frame)
-        picture = draw_pair(frame, view, step.track, step.detections, *skin)
+        picture = draw_pair(frame, view, step, *skin)
         if self._extras.video:
             self._film.add(picture)
         if is_key_frame:

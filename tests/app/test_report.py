@@ -34,7 +34,7 @@ def test_a_report_shows_what_the_files_hold(tmp_path):
     assert "<td>reach: reachable</td><td>40</td>" in text
     assert "pps-vision track rec --seed 3 --out out" in text
     track, truth = lines_of_path(text)
-    assert (track[0], len(track), len(truth)) == (None, 40, 40)
+    assert (track[19], len(track), len(truth)) == (None, 39, 40)  # from the second pair on, lost in the 21st
     assert not re.search(r'(src|href)="(?!data:)', text)
     assert not re.search(r"https?://|@import|url\(", text)
     (folder / "activation.csv").unlink()

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from laboratory import write
 
 import pps_vision as pv
 from pps_vision.app.cli import main
+from pps_vision.app.report.colors import track_hex
 from pps_vision.geometry.camera import Camera, StereoRig
 from tracking.tracker import Tracker, TrackerParams
 
@@ -60,7 +62,7 @@ def place_of(row: dict[str, str]) -> list[float]:
 
 
 def test_two_objects_are_two_tracks_each_near_its_truth(film, tmp_path):
-    rows = track(film, tmp_path / "out", "--objects", "2", "--also", "mot", "--smooth")
+    rows = track(film, tmp_path / "out", "--objects", "2", "--also", "mot", "--smooth", "--report")
     stamps = [float(row["stamp_s"]) for row in rows]
     assert sorted(set(stamps)) == pytest.approx(np.arange(N) / FPS)
     known = [row for row in rows if row["x_m"]]
@@ -87,6 +89,10 @@ def test_two_objects_are_two_tracks_each_near_its_truth(film, tmp_path):
         map(len, errors_mm.values())
     )
     assert [by_id[track_id]["attended"] for track_id in ids] == [attended.count(track_id) for track_id in ids]
+    page = (tmp_path / "out" / "report.html").read_text()
+    lines = json.loads(re.search(r'id="path-data">(.*?)</script>', page)[1])["lines"]
+    assert {line["color"] for line in lines if line["width"] > 1} == {track_hex(track_id) for track_id in ids}
+    assert f"<td>track {ids[1]}: pairs, attended</td>" in page
     diameters = [by_id[track_id]["object"]["diameter_m"] for track_id in ids]
     assert diameters == pytest.approx([0.08, 0.1], rel=0.05)
 

@@ -17,6 +17,7 @@ from tracking.tracker import TrackerStep
 
 N = 6
 START_S = 1403636579.75
+OTHER = (1.0, 0.0, 2.0)
 COV = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.2], [0.5, -0.2, 9.0]]) * 1e-6
 CHI2_95 = 7.814727903251179  # of 3 degrees of freedom
 
@@ -26,7 +27,8 @@ def position(k: int) -> np.ndarray:
 
 
 def step(k: int) -> TrackerStep:
-    """Lost in the third frame; otherwise approaching the origin at 0.5 m/s, detected by the left eye."""
+    """Lost in the third frame; otherwise approaching the origin at 0.5 m/s, detected by the left eye; in the last frame
+    beside another track at rest."""
     stamp_s = START_S + 0.05 * k
     if k == 2:
         return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, np.zeros(3))
@@ -34,7 +36,8 @@ def step(k: int) -> TrackerStep:
     cov[:3, :3] = COV
     track = track_at(position(k), -0.5 * position(k) / np.linalg.norm(position(k)), stamp_s, cov)
     detection = Detection2D(stamp_s, "left", np.array([10.5 + k, 20.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))
-    return TrackerStep(track, (detection,), None, np.zeros(3))
+    other = TrackerStep(track_at(OTHER, stamp_s=stamp_s, track_id=2), (), None, np.zeros(3))
+    return TrackerStep(track, (detection,), None, np.zeros(3), others=(other,) if k == N - 1 else ())
 
 
 @pytest.fixture
@@ -76,8 +79,11 @@ def test_a_view_holds_what_was_tracked(entities):
     distance = [row["scalars"][0] for row in entities["/distance"]]
     np.testing.assert_allclose(distance, [np.hypot(0.3, 0.4 + 0.1 * k) for k in tracked])
     np.testing.assert_allclose([row["scalars"][0] for row in entities["/time_to_contact"]], np.array(distance) / 0.5)
+    np.testing.assert_allclose([row["centers"] for row in ellipsoids][-1], [position(N - 1), OTHER], rtol=1e-6)
+    assert ellipsoids[-1]["labels"] == ["1 (attended)", "2"]
+    assert len(set(ellipsoids[-1]["colors"])) == 2
     (path,), (truth,) = entities["/path"], entities["/truth"]
-    assert [len(strip) for strip in path["strips"]] == [2, 3]
+    assert [len(strip) for strip in path["strips"]] == [2, 3, 1]
     np.testing.assert_allclose(truth["strips"], [[[1, 2, 3], [1, 1, 1]]])
 
 

@@ -10,8 +10,10 @@ import numpy as np
 import PIL.Image
 from numpy.typing import ArrayLike
 
-from pps_vision.geometry.camera import StereoView
-from pps_vision.types import Array, Detection2D, Image, Status, StereoFrame, Track3D
+from pps_vision.app.report.colors import track_rgb
+from pps_vision.geometry.camera import StereoView, View
+from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
+from tracking.tracker import TrackerStep
 
 _STATUS_RGB = {
     Status.SEARCHING: (200, 200, 200),
@@ -65,15 +67,15 @@ def save_png(file: Path, image: Image) -> None:
 def draw_pair(
     frame: StereoFrame,
     view: StereoView,
-    track: Track3D,
-    detections: Sequence[Detection2D] = (),
+    step: TrackerStep,
     taxels_root: Array | None = None,
     activations: Array | None = None,
     captions: Sequence[str] = (),
 ) -> Image:
-    """Both eyes side by side, small images enlarged: the detection (ring), the track (cross), taxels by activation."""
+    """Both eyes side by side, small images enlarged: detections (rings, the attended object's thick) and tracks
+    (crosses) in the colours of their numbers, taxels by activation."""
     scale = 2 if frame.left.shape[1] <= _SMALL else 1
-    color = _STATUS_RGB[track.status]
+    objects = step, *(other for other in step.others if other.track.is_known)
     sides: list[Image] = []
     for name, image, eye in (("left", frame.left, view.left), ("right", frame.right, view.right)):
         size = (image.shape[1] * scale, image.shape[0] * scale)
@@ -83,22 +85,32 @@ def draw_pair(
                 if eye.camera.contains(pixel):  # the larger and the redder, the likelier a touch
                     radius = round(scale * (1.2 + 3 * float(np.clip(a, 0, 1))) * 2**_SHIFT)
                     cv2.circle(canvas, _at(pixel, scale), radius, _taxel_rgb(float(a)), -1, cv2.LINE_AA, _SHIFT)
-        for detection in detections:
-            if detection.camera == name and np.all(np.isfinite(detection.center_px)):
-                radius = round(eye.camera.focal_px * np.tan(detection.angular_radius_rad) * scale * 2**_SHIFT)
-                if 0 < radius < 2**20:
-                    cv2.circle(canvas, _at(detection.center_px, scale), radius, color, 2, cv2.LINE_AA, _SHIFT)
-        if track.is_known and np.all(np.abs(pixel := eye.project(track.position)) < 2**20):
-            u, v = _at(pixel, scale)
-            arm = round(3.5 * scale * 2**_SHIFT)
-            for du, dv in ((arm, 0), (0, arm)):
-                cv2.line(canvas, (u - du, v - dv), (u + du, v + dv), color, 1, cv2.LINE_AA, _SHIFT)
+        for item in objects:
+            color = track_rgb(item.track.track_id)
+            for detection in item.detections:
+                if detection.camera == name and np.all(np.isfinite(detection.center_px)):
+                    radius = round(eye.camera.focal_px * np.tan(detection.angular_radius_rad) * scale * 2**_SHIFT)
+                    if 0 < radius < 2**20:
+                        ring = _at(detection.center_px, scale), radius, color, 2 if item is step else 1
+                        cv2.circle(canvas, *ring, cv2.LINE_AA, _SHIFT)
+            _draw_cross(canvas, eye, item.track, scale)
         sides.append(canvas)
     pair = np.concatenate(sides, axis=1)
-    _write(pair, f"{track.status.value}   {frame.stamp_s:7.2f} s", (8, 20), color)
+    status = step.track.status
+    _write(pair, f"{status.value}   {frame.stamp_s:7.2f} s", (8, 20), _STATUS_RGB[status])
     for line, caption in enumerate(captions, start=1):
         _write(pair, caption, (8, 20 + 18 * line), (255, 255, 255))
     return pair
+
+
+def _draw_cross(canvas: Image, eye: View, track: Track3D, scale: int) -> None:
+    """Draw a cross at the position of a known track."""
+    if track.is_known and np.all(np.abs(pixel := eye.project(track.position)) < 2**20):
+        u, v = _at(pixel, scale)
+        arm = round(3.5 * scale * 2**_SHIFT)
+        for du, dv in ((arm, 0), (0, arm)):
+            color = track_rgb(track.track_id)
+            cv2.line(canvas, (u - du, v - dv), (u + du, v + dv), color, 1, cv2.LINE_AA, _SHIFT)
 
 
 def _at(pixel: ArrayLike, scale: int) -> tuple[int, int]:

@@ -48,9 +48,9 @@ draw();})();
 """
 
 
-def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> Markup:
-    """Return one line or more (color, points (n ≥ 1, 3) in m; NaN is a gap; the first is drawn thicker) and the 95 %
-    ellipsoids of positions `at` (m, 3) with covariances (m, 3, 3) in m², as HTML."""
+def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array, thick: int = 1) -> Markup:
+    """Return one line or more (color, points (n ≥ 1, 3) in m; NaN is a gap; the first `thick` are drawn thicker) and
+    the 95 % ellipsoids of positions `at` (m, 3) with covariances (m, 3, 3) in m², as HTML."""
     shown = [(color, points[:: -(-len(points) // _MOST_POINTS)]) for color, points in lines]
     finite = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown])
     if not len(finite):
@@ -70,7 +70,7 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> Markup:
         "lines": [
             {
                 "color": color,
-                "width": 1 if k else 2.5,
+                "width": 2.5 if k < thick else 1,
                 "points": [point.tolist() if np.isfinite(point).all() else None for point in points],
             }
             for k, (color, points) in enumerate(shown)

@@ -3,15 +3,18 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.report import page
+from pps_vision.app.report.colors import track_hex
 from pps_vision.app.report.path3d import PATH_SCRIPT, distance_and_ttc_of_origin, path3d
-from pps_vision.app.results import BatchSummary, TrackSummary, read_result, read_track_summary
+from pps_vision.app.results import BatchSummary, TrackNumbers, TrackSummary, read_result, read_track_summary
 from pps_vision.errors import InputError
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.tables import (
@@ -24,11 +27,12 @@ from pps_vision.recordings.tables import (
     read_table,
 )
 from pps_vision.recordings.yarp_text import STAMP_LIMIT_S
-from pps_vision.types import Array, Status
+from pps_vision.types import Array, Mask, Status
 
 KEY_FRAMES = "keyframes"
 _COLORS = {Status.TRACKING: "#2a9d4a", Status.COASTING: "#e0a020", Status.LOST: "#d33", Status.SEARCHING: "#999"}
 _FEW_TRACKED = 0.5  # share of pairs, below which the report says so first
+_MOST_LABELS = 6  # tracks that are named in a figure
 _MOST_NAMES = 80  # recordings of a batch that are named in its figure
 _WARNINGS = """
 {% if warnings %}<ul class="warnings">{% for text in warnings %}<li>{{ text }}</li>{% endfor %}</ul>
@@ -36,15 +40,23 @@ _WARNINGS = """
 _LARGEST_VIDEO = 20 * 2**20
 
 
+class TrackPath(NamedTuple):
+    """Path of a track from the first pair in which it is known to the last, NaN in between where it is not."""
+
+    stamps_s: Array  # (m,)
+    state: Array  # (m, 6) position and velocity, m and m/s
+    is_attended: Mask  # (m,)
+
+
 @dataclass(frozen=True)
 class Tracked:
-    """Path of a tracked recording, and its skin."""
+    """Paths of a tracked recording, one row for each pair, and its skin."""
 
     stamps_s: Array  # (n,)
-    position: Array  # (n, 3) m; NaN where unknown
-    velocity: Array  # (n, 3) m/s
+    position: Array  # (n, 3) m, of the attended object; NaN where unknown
     cov: Array  # (n, 3, 3) m²
     status: Array  # (n,)
+    paths: Mapping[int, TrackPath]  # of each track by its number
     reach: Array | None  # (n,) degree of reachability, NaN where unknown; None without a map
     activation: Mapping[str, Array]  # activation (n,) of every taxel, by its name; empty without a memory
     truth: Array  # (m, 4) stamp and true position; (0, 4) without one
@@ -73,14 +85,19 @@ def _read_tracked(folder: Path, source: Path) -> Tracked:
     """Read what `track` has written, and the truth from the recording's folder `source`."""
     file = folder / "trajectory.csv"
     with_map = ["reach_degree"] if "reach_degree" in column_names(file) else []
+    with_id = ["track_id"] if "track_id" in column_names(file) else []
     columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map]
-    rows = attended_rows(read_table(file, [*columns, "status"]))
+    all_rows = read_table(file, [*columns, *with_id, "status"])
+    rows = attended_rows(all_rows) if with_id else all_rows
     if not rows:
         raise InputError(file, "has no rows; expected one for each pair of images")
-    values = _numbers(file, rows, len(columns))
-    for (line, _), stamp_s in zip(rows, values[:, 0], strict=True):
+    all_values = _numbers(file, all_rows, len(columns) + len(with_id))
+    for (line, _), stamp_s in zip(all_rows, all_values[:, 0], strict=True):
         if not abs(stamp_s) < STAMP_LIMIT_S:
             raise InputError(file, f"stamp {stamp_s:g}; expected a time in seconds", line)
+    is_first = np.isin([line for line, _ in all_rows], [line for line, _ in rows])
+    ids = np.nan_to_num(all_values[:, -1]).astype(int) if with_id else np.ones(len(all_rows), int)
+    values = all_values[is_first]
     activation: dict[str, Array] = {}
     if (skin := folder / ACTIVATION).is_file():
         taxels = column_names(skin)[1:]
@@ -92,13 +109,34 @@ def _read_tracked(folder: Path, source: Path) -> Tracked:
     return Tracked(
         stamps_s=values[:, 0],
         position=values[:, 1:4],
-        velocity=values[:, 4:7],
         cov=covariances(values[:, 7:13]),
         status=np.array([row[-1] for _, row in rows]),
+        paths=_paths(all_values[:, :7], ids, is_first),
         reach=values[:, 13] if with_map else None,
         activation=activation,
         truth=_numbers(true, read_table(true, ["stamp_s", "x_m", "y_m", "z_m"]) if true.is_file() else [], 4),
     )
+
+
+def _paths(values: Array, ids: NDArray[np.int_], is_first: Mask) -> dict[int, TrackPath]:
+    """The paths of known tracks, of rows (r, 7) of stamp, position and velocity; `ids` (r,) their numbers, `is_first`
+    (r,) whether a row is the first of its pair."""
+    pair = np.cumsum(is_first) - 1
+    stamps_s = values[is_first, 0]
+    is_known = np.isfinite(values[:, 1:4]).all(axis=1)
+    order = np.flatnonzero(is_known)[np.argsort(ids[is_known], kind="stable")]
+    paths = {}
+    for rows in np.split(order, np.flatnonzero(np.diff(ids[order])) + 1):
+        if len(rows):
+            begin = pair[rows[0]]
+            at = pair[rows] - begin
+            path = TrackPath(
+                stamps_s[begin:][: at[-1] + 1], np.full((at[-1] + 1, 6), np.nan), np.zeros(at[-1] + 1, bool)
+            )
+            path.state[at] = values[rows, 1:]
+            path.is_attended[at] = is_first[rows]
+            paths[int(ids[rows[0]])] = path
+    return paths
 
 
 def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array:
@@ -134,7 +172,16 @@ def write_report(folder: Path) -> None:
     tracked = _read_tracked(folder, Path(summary["source"]))
     is_finite = np.isfinite(tracked.cov).all(axis=(1, 2)) & np.isfinite(tracked.position).all(axis=1)
     truth = [("#777", tracked.truth[:, 1:])] if len(tracked.truth) else []
-    path = path3d([("#2a9d4a", tracked.position), *truth], tracked.position[is_finite], tracked.cov[is_finite])
+    thick = []
+    thin = []
+    for track_id, track in tracked.paths.items():
+        position = track.state[:, :3]
+        if track.is_attended.any():
+            thick.append((track_hex(track_id), np.where(track.is_attended[:, None], position, np.nan)))
+        if np.isfinite(position[~track.is_attended]).any():
+            thin.append((track_hex(track_id), position))
+    known = tracked.position[is_finite], tracked.cov[is_finite]
+    path = path3d([*thick, *thin, *truth] or [("#777", tracked.position)], *known, len(thick))
     over_the_body = (
         "Activation over the body",
         "For every taxel the probability that what approaches will touch it; above 0.4 the arm moves away.",
@@ -144,17 +191,23 @@ def write_report(folder: Path) -> None:
     settings = {key: value for key, value in summary.items() if key in shown}
     sections = [
         *(("Images", "", images) for images in [_images(folder)] if images),
-        ("Tracks in the images", "Centres of the detections, over time.", _image_tracks(folder)),
+        (
+            "Tracks in the images",
+            "Centres of the detections, each track in its colour.",
+            _image_tracks(folder, tracked),
+        ),
         (
             "3D path",
-            "Green: the track, with 95 % ellipsoids; grey: the truth, where it is known. Drag to turn, wheel to zoom. "
+            "Each track in its colour, thick where it is attended, with 95 % ellipsoids; grey: the truth, where it is "
+            "known. Drag to turn, wheel to zoom. "
             "Root frame: the robot's, or the left camera's (x right, y down, z ahead).",
             path,
         ),
         (
             "Position, distance and approach",
-            "Position with its own ±2σ; distance from the root frame's origin, and the time until the object would be "
-            "there at its present speed of approach; with a map, the degree of reachability (reachable from 0.5 on).",
+            "Position of each track, with its own ±2σ where it is attended; distance from the root frame's origin, and "
+            "the time until the object would be there at its present speed of approach; with a map, the degree of "
+            "reachability of the attended object (reachable from 0.5 on).",
             page.image(_over_time(tracked)),
         ),
         *([over_the_body] if tracked.activation else []),
@@ -182,41 +235,58 @@ def _images(folder: Path) -> Markup:
     return Markup("").join(page.picture(frame.read_bytes(), "jpeg", frame.stem) for frame in frames)
 
 
-def _image_tracks(folder: Path) -> Markup:
+def _image_tracks(folder: Path, tracked: Tracked) -> Markup:
     file = folder / "detections.csv"
-    rows = read_table(file, ["stamp_s", "u_px", "v_px", "camera"])
+    with_id = ["track_id"] if "track_id" in column_names(file) else []
+    rows = read_table(file, ["u_px", "v_px", *with_id, "camera"])
     if not rows:
         return Markup("<p>Nothing was detected.</p>")
-    values = _numbers(file, rows, 3)
-    camera = np.array([row[3] for _, row in rows])
+    values = _numbers(file, rows, 2 + len(with_id))
+    ids = np.nan_to_num(values[:, 2]).astype(int) if with_id else np.ones(len(rows), int)
+    camera = np.array([row[-1] for _, row in rows])
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     for axis, side in zip(figure.subplots(1, 2), ("left", "right"), strict=True):
-        stamps_s, u, v = values[camera == side].T
-        points = axis.scatter(u, v, c=stamps_s - values[0, 0], s=6, cmap="viridis")
+        for track_id in np.unique(ids).tolist():
+            u, v = values[(camera == side) & (ids == track_id), :2].T
+            axis.plot(u, v, ".", ms=4, **_style(tracked, track_id))
         axis.set(title=side, xlabel="u (px)", ylabel="v (px)", aspect="equal")
         axis.invert_yaxis()
-        figure.colorbar(points, ax=axis, label="time (s)")
+        if axis.get_legend_handles_labels()[1]:
+            axis.legend(fontsize=7)
     return page.image(figure)
+
+
+def _style(tracked: Tracked, track_id: int) -> dict[str, str]:
+    """Colour of a track in a figure, grey if it was never known, and the label of one of the longest tracks."""
+    if track_id not in tracked.paths:
+        return {"color": "#bbbbbb"}
+    longest = sorted(tracked.paths, key=lambda number: -len(tracked.paths[number].stamps_s))[:_MOST_LABELS]
+    return {"color": track_hex(track_id)} | ({"label": f"track {track_id}"} if track_id in longest else {})
 
 
 def _over_time(tracked: Tracked) -> Figure:
     t = tracked.stamps_s - tracked.stamps_s[0]
-    distance, ttc = distance_and_ttc_of_origin(tracked.position, tracked.velocity)
     more = tracked.reach is not None
     figure = Figure(figsize=(9, 9 + 1.6 * more), layout="constrained")
     axes = figure.subplots(5 + more, 1, sharex=True)
     for k, name in enumerate("xyz"):
         sigma = np.sqrt(tracked.cov[:, k, k])
         p = tracked.position[:, k]
-        axes[k].fill_between(t, p - 2 * sigma, p + 2 * sigma, color="tab:blue", alpha=0.25, lw=0)
-        axes[k].plot(t, p, color="tab:blue", lw=1)
+        axes[k].fill_between(t, p - 2 * sigma, p + 2 * sigma, color="0.4", alpha=0.25, lw=0)
         if len(tracked.truth):
             axes[k].plot(tracked.truth[:, 0] - tracked.stamps_s[0], tracked.truth[:, 1 + k], "k:", lw=1)
         axes[k].set_ylabel(f"{name} (m)")
-    axes[3].plot(t, distance, color="tab:blue", lw=1)
+    for track_id, track in tracked.paths.items():
+        style = _style(tracked, track_id)
+        track_s = track.stamps_s - tracked.stamps_s[0]
+        distance, ttc = distance_and_ttc_of_origin(track.state[:, :3], track.state[:, 3:])
+        for axis, values in zip(axes, (*track.state[:, :3].T, distance), strict=False):
+            axis.plot(track_s, values, lw=1, **style)
+        axes[4].plot(track_s, ttc, ".", ms=3, **style)
     axes[3].set_ylabel("distance (m)")
-    axes[4].plot(t, ttc, ".", ms=3, color="tab:red")
     axes[4].set(ylabel="time to contact (s)", ylim=(0, 5))
+    if tracked.paths:
+        axes[0].legend(fontsize=7)
     if tracked.reach is not None:
         axes[5].plot(t, tracked.reach, color="0.25", lw=1)
         axes[5].axhline(0.5, color="0.25", lw=1, ls="--")
@@ -251,9 +321,15 @@ def _over_the_body(tracked: Tracked) -> Figure:
 def _numbers_table(summary: TrackSummary) -> Markup:
     rows = [["pairs " + key, _text(value)] for key, value in summary["status"].items()]
     rows += [[key, _text(value)] for key, value in summary.get("errors", {}).items()]
+    if len(tracks := summary.get("tracks", [])) > 1:
+        rows += [[f"track {item['track_id']}: pairs, attended", _pairs(item)] for item in tracks]
     rows += [["reach: " + key, _text(value)] for key, value in summary.get("reach", {}).items()]
     rows += [["cameras: " + key, _text(value)] for key, value in summary["cameras"].items() if value is not None]
     return page.table(["", "value"], rows)
+
+
+def _pairs(item: TrackNumbers) -> str:
+    return f"{item['tracking'] + item['coasting']}, {item['attended']}"
 
 
 def _times(summary: TrackSummary) -> Markup:

@@ -3,17 +3,19 @@
 | entity | holds, on the timeline `stamp` |
 |---|---|
 | left, right | the images (JPEG) |
-| left/detection, right/detection | centre of the object in the image, px |
-| track | the 95 % ellipsoid of its position, root frame, m |
+| left/detection, right/detection | centres of the objects in the image, px; the attended one's larger |
+| track | the 95 % ellipsoids of their positions, root frame, m; the attended one's first and labelled |
 | path, truth | the whole paths, at all times |
-| distance, time_to_contact | m and s, as in the report |
+| distance, time_to_contact | m and s, as in the report, of the attended object |
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
+from pps_vision.app.report.colors import track_rgb
 from pps_vision.app.report.path3d import distance_and_ttc_of_origin, ellipsoid_95
 from pps_vision.errors import InputError
 from pps_vision.types import Array, StereoFrame, Truth
@@ -21,7 +23,7 @@ from tracking.tracker import TrackerStep
 
 VIEW = "view.rrd"
 _JPEG_QUALITY = 75  # OpenCV's is 95, at three times the size
-_GREEN, _GREY = (42, 157, 74), (119, 119, 119)
+_GREY = (119, 119, 119)
 
 
 class ViewFile:
@@ -35,7 +37,8 @@ class ViewFile:
             raise InputError(path.name, "needs the extra viewer: pip install 'pps-vision[viewer]'") from error
         self._rr, self._recording = rerun, rerun.RecordingStream("pps_vision")
         self._recording.save(path)
-        self._path: list[list[Array]] = [[]]
+        self._paths: defaultdict[int, list[list[Array]]] = defaultdict(list)  # parts of each track's path
+        self._known: set[int] = set()  # tracks known in the last pair
 
     def __enter__(self) -> "ViewFile":
         return self
@@ -44,30 +47,46 @@ class ViewFile:
         """Append a stereo pair and its tracking result."""
         rr = self._rr
         log = self._recording.log
-        track = step.track
+        tracks = [track for track in step.tracks if track.is_known]
+        objects = step, *(other for other in step.others if other.track.is_known)
         self._recording.set_time("stamp", duration=frame.stamp_s)
         for camera, image in (("left", frame.left), ("right", frame.right)):
             log(camera, rr.Image(image).compress(_JPEG_QUALITY))
-            centers_px = [detection.center_px for detection in step.detections if detection.camera == camera]
-            log(f"{camera}/detection", rr.Points2D(centers_px, colors=_GREEN, radii=3))
-        if not track.is_known:
+            rows = [(item, found.center_px) for item in objects for found in item.detections if found.camera == camera]
+            points = rr.Points2D(
+                [center_px for _, center_px in rows],
+                colors=[track_rgb(item.track.track_id) for item, _ in rows],
+                radii=[4 if item is step else 3 for item, _ in rows],
+            )
+            log(f"{camera}/detection", points)
+        for track in tracks:
+            if track.track_id not in self._known:
+                self._paths[track.track_id].append([])
+            self._paths[track.track_id][-1].append(track.position)
+        self._known = {track.track_id for track in tracks}
+        if not tracks:
             log("track", rr.Clear(recursive=False))
-            self._path.append([])
             return
-        self._path[-1].append(track.position)
-        lengths, rotation = ellipsoid_95(track.cov[:3, :3])
-        turn = Rotation.from_matrix(rotation).as_quat()
-        ellipsoid = rr.Ellipsoids3D(centers=[track.position], half_sizes=[lengths], quaternions=[turn], colors=_GREEN)
-        log("track", ellipsoid)
-        distance, ttc = distance_and_ttc_of_origin(track.position, track.velocity)
+        shapes = [ellipsoid_95(track.cov[:3, :3]) for track in tracks]
+        ellipsoids = rr.Ellipsoids3D(
+            centers=[track.position for track in tracks],
+            half_sizes=[lengths for lengths, _ in shapes],
+            quaternions=[Rotation.from_matrix(rotation).as_quat() for _, rotation in shapes],
+            colors=[track_rgb(track.track_id) for track in tracks],
+            labels=[f"{track.track_id}{' (attended)' * (track is tracks[0])}" for track in tracks],
+        )
+        log("track", ellipsoids)
+        distance, ttc = distance_and_ttc_of_origin(step.track.position, step.track.velocity)
         log("distance", rr.Scalars(float(distance)))
         log("time_to_contact", rr.Scalars(float(ttc)))
 
     def finish(self, truth: Sequence[Truth]) -> None:
         """Append the whole path, and the true one where it is known."""
-        paths = {"path": (self._path, _GREEN), "truth": ([[row.position for row in truth]], _GREY)}
-        for name, (strips, color) in paths.items():
-            self._recording.log(name, self._rr.LineStrips3D([s for s in strips if s], colors=color), static=True)
+        strips = [(track_rgb(track_id), strip) for track_id, parts in self._paths.items() for strip in parts]
+        true = [(_GREY, [row.position for row in truth])] if truth else []
+        for name, lines in (("path", strips), ("truth", true)):
+            colors = [color for color, _ in lines]
+            self._recording.log(name, self._rr.LineStrips3D([line for _, line in lines], colors=colors), static=True)
 
     def __exit__(self, *error: object) -> None:
         self._recording.disconnect()
