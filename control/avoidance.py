@@ -127,6 +127,7 @@ class ArmState:
     escape_direction: Array | None = None  # (3,) across the object's path, of all points; None: against the normals
     target_taxel: int | None = None  # of reaching: number of the taxel that the object's path passes nearest
     positions: tuple[tuple[float, Array], ...] = ()  # stamps and positions (3,) m of the object in the last half second
+    track_id: int = 0  # of the object that was last known
     stamp_s: float = -np.inf  # stamp of the last step
 
 
@@ -194,9 +195,11 @@ def observed(state: ArmState, arm: ArmInput) -> ArmState:
         raise InputError("arm", f"activations {a}; expected {n} numbers in [0, 1], one a taxel")
     begin_s = arm.stamp_s - _HISTORY_S - 1e-9
     positions = tuple(entry for entry in state.positions if entry[0] >= begin_s)
-    if arm.track.is_known:
-        positions = (*positions, (arm.stamp_s, arm.track.position))
-    return replace(state, positions=positions, stamp_s=arm.stamp_s)
+    if not arm.track.is_known:
+        return replace(state, positions=positions, stamp_s=arm.stamp_s)
+    earlier = positions if arm.track.track_id == state.track_id else ()
+    positions = (*earlier, (arm.stamp_s, arm.track.position))
+    return replace(state, positions=positions, stamp_s=arm.stamp_s, track_id=arm.track.track_id)
 
 
 def approach(params: ResponseParams, arm: ArmInput, state: ArmState) -> tuple[bool, bool]:

@@ -1,9 +1,14 @@
 """One stereo frame through the whole robot: tracker, skin, reachable space, arms and gaze.
 
 Rendered and recorded frames take the same steps; a recording does not obey the commands.
+
+Of several tracked objects, each taxel is activated by the one that most probably touches it.  The gaze, the learner and
+the reachable-space map attend to the one with the highest activation of all; an arm that avoids responds to the one
+with the highest activation of its own taxels.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -56,6 +61,9 @@ class PipelineParams:
     within this time, points at least 8 cm before the eyes within half of it."""
     max_false_positives: float = 1e-3
     """Largest share of the unreachable gaze postures that the map calls reachable (J asks for few)."""
+    attention_margin: float = 0.1
+    """The object with the highest activation is attended instead of another activated one if it exceeds that one's by
+    this much; while no activation is that high, the tracker decides."""
     receptive_field: ReceptiveField = ReceptiveField(distance_to="surface")
     """Region in which a taxel perceives the object (R, "Receptive field").  With R's D, to the object's centre, the
     activation at the touch would depend on the object's size."""
@@ -88,6 +96,8 @@ class PipelineState:
     leaning: "_Leaning | None" = None  # the lean under way
     searching: SearchState | None = None  # gaze search under way
     last_known_s: float = -np.inf  # stamp of the last frame in which the object was known
+    attended_id: int = 0  # track attended in the last frame
+    highest: Mapping[int, float] = field(default_factory=dict)  # highest activation by each track then known
     last_taxels: tuple[float, Array] | None = None
     """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
     commands: tuple[JointVelocity, ...] = ()  # commands that may still be obeyed; the last is the last frame's
@@ -97,7 +107,10 @@ class PipelineState:
 
 @dataclass(frozen=True, slots=True)
 class PipelineStep:
-    """All results of one frame; `reachability` is None without a reachable-space map."""
+    """All results of one frame; `reachability` is None without a reachable-space map.
+
+    `tracking` is the step of the attended object, by its activation; the others are in it.
+    """
 
     posture: Posture
     tracking: TrackerStep
@@ -143,7 +156,9 @@ class _ControlInput(NamedTuple):
     """Input of all controllers in one frame."""
 
     posture: Posture  # the robot when the command takes effect
-    track: Track3D
+    track: Track3D  # the attended object
+    tracks: Sequence[Track3D]  # m known objects
+    by_track: Array  # (m, n) activation of each taxel by each of them
     activation: Activation
     touched: Mask
     is_reachable: bool  # whether the reachable-space map calls the object reachable; False without a map
@@ -201,16 +216,18 @@ class Pipeline:
         posture = self.robot.at(joints_of(frame))
         taxels = _taxels_at(self.skin, posture, stamp_s, state.last_taxels)
         tracking = self.tracker.step(frame)
+        for track in tracking.tracks:
+            check_track(track, stamp_s)
+        tracking = attend(tracking, state.highest, state.attended_id, params.attention_margin)
         track = tracking.track
-        check_track(track, stamp_s)
         events = self._perceive(track, taxels, touched)
         learned = learner.step(state.learning, events)
-        probability = activation_by(params.receptive_field, learned.memory, track, taxels)
-        activation = Activation(stamp_s, self.skin.taxel_ids, probability)
+        tracks, by_track = activation_by_track(params.receptive_field, learned.memory, tracking, taxels)
+        activation = Activation(stamp_s, self.skin.taxel_ids, by_track.max(axis=0, initial=0.0))
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
         is_reachable = reachability is not None and reachability.is_reachable
         at_effect = self._posture_at_effect(posture, stamp_s)
-        inputs = _ControlInput(at_effect, track, activation, touched, is_reachable)
+        inputs = _ControlInput(at_effect, track, tracks, by_track, activation, touched, is_reachable)
         leaning, torso_command = self._lean(state.leaning, inputs)
         arms, responses = self._move_arms(state.arms, leaning, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
@@ -227,6 +244,8 @@ class Pipeline:
             leaning=leaning,
             searching=searching,
             last_known_s=stamp_s if track.is_known else state.last_known_s,
+            attended_id=track.track_id,
+            highest=highest_by_track(tracks, by_track),
             last_taxels=(stamp_s, taxels.positions),
             commands=(*(earlier for earlier in state.commands if earlier.stamp_s > obeyed_since_s), command),
             last_q_rad=at_effect.q_rad,
@@ -339,10 +358,17 @@ class Pipeline:
             if isinstance(params, ReachingParams):
                 state, response = reaching.step(params, state, arm_input, inputs.is_reachable)
             else:
+                arm_input = replace(arm_input, track=self._threat(arm, state, inputs))
                 state, response = avoidance.step(params, state, arm_input)
             next_states.append(state)
             responses.append(response)
         return tuple(next_states), tuple(responses)
+
+    def _threat(self, arm: _Arm, state: ArmState, inputs: _ControlInput) -> Track3D:
+        """The object that most activates an arm's taxels, the attended one if none does."""
+        highest = highest_by_track(inputs.tracks, inputs.by_track[:, arm.on_arm])
+        chosen_id = most_activated(highest, state.track_id, self.params.attention_margin)
+        return next((track for track in inputs.tracks if track.track_id == chosen_id), inputs.track)
 
     def _arm_activations(self, arm: _Arm, leaning: _Leaning | None, inputs: _ControlInput) -> Array:
         """Activations (n,) of an arm's taxels.
@@ -400,7 +426,8 @@ class Pipeline:
 
 
 class TrackActivation:
-    """Activation of a robot's skin by a track, frame by frame, as in `Pipeline`, by a memory that stays unchanged."""
+    """Activation of a robot's skin by tracked objects, frame by frame, as in `Pipeline`, by a memory that stays
+    unchanged."""
 
     def __init__(self, robot: Robot, skin: Skin, memory: PPSMemory) -> None:
         """The memory is one of this skin (`check_memory`)."""
@@ -408,14 +435,57 @@ class TrackActivation:
         self.skin = skin
         self.memory = memory
         self._last: tuple[float, Array] | None = None
+        self._attended_id = 0
 
-    def __call__(self, q_rad: Array, track: Track3D) -> tuple[Activation, Array]:
-        """Activation by a track, and the taxels' positions (n, 3), in the root frame with the robot at configuration
-        `q_rad` (n_joints,); frames come in the order of time."""
-        taxels = _taxels_at(self.skin, self.robot.at(q_rad), track.stamp_s, self._last)
-        self._last = track.stamp_s, taxels.positions
-        probability = activation_by(PipelineParams.receptive_field, self.memory, track, taxels)
-        return Activation(track.stamp_s, self.skin.taxel_ids, probability), taxels.positions
+    def __call__(self, q_rad: Array, tracking: TrackerStep) -> tuple[TrackerStep, Activation, Array]:
+        """The tracker's step with the object attended that most activates the skin, the activation, and the taxels'
+        positions (n, 3), in the root frame with the robot at configuration `q_rad` (n_joints,); frames come in the
+        order of time."""
+        stamp_s = tracking.track.stamp_s
+        taxels = _taxels_at(self.skin, self.robot.at(q_rad), stamp_s, self._last)
+        self._last = stamp_s, taxels.positions
+        tracks, by_track = activation_by_track(PipelineParams.receptive_field, self.memory, tracking, taxels)
+        highest = highest_by_track(tracks, by_track)
+        tracking = attend(tracking, highest, self._attended_id, PipelineParams.attention_margin)
+        self._attended_id = tracking.track.track_id
+        return tracking, Activation(stamp_s, self.skin.taxel_ids, by_track.max(axis=0, initial=0.0)), taxels.positions
+
+
+def attend(tracking: TrackerStep, highest: Mapping[int, float], last_id: int, margin: float) -> TrackerStep:
+    """The step of the most activated object, with the others; as the tracker says if none is activated.
+
+    Args:
+        tracking: The tracker's step.
+        highest: Highest activation of any taxel, by track.
+        last_id: The track attended in the last frame.
+        margin: `PipelineParams.attention_margin`.
+    """
+    steps = tracking, *tracking.others
+    present = {step.track.track_id: highest.get(step.track.track_id, 0.0) for step in steps if step.track.is_known}
+    chosen_id = most_activated(present, last_id, margin)
+    chosen = next((step for step in steps if step.track.track_id == chosen_id), tracking)
+    if chosen is tracking:
+        return tracking
+    others = sorted((step for step in steps if step is not chosen), key=lambda step: step.track.track_id)
+    return replace(chosen, others=tuple(replace(step, others=()) for step in others))
+
+
+def most_activated(highest: Mapping[int, float], last_id: int, margin: float) -> int | None:
+    """The track with the highest activation, the last one unless it is exceeded by `margin`; None if none is that
+    high."""
+    best = max(highest, key=highest.__getitem__, default=None)
+    if best is None:
+        return None
+    last = highest.get(last_id, 0.0)
+    if last > 0 and highest[best] - last < margin:
+        return last_id
+    return best if highest[best] >= margin else None
+
+
+def highest_by_track(tracks: Sequence[Track3D], by_track: Array) -> dict[int, float]:
+    """The highest of the activations (m, n) by each of m tracks, by its number."""
+    highest = by_track.max(axis=1, initial=0.0).tolist()
+    return {track.track_id: value for track, value in zip(tracks, highest, strict=True)}
 
 
 def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline") -> None:
@@ -453,6 +523,15 @@ def joints_of(frame: StereoFrame) -> Array:
         raise InputError("pipeline", "frame without joints; expected a robot's recording")
     joints: Array = 0.5 * (frame.joints_left_rad + frame.joints_right_rad)
     return joints
+
+
+def activation_by_track(
+    receptive_field: ReceptiveField, memory: PPSMemory, tracking: TrackerStep, taxels: Taxels
+) -> tuple[list[Track3D], Array]:
+    """The m known tracks, and the activation (m, n) of every taxel by each of them."""
+    tracks = [track for track in tracking.tracks if track.is_known]
+    rows = [activation_by(receptive_field, memory, track, taxels) for track in tracks]
+    return tracks, np.reshape(rows, (len(tracks), len(taxels.positions)))
 
 
 def activation_by(field: ReceptiveField, memory: PPSMemory, track: Track3D, taxels: Taxels) -> Array:

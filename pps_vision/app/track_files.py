@@ -28,7 +28,7 @@ from pps_vision.recordings.tables import (
     trajectory_row,
 )
 from pps_vision.recordings.warnings import count_by_kind
-from pps_vision.types import Activation, Array, Image, ReachStatus, Status, StereoFrame
+from pps_vision.types import Array, Image, ReachStatus, Status, StereoFrame
 from tracking.tracker import TrackerStep
 
 if TYPE_CHECKING:  # these modules load the kinematics
@@ -98,14 +98,15 @@ class TrackFiles:
     def steps(self, numbered: Iterable[tuple[int, StereoFrame, TrackerStep]]) -> Iterator[TrackerStep]:
         """Write the causal results of each pair, and yield its step."""
         for k, (number, frame, step) in enumerate(numbered):
-            known = [other for other in step.others if other.track.is_known]
-            for item in (step, *known):
+            attended, skin = self._activation(frame, step)
+            known = [other for other in attended.others if other.track.is_known]
+            for item in (attended, *known):
                 for detection in item.detections:
                     self._write_detection(detection_row(number, detection, item.track))
             if self._view:
-                self._view.add(frame, step)
-            self._draw(k, frame, step, self._activation(frame, step))
-            yield step
+                self._view.add(frame, attended)
+            self._draw(k, frame, attended, skin)
+            yield attended
 
     def add(self, pair: TrackedPair) -> None:
         """Write the next row of the path, and one for each other known track."""
@@ -118,27 +119,30 @@ class TrackFiles:
             self._write_track(trajectory_row(item.track, reachability))
         self._write_forms(pair)
 
-    def _activation(self, frame: StereoFrame, step: TrackerStep) -> tuple[Activation, Array] | None:
-        """Write and return the activation, with the positions of the taxels; keep the joints for `add`."""
+    def _activation(self, frame: StereoFrame, step: TrackerStep) -> tuple[TrackerStep, tuple[Array, Array] | tuple[()]]:
+        """Write the activation; keep the joints for `add`.
+
+        Returns the step with the object attended that most activates the skin, and the positions and activations of
+        the taxels.
+        """
         if not (self._extras.reach or self._extras.activation):
-            return None
+            return step, ()
         from pps_vision.app.pipeline import joints_of
 
         joints = joints_of(frame)
         if self._extras.reach:
             self._joints.append(joints)
         if not self._extras.activation:
-            return None
-        activation, taxels = self._extras.activation(joints, step.track)
+            return step, ()
+        attended, activation, taxels = self._extras.activation(joints, step)
         self._write_activation((activation.stamp_s, *activation.probability))
-        return activation, taxels
+        return attended, (taxels, activation.probability)
 
-    def _draw(self, k: int, frame: StereoFrame, step: TrackerStep, activation: tuple[Activation, Array] | None) -> None:
+    def _draw(self, k: int, frame: StereoFrame, step: TrackerStep, skin: tuple[Array, Array] | tuple[()]) -> None:
         """Draw the pair if it goes into the video or is a key frame."""
         is_key_frame = self._extras.key_frames and k % self._key_frame_interval == self._key_frame_interval // 2
         if not (self._extras.video or is_key_frame):
             return
-        skin = (activation[1], activation[0].probability) if activation else ()
         view = self._run.recording.calibrated().view_of(frame)
         picture = draw_pair(frame, view, step, *skin)
         if self._extras.video:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known_track import DT, KnownTrack, Motion, frame_at, run
+from known_track import DT, KnownTrack, KnownTracks, Motion, frame_at, run
 
 from control.avoidance import AvoidanceParams
 from control.fixation import FixationParams, fixation_error
@@ -259,6 +259,56 @@ def test_the_arm_that_is_approached_avoids_if_asked_to(side, arms):
         assert response.mode == ("avoid" if is_approached else "idle")
         moved_rad = np.ptp(joints[:, ROBOT.indices(ROBOT.names.arm(arm))], axis=0).max()
         assert moved_rad > 0.01 if is_approached else moved_rad == 0
+
+
+def two_arms(*motions: Motion, is_trained: bool = True) -> Pipeline:
+    """Two arms that avoid, whose skin was touched by all that came near, and several objects."""
+    skin = icub_skin(("right_forearm", "left_forearm"))
+    memory = PPSMemory.empty(skin)
+    memory.counts[..., 0] = is_trained
+    params = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "right"))
+    return Pipeline(params, ROBOT, skin, KnownTracks(motions), memory, np.random.default_rng(0))
+
+
+def coming_to(side: str) -> Motion:
+    """5 cm before a forearm at home, towards it at 10 cm/s."""
+    skin = icub_skin((f"{side}_forearm",))
+    points, normals = skin.at(ROBOT.at(home(ROBOT)))
+    k = skin.index(f"{side}_forearm:3")
+    return lambda t: (points[k] + (0.05 - 0.1 * t) * normals[k], -0.1 * normals[k])
+
+
+def resting(t: float) -> tuple[Array, Array]:
+    return np.array([-0.45, 0.1, 0.35]), np.zeros(3)
+
+
+def test_of_several_objects_a_taxel_expects_the_likeliest_touch_and_each_arm_avoids_its_own():
+    motions = coming_to("left"), coming_to("right"), resting
+    alone = [two_arms(motion).step(frame_at(0.0, home(ROBOT))).activation.probability for motion in motions]
+    assert all(activation.max() > 0.9 for activation in alone[:2])
+    step = two_arms(*motions).step(frame_at(0.0, home(ROBOT)))
+    np.testing.assert_array_equal(step.activation.probability, np.max(alone, axis=0))
+    steps, _ = run(two_arms(*motions), 0.4)
+    assert [response.mode for response in steps[-1].responses] == ["avoid", "avoid"]
+
+
+@pytest.mark.parametrize(("is_trained", "attended_id"), [(True, 2), (False, 1)])
+def test_the_gaze_follows_the_object_that_most_probably_touches(is_trained, attended_id):
+    """Without experience the one that the tracker attends."""
+    motions = resting, lambda t: (before_taxel_3(0.1), -0.05 * (before_taxel_3(1.0) - before_taxel_3(0.0)))
+    steps, joints = run(two_arms(*motions, is_trained=is_trained), 1.0)
+    assert [track.track_id for track in steps[-1].tracking.tracks] == [attended_id, 3 - attended_id]
+    errors = [fixation_error(ROBOT.at(joints[-1]), motion(1.0)[0]) for motion in motions]
+    assert np.rad2deg(errors[attended_id - 1]) < 2
+    assert np.rad2deg(errors[2 - attended_id]) > 5
+
+
+def test_between_two_objects_that_come_the_gaze_does_not_flicker():
+    """Whichever the tracker attends."""
+    pipeline = two_arms(coming_to("left"), coming_to("right"))
+    pipeline.tracker.attended = lambda t: 1 + round(t / DT) % 2
+    attended = [pipeline.step(frame_at(DT * k, home(ROBOT))).tracking.track.track_id for k in range(8)]
+    assert len(set(attended[1:])) == 1
 
 
 def test_parameters_and_a_memory_that_contradict_the_robot_are_refused():

@@ -1,7 +1,7 @@
 """A closed loop on kinematics: in place of images, the pipeline gets the true position and velocity of the object."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,22 @@ class KnownTrack:
             mean = np.array([*state, np.zeros(3), np.zeros(3)])
             track = Track3D(frame.stamp_s, mean, self.cov, 0.02, 1e-8, Status.TRACKING)
         return TrackerStep(track, (), None, np.zeros(3))
+
+
+@dataclass
+class KnownTracks:
+    """Several of them, numbered from 1; the one with the number `attended(t)` is attended."""
+
+    motions: Sequence[Motion]
+    attended: Callable[[float], int] = lambda t: 1
+
+    def step(self, frame: StereoFrame) -> TrackerStep:
+        steps = []
+        for track_id, motion in enumerate(self.motions, start=1):
+            step = KnownTrack(motion).step(frame)
+            steps.append(replace(step, track=replace(step.track, track_id=track_id)))
+        first = steps.pop(self.attended(frame.stamp_s) - 1)
+        return replace(first, others=tuple(steps))
 
 
 def frame_at(stamp_s: float, q_left: Array, q_right: Array | None = None) -> StereoFrame:
