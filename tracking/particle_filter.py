@@ -137,28 +137,35 @@ def posterior(
     """Mean (d,) and covariance (d, d) of particles (n, d), a priori standard normal, weighed by their scores (n,)."""
     n = params.count
     x = rng.standard_normal((n, dimensions))
+    log = params.sharpness * score(x)
     exponent = 0.0
     for _ in range(params.layers):
-        prior = -0.5 * np.sum(x**2, axis=1) if exponent else np.zeros(n)  # the first layer is drawn from it
-        exponent, weights = _annealed(params.sharpness * score(x), prior, params.least_effective * n)
+        share, weights = _annealed((1 - exponent) * log, params.least_effective * n)
+        exponent += share * (1 - exponent)
         mean = weights @ x
-        cov = (weights[:, None] * (x - mean)).T @ (x - mean) + 1e-6 * np.eye(dimensions)
-        if exponent == 1:
+        cov = (weights[:, None] * (x - mean)).T @ (x - mean) / (1 - min(float(weights @ weights), 0.5))
+        cov += 1e-6 * np.eye(dimensions)
+        if share == 1:
             break
-        x = x[_resampled(weights, rng)]
-        x = x + rng.standard_normal(x.shape) @ np.linalg.cholesky(_DISPERSION * cov).T
+        survivors = _resampled(weights, rng)
+        x, log = x[survivors], log[survivors]
+        # a Metropolis step, which leaves their density as it is
+        moved = x + rng.standard_normal(x.shape) @ np.linalg.cholesky(_DISPERSION * cov).T
+        log_moved = params.sharpness * score(moved)
+        gain = exponent * (log_moved - log) + 0.5 * (np.sum(x**2, axis=1) - np.sum(moved**2, axis=1))
+        accepted = np.log(rng.random(n)) < gain
+        x[accepted], log[accepted] = moved[accepted], log_moved[accepted]
     return mean, cov
 
 
-def _annealed(log: Array, prior: Array, least_effective: float) -> tuple[float, Array]:
+def _annealed(log: Array, least_effective: float) -> tuple[float, Array]:
     """The largest exponent of a likelihood, up to 1, with an effective number of particles of `least_effective`, and
-    the weights (n,) for the logarithms `log` of the likelihood and `prior` of the density."""
+    the weights (n,), for the logarithms `log` (n,) of the likelihood."""
     exponent = 1.0
     low = 0.0
     high = 1.0
     for _ in range(_BISECTIONS):
-        log_weights = exponent * log + prior
-        weights = np.exp(log_weights - log_weights.max())
+        weights = np.exp(exponent * (log - log.max()))
         weights /= weights.sum()
         if 1 / float(weights @ weights) >= least_effective:
             low = exponent

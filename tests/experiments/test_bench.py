@@ -164,6 +164,7 @@ def test_a_short_run_leaves_the_documents_alone(folder):
     assert not (folder / "elsewhere" / "plain.md").exists()
 
 
+@pytest.mark.long
 def test_a_study_that_fails_stops_no_other(folder, monkeypatch, capsys):
     """Several studies run at once; each result says how long it took."""
     module = importlib.import_module("fake_study")

@@ -8,6 +8,8 @@ from pps_vision.experiments.films import disturbances as d
 from pps_vision.experiments.films.recordings import Footage
 from pps_vision.experiments.severity.tracking import FINE, fine
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def recording() -> Footage:

@@ -154,3 +154,15 @@ def test_encoders_to_joints_and_back(robot):
             "torso": 3, "head": 6, "left_arm": 16, "right_arm": 16,
         }  # fmt: skip
         np.testing.assert_allclose(setup.configuration(ports), q, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("eye", "ahead_px", "beside_px"),
+    [("left", (174.742, 102.874), (219.057, 0)), ("right", (157.858, 113.51), (225.904, 0))],
+)
+def test_each_eye_sees_by_its_own_calibration(eye, ahead_px, beside_px):
+    """The principal point, and without its lens's distortion a point at 45° to its right."""
+    camera = getattr(icub.icub_rig(icub.load_icub()), eye)
+    lens = replace(camera, distortion=(0.0,) * 5)
+    np.testing.assert_allclose(camera.project(np.array([0.0, 0, 1])), ahead_px, atol=1e-9)
+    np.testing.assert_allclose(lens.project(np.array([1.0, 0, 1])), np.add(ahead_px, beside_px), atol=1e-9)

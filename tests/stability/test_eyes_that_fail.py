@@ -101,7 +101,12 @@ def met(scene: SimulationScene) -> Met:
     return cache(lambda fault: meet(scene, FAULTS[fault]))
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=str)
+LONG = "one eye black", "one eye frozen"
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(fault, marks=[pytest.mark.long] if fault in LONG else []) for fault in FAULTS]
+)
 def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(scene, met, fault):
     log = met(fault)
     status = np.array(log.status)

@@ -87,7 +87,7 @@ def is_at(results: list[pf.Located], p: Array) -> bool:
     off = np.array([result.p_root - p for result in results])
     chi2 = np.array([d @ np.linalg.solve(result.cov_root, d) for d, result in zip(off, results, strict=True)])
     off_mm = 1e3 * np.linalg.norm(off, axis=1)
-    return bool(np.median(off_mm) < 4 and np.quantile(off_mm, 0.9) < 8 and np.mean(chi2 < 16.3) >= 0.85)
+    return bool(np.median(off_mm) < 3 and np.quantile(off_mm, 0.9) < 6 and np.mean(chi2 < 16.3) >= 0.8)
 
 
 HIGH = np.array([0.01, -0.18, 0.4])  # where the upper border of both images cuts a ball
@@ -135,7 +135,7 @@ def test_what_images_tell_and_the_prediction_give_what_was_located():
         assert np.linalg.norm(result.measured - p.p_root) < 7 * STD_M  # no particle is farther
 
 
-@pytest.mark.parametrize("precision", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("precision", [0.3, 2.0, 30.0])
 def test_the_posterior_of_gaussian_densities_is_their_product(precision):
     """A quadratic score that tells nothing of the last dimension; the mean over seeds."""
     A = precision * np.array([[1.0, 0.5, 0], [0.5, 1.0, 0], [0, 0, 0]])
@@ -147,5 +147,5 @@ def test_the_posterior_of_gaussian_densities_is_their_product(precision):
 
     results = [pf.posterior(params, 3, score, np.random.default_rng(seed)) for seed in range(200)]
     cov = np.linalg.inv(np.eye(3) + A)
-    np.testing.assert_allclose(np.mean([mean for mean, _ in results], axis=0), cov @ A @ best, atol=0.03)
-    np.testing.assert_allclose(np.mean([cov for _, cov in results], axis=0), cov, atol=0.03)
+    np.testing.assert_allclose(np.mean([mean for mean, _ in results], axis=0), cov @ A @ best, atol=0.05)
+    np.testing.assert_allclose(np.mean([cov for _, cov in results], axis=0), cov, rtol=0.15, atol=0.02)

@@ -5,6 +5,8 @@ import pytest
 
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def rng():

@@ -35,6 +35,7 @@ def test_a_trial_ends_in_its_touch(name):
             np.testing.assert_allclose(trial.positions, tips, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_rendered_trial_is_tracked():
     (movement,) = movements("inner", 1, SEED)
     (trial,) = rendered_trials("inner", 1, SEED)
