@@ -20,7 +20,7 @@ N_TRAIN = 1200
     [
         # J's came to 0.84° with 4400 samples
         pytest.param(lambda: LWPR(4, 3, LWPRParams(init_D=10, w_gen=0.2)), 3.0, marks=pytest.mark.long),
-        (gaussian_process, 0.1),
+        pytest.param(gaussian_process, 0.1, marks=pytest.mark.long),
         (quintic_spline, 0.15),
     ],
 )
