@@ -48,7 +48,7 @@ def check_error(
         true = read_path(Path(truth[k])) if truth else path_of_truth(recording.name, recording.truth)
         if not len(true.stamps_s):
             raise InputError(recording.name, "holds no truth.csv; expected one there or by truth")
-        run = track(recording, mode)
+        run = track(recording, mode, objects=1)
         scores.append(evaluate(path_of_tracks(recording.name, [step.track for step in run]), true, lag, align))
     failed = [score for score in scores if not (score.rmse_mm <= rmse_mm and score.lost_share <= lost_share)]
     if failed:

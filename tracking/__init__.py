@@ -8,5 +8,5 @@ from typing import Literal
 Mode = Literal["generic", "marker"]
 FollowedBy = Literal["colour", "background", "hue"]
 
-DEFAULT_OBJECTS = 1  # largest number of objects that are followed at a time
+DEFAULT_OBJECTS = 4  # largest number of objects that `track` follows at a time
 DEFAULT_ORDER = 4  # order of the Kalman filter: position, velocity, acceleration and jerk (R)

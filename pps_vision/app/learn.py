@@ -66,7 +66,7 @@ def learn_from(recording: Recording, memory: PPSMemory, mode: Mode, seed: int, r
     skin = robot.skin
     if recording.robot is None:
         raise InputError(recording.name, "has no joints; expected the recording of a robot")
-    tracker = tracker_for(recording, tracker_params(mode), seed)
+    tracker = tracker_for(recording, tracker_params(mode, objects=1), seed)
     pipeline = Pipeline(PipelineParams.of(robot), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
     for frame in recording:
         pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
@@ -76,7 +76,7 @@ def learn_from(recording: Recording, memory: PPSMemory, mode: Mode, seed: int, r
 
 def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> list[TouchTrial]:
     """The first frame of each contact in which the object is tracked."""
-    tracker = tracker_for(recording, tracker_params(mode), seed)
+    tracker = tracker_for(recording, tracker_params(mode, objects=1), seed)
     trials = []
     is_counted = False
     for frame in recording:

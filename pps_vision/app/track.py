@@ -196,7 +196,7 @@ def track(
         mode: "generic" (default) tracks any moving object, "marker" a green marker.
         order: Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk (default 4).
         reduction: Average each block of this many pixels a side to one before searching (default 1).
-        objects: Largest number of objects followed at a time, 1–4 (default 1).
+        objects: Largest number of objects followed at a time, 1–4 (default 4).
         params: All parameters of the tracker.
         device: Process batches of frames with torch on this device (cpu, cuda, cuda:1); None: frame by frame, without
             torch.

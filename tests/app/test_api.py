@@ -67,6 +67,7 @@ def test_bad_input_has_one_exception(approach, tmp_path):
         ({"mode": "marker"}, "mode marker contradicts params with mode generic"),
         ({"order": 0}, "order 0 contradicts params with order 4"),
         ({"reduction": 2}, "reduction 2 contradicts params with reduction 1"),
+        ({"objects": 4}, "objects 4 contradicts params with objects 1"),
     ],
 )
 def test_an_option_that_contradicts_params_is_refused(approach, options, expected):
@@ -76,9 +77,10 @@ def test_an_option_that_contradicts_params_is_refused(approach, options, expecte
 
 def test_options_are_the_tracker_s_parameters(approach):
     params = pv.track(approach, "marker", 2, reduction=2).params
-    assert params == TrackerParams(mode="marker", reduction=2, kalman=KalmanParams.of_order(2))
+    assert params == TrackerParams(mode="marker", reduction=2, max_objects=4, kalman=KalmanParams.of_order(2))
     assert pv.track(approach, "marker", 2, reduction=2, params=params).params is params
-    assert pv.track(approach).params == TrackerParams()
+    assert pv.track(approach).params == TrackerParams(max_objects=4)
+    assert pv.track(approach, objects=1).params == TrackerParams()
     with pytest.raises(pv.InputError, match="filter order 0; expected 1, 2, 3 or 4"):
         pv.track(approach, order=0)
 

@@ -77,6 +77,8 @@ class TrackOptions:
     objects: int = DEFAULT_OBJECTS
     """Largest number of objects followed at a time, up to 4.  Results are those of the attended object first: the one
     most likely to be touched by --memory, else the soonest to reach the cameras, else the nearest that moves."""
+    one: bool = False
+    """Follow one object, as --objects 1: in less time where hands or people move too."""
     device: str | None = None
     """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
     frame, without torch."""

@@ -46,7 +46,7 @@ class Track(TrackOptions, SourceOptions):
             recording = self.open()
             has_robot = recording.robot is not None
             self._check_robot_options(has_robot, "without a robot; expected it with an iCub's REC")
-            params = tracker_params(self.mode, self.order, self.reduction, self.objects)
+            params = tracker_params(self.mode, self.order, self.reduction, 1 if self.one else self.objects)
             run = track(recording, params=params, device=self.device, seed=self.seed)
             reach = self._reach(recording)
             extras = Extras(self.also, self.video, self.viewer, self.report, reach, self._activation(recording))
@@ -61,7 +61,7 @@ class Track(TrackOptions, SourceOptions):
                     files.add(pair)
             diagnosis = diagnosis_of(run, statistics)
             content = summary(run, statistics, diagnosis)
-            content["objects"] = self.objects
+            content["objects"] = params.max_objects
             content["tracks"] = tracks.summary()
             content["smoothed"] = self.smooth
             content["joints"] = str(self.joints) if self.joints else None
