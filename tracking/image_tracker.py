@@ -200,7 +200,7 @@ class ImageTracker:
     ) -> tuple[Target, ImageDetection, Mask] | None:
         """As `detect`, segmented by one likelihood."""
         roi = examined.roi
-        mask = self._mask(likelihood, backdrop, roi, center_px, target.box)
+        mask = self._mask(target, likelihood, backdrop, roi, center_px)
         if mask is None or masks.is_cut(mask, roi, image):
             return None
         outline = fit_outline(image, mask, roi, self.optics)
@@ -270,9 +270,7 @@ class ImageTracker:
         box = (int(x - half_w), int(y - half_h), int(x + half_w) + 2, int(y + half_h) + 2)
         return masks.clipped(box, camera.width, camera.height)
 
-    def _mask(
-        self, likelihood: Map, backdrop: Mask | None, roi: Box, center: Array, box: tuple[float, float]
-    ) -> Mask | None:
+    def _mask(self, target: Target, likelihood: Map, backdrop: Mask | None, roi: Box, center: Array) -> Mask | None:
         """Mask of the object near `center`; None if it is too small, or another object touches it.
 
         The mask is cut off beyond the expected outline, and parts that are much thinner than the object are removed by
@@ -280,24 +278,39 @@ class ImageTracker:
         Without a `backdrop` (the likelihood is a foreground mask) wider gaps are closed, where object and background
         have the same colour.
         """
-        w, h = box
-        size = math.sqrt(w * h)
+        w, h = target.box
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
-        if size >= 12:
-            gap = 1 if backdrop is not None else max(int(_GAP * size), 1)
+        if target.size >= 12:
+            gap = 1 if backdrop is not None else max(int(_GAP * target.size), 1)
             hard = masks.closed(hard, masks.square(gap))
         component = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
         if component is None:
             return None
-        within = component & masks.ellipse(roi, center, _REACH * w, _REACH * h)
+        expected = self._expected(target, roi, center)
+        within = component & expected
         if within.any():
-            within = component & masks.ellipse(roi, masks.centroid(within, roi), _REACH * w, _REACH * h)
+            expected = self._expected(target, roi, masks.centroid(within, roi))
+            within = component & expected
         if beyond := np.count_nonzero(component) - np.count_nonzero(within):
-            if beyond > _TOUCHING * math.pi / 4 * w * h:
+            if beyond > _TOUCHING / _REACH**2 * np.count_nonzero(expected):
                 return None
-            component = _without_thin_parts(within, size)
+            component = _without_thin_parts(within, target.size)
         mask = masks.filled(component, backdrop)
         return mask if np.count_nonzero(mask) >= _MIN_AREA_PX else None
+
+    def _expected(self, target: Target, roi: Box, center: Array) -> Mask:
+        """Pixels of `roi` that the object at `center` may cover: its last silhouette, or an ellipse, and a margin."""
+        w, h = target.box
+        if target.silhouette is None:
+            return masks.ellipse(roi, center, _REACH * w, _REACH * h)
+        silhouette = target.silhouette
+        scale = target.angle_rad / silhouette.angle_rad
+        shift = center - roi[:2] - scale * (silhouette.center_px - silhouette.box[:2])
+        to_roi = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
+        size = roi[2] - roi[0], roi[3] - roi[1]
+        placed = np.asarray(cv2.warpAffine(silhouette.mask.view(np.uint8), to_roi, size, flags=cv2.INTER_NEAREST))
+        margin_px = (_REACH - 1) * target.angle_rad * self.optics.camera.focal_px
+        return masks.dilated(placed.view(bool), int(margin_px) + 1)
 
 
 def _without_thin_parts(mask: Mask, size: float) -> Mask:

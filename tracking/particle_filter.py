@@ -248,6 +248,11 @@ class Silhouette(NamedTuple):
     center_px: Array
     radius_m: float
 
+    @property
+    def angle_rad(self) -> float:
+        """The object's angular radius."""
+        return math.asin(min(self.radius_m / math.dist(self.p_root, self.view.place), 0.9))
+
 
 def template_of(silhouette: Silhouette | None) -> Template:
     """Template of an object; None: of a ball."""
