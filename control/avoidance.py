@@ -104,7 +104,7 @@ class ArmInput:
     posture: Posture  # the robot when the command takes effect
     skin: Skin  # the n taxels that the arm carries
     activations: Array  # (n,) predicted touch, in [0, 1]
-    track: Track3D  # the attended object, or an unknown track
+    track: Track3D  # the object to respond to, or an unknown track
     hold_s: float = MAX_HOLD_S  # time for which the command may be held
     self_collision: SelfCollision | None = None  # distances between the robot's bodies; None: they are not limited
     bare_links: BareLinks | None = None  # links of the arm without taxels; None: they do not keep clear

@@ -184,8 +184,8 @@ def summary(run: TrackedRecording, path: PathStatistics, diagnosis: Diagnosis | 
     return content
 
 
-def headline(run: TrackedRecording, path: PathStatistics) -> str:
-    """Return the main results in one line for the terminal."""
+def headline(run: TrackedRecording, path: PathStatistics, tracks: int = 1) -> str:
+    """Return the main results in one line for the terminal: the attended object's, and the number of tracks."""
     n_tracked = path.status[Status.TRACKING]
     median_ms = np.median(run.stopwatch.ms["total"])
     parts = [f"{n_tracked} of {path.frames} pairs tracked", f"median {median_ms:.1f} ms a pair"]
@@ -198,6 +198,8 @@ def headline(run: TrackedRecording, path: PathStatistics) -> str:
         size = path.size()
         interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
         parts.append(f"object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})")
+    if tracks > 1:
+        parts.append(f"{tracks} tracks")
     if run.recording.skipped:
         parts.append(f"{run.recording.skipped} problems skipped")
     return ", ".join(parts)

@@ -44,14 +44,34 @@ class CameraStatistics:
         }
 
 
+class TruePath:
+    """The truth of a recording, to compare tracks with."""
+
+    def __init__(self, truth: Sequence[Truth]) -> None:
+        self._rows = sorted(truth, key=lambda row: row.stamp_s)
+        self._stamps_s = np.array([row.stamp_s for row in self._rows])
+
+    def errors_of(self, track: Track3D) -> tuple[float, float] | None:
+        """Return position and velocity error of a known track, m and m/s; None without a truth at its stamp."""
+        index = int(np.searchsorted(self._stamps_s, track.stamp_s))
+        neighbours = self._rows[max(0, index - 1) : index + 1]
+        if not neighbours:
+            return None
+        nearest = min(neighbours, key=lambda row: abs(row.stamp_s - track.stamp_s))
+        age_s = track.stamp_s - nearest.stamp_s
+        if not abs(age_s) < _MAX_TRUTH_AGE_S:
+            return None
+        error = track.position - (nearest.position + age_s * nearest.velocity)
+        return float(np.linalg.norm(error)), float(np.linalg.norm(track.velocity - nearest.velocity))
+
+
 class PathStatistics:
     """Counts and errors of a path, and the object's size; `add` keeps 40 bytes of each track."""
 
-    def __init__(self, truth: Sequence[Truth] = ()) -> None:
+    def __init__(self, truth: Sequence[Truth] | TruePath = ()) -> None:
         self.frames = 0  # number of tracks
         self.status = Counter[Status]()  # number of tracks by status
-        self._truth = sorted(truth, key=lambda row: row.stamp_s)
-        self._truth_stamps_s = np.array([row.stamp_s for row in self._truth])
+        self._truth = truth if isinstance(truth, TruePath) else TruePath(truth)
         self._tracking_errors = array("d")  # alternately position and velocity errors
         self._coasting_errors = array("d")
         self._radii = array("d")  # alternately radius and its standard deviation, where tracked
@@ -75,17 +95,10 @@ class PathStatistics:
             self._radii.extend((track.radius_m, track.radius_var_m2**0.5))
         if np.isfinite(residual_px):
             self._residuals_px.append(residual_px)
-        if not self._truth or self.frames <= _WARM_UP or not track.is_known:
+        if self.frames <= _WARM_UP or not track.is_known:
             return
-        index = int(np.searchsorted(self._truth_stamps_s, track.stamp_s))
-        neighbours = self._truth[max(0, index - 1) : index + 1]
-        nearest = min(neighbours, key=lambda row: abs(row.stamp_s - track.stamp_s))
-        age_s = track.stamp_s - nearest.stamp_s
-        if abs(age_s) < _MAX_TRUTH_AGE_S:
-            true_position = nearest.position + age_s * nearest.velocity
-            errors = self._tracking_errors if track.status == Status.TRACKING else self._coasting_errors
-            errors.append(float(np.linalg.norm(track.position - true_position)))
-            errors.append(float(np.linalg.norm(track.velocity - nearest.velocity)))
+        if errors := self._truth.errors_of(track):
+            (self._tracking_errors if track.status == Status.TRACKING else self._coasting_errors).extend(errors)
 
     def size(self) -> Size:
         """Return the median diameter of the object where it is tracked, and its 95 % interval, m.
@@ -117,16 +130,22 @@ class PathStatistics:
 
 
 class TracksStatistics:
-    """Statistics of each known track, by its number."""
+    """Statistics of the attended object's path, and of each known track by its number."""
 
     def __init__(self, truth: Sequence[Truth] = ()) -> None:
-        self._truth = truth
+        self._truth = TruePath(truth)
+        self._has_truth = bool(truth)
+        self.attended = PathStatistics(self._truth)
         self._tracks: dict[int, PathStatistics] = {}
         self._stamps_s: dict[int, tuple[float, float]] = {}  # of the first and the last frame of each track
         self._attended = Counter[int]()
 
+    def __len__(self) -> int:
+        return len(self._tracks)
+
     def add(self, pair: TrackedPair) -> None:
-        """Add the known tracks of the next pair."""
+        """Add the tracks of the next pair."""
+        self.attended.add(pair.track, pair.residual_px)
         for item in pair.objects:
             track = item.track
             if not track.is_known:
@@ -156,7 +175,7 @@ class TracksStatistics:
         }
         if path.tracked_share:
             numbers["object"] = path.size()
-        if self._truth:
+        if self._has_truth:
             numbers["errors"] = path.errors()
         return numbers
 

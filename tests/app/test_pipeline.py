@@ -10,7 +10,7 @@ from control.avoidance import AvoidanceParams
 from control.fixation import FixationParams, fixation_error
 from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
-from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, TrackActivation
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, load_icub
 from pps_vision.robot.skin import icub_skin
@@ -301,6 +301,17 @@ def test_the_gaze_follows_the_object_that_most_probably_touches(is_trained, atte
     errors = [fixation_error(ROBOT.at(joints[-1]), motion(1.0)[0]) for motion in motions]
     assert np.rad2deg(errors[attended_id - 1]) < 2
     assert np.rad2deg(errors[2 - attended_id]) > 5
+
+
+def test_a_track_without_a_pipeline_activates_the_skin_alike():
+    motions = resting, coming_to("left")
+    pipeline = two_arms(*motions)
+    frame = frame_at(0.0, home(ROBOT))
+    tracking = pipeline.tracker.step(frame)
+    step, activation, taxels = TrackActivation(ROBOT, pipeline.skin, pipeline.memory)(home(ROBOT), tracking)
+    np.testing.assert_array_equal(activation.probability, pipeline.step(frame).activation.probability)
+    assert taxels.shape == (len(pipeline.skin.taxel_ids), 3)
+    assert [track.track_id for track in step.tracks] == [2, 1]
 
 
 def test_between_two_objects_that_come_the_gaze_does_not_flicker():

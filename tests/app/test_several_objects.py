@@ -61,8 +61,9 @@ def place_of(row: dict[str, str]) -> list[float]:
     return [float(row[name] or "nan") for name in ("x_m", "y_m", "z_m")]
 
 
-def test_two_objects_are_two_tracks_each_near_its_truth(film, tmp_path):
+def test_two_objects_are_two_tracks_each_near_its_truth(film, tmp_path, capsys):
     rows = track(film, tmp_path / "out", "--also", "mot", "--smooth", "--report")
+    assert ", 2 tracks →" in capsys.readouterr().out
     stamps = [float(row["stamp_s"]) for row in rows]
     assert sorted(set(stamps)) == pytest.approx(np.arange(N) / FPS)
     known = [row for row in rows if row["x_m"]]

@@ -36,7 +36,7 @@ class Track(TrackOptions, SourceOptions):
         from pps_vision.app.report.tracking import write_report
         from pps_vision.app.track import track, tracker_params
         from pps_vision.app.track_files import Extras, TrackFiles, diagnosis_of, headline, summary
-        from pps_vision.app.track_statistics import PathStatistics, TracksStatistics
+        from pps_vision.app.track_statistics import TracksStatistics
         from pps_vision.app.versions import versions
         from pps_vision.recordings.atomic_write import whole_folder, write_json
         from pps_vision.types import ReachStatus
@@ -50,19 +50,17 @@ class Track(TrackOptions, SourceOptions):
             run = track(recording, params=params, device=self.device, seed=self.seed)
             reach = self._reach(recording)
             extras = Extras(self.also, self.video, self.viewer, self.report, reach, self._activation(recording))
-            statistics = PathStatistics(recording.truth)
-            tracks = TracksStatistics(recording.truth)
+            statistics = TracksStatistics(recording.truth)
             with TrackFiles(folder, run, extras) as files:
                 numbered = run.numbered(lambda line: tqdm.write(f"warning: {line}", file=sys.stderr))
                 steps = files.steps(progress(numbered, total=len(run), desc="track", unit="pair"))
                 for pair in run.tracked_pairs(run.path(steps, self.smooth)):
-                    statistics.add(pair.track, pair.residual_px)
-                    tracks.add(pair)
+                    statistics.add(pair)
                     files.add(pair)
-            diagnosis = diagnosis_of(run, statistics)
-            content = summary(run, statistics, diagnosis)
+            diagnosis = diagnosis_of(run, statistics.attended)
+            content = summary(run, statistics.attended, diagnosis)
             content["objects"] = params.max_objects
-            content["tracks"] = tracks.summary()
+            content["tracks"] = statistics.summary()
             content["smoothed"] = self.smooth
             content["joints"] = str(self.joints) if self.joints else None
             content["map"] = str(self.map) if self.map else None
@@ -76,7 +74,7 @@ class Track(TrackOptions, SourceOptions):
             if self.report:
                 write_report(folder)
         print_skipped(recording.problems, recording.warnings)
-        print(headline(run, statistics), f"→ {self.out}")
+        print(headline(run, statistics.attended, len(statistics)), f"→ {self.out}")
         if diagnosis:
             print(diagnosis)
 
