@@ -75,8 +75,8 @@ class TrackOptions:
     """Average each block of this many pixels a side to one before searching: about half the time in large images at 2,
     for two to three times the error."""
     objects: int = DEFAULT_OBJECTS
-    """Largest number of objects followed at a time, up to 4.  Results are those of the attended object first: the one
-    most likely to be touched by --memory, else the soonest to reach the cameras, else the nearest that moves."""
+    """Largest number of objects followed at a time, up to 4.  The attended object comes first: the one that most
+    activates the skin by --memory, else the soonest to reach the cameras, else the nearest that moves."""
     one: bool = False
     """Follow one object, as --objects 1: in less time where hands or people move too."""
     device: str | None = None
