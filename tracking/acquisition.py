@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import cv2
@@ -20,12 +19,10 @@ from pps_vision.geometry.camera import StereoView, View
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
-from tracking.background import Background
-from tracking.ego_motion import Box
-from tracking.foreground import Foreground, MovingForeground, StaticForeground
+from tracking.ego_motion import Box, BoxPx
+from tracking.foreground import Background, Foreground
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
-from tracking.moving_background import BoxPx
 from tracking.optical_flow import Flow2D
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
@@ -157,7 +154,7 @@ class Acquisition:
                 pairs.append((a, b))
             else:
                 self._counts[f"rejected by {association.refusal(view, a, b)}"] += 1
-        if pairs and self._backgrounds[0].is_known(cameras[0].view):
+        if pairs and self._backgrounds[0].rests(cameras[0].view):
             return pairs[0]
         moving = [
             {id(outline): self._moves(eye, outline) for outline in pair}
@@ -195,13 +192,9 @@ class Acquisition:
         """Candidates of one camera's motion regions."""
         background = self._backgrounds[eye]
         trigger = self._triggers[eye]
-        earlier = trigger.image_before(camera.view, camera.stamp_s)
-        foreground: Foreground | None = None
-        if earlier is not None and background.is_known(camera.view):
-            foreground = StaticForeground(background, camera.view, earlier, camera.image)
-        elif earlier is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
-            warp_earlier = partial(trigger.seen_before, camera.view, camera.stamp_s)
-            foreground = MovingForeground(background, camera.view, warp_earlier, camera.image)
+        foreground = None
+        if background.is_known:
+            foreground = Foreground(background, camera.image, camera.view, trigger.before(camera.stamp_s))
         candidates = []
         for region in regions:
             whole = segment(camera.image, region, self._optics[eye], foreground)
@@ -209,7 +202,7 @@ class Acquisition:
                 candidates.append(whole)
             if whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < masks.SOLID:
                 candidates += vivid_parts(camera.image, region, self._optics[eye], foreground)
-        if earlier is None and eye == 0:  # the camera moves: flow confirms that a colour region moves by itself
+        if eye == 0 and not background.rests(camera.view):  # flow confirms that a colour region moves by itself
             candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]
         return candidates
 
@@ -288,11 +281,11 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
     is_partly_occluded = False
     if foreground is not None:
         is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
-        by_color = mask is not None and foreground.confirms(mask, box, is_distinct)
-        moved = foreground.moved_mask(seed, box)  # the object, unless distinct colours show it too
-        if moved is None and not by_color:
-            moved = foreground.disoccluded_mask(seed, box)
-            is_partly_occluded = moved is not None
+        by_color = is_distinct and mask is not None and foreground.confirms(mask, box)
+        moved, is_partial = foreground.moved_mask(seed, box) or (None, False)
+        if is_partial and by_color:
+            moved = None
+        is_partly_occluded = moved is not None and is_partial
         if moved is not None and not (is_distinct and mask is not None and foreground.shows_the_object(mask, moved)):
             mask, by_color = moved, False
             model = ColorModel(histogram(bins[moved]), histogram(bins[~masks.dilated(moved, 2)]))
@@ -360,8 +353,7 @@ def _disc_around(image: Image, mask: Mask, box: Box, optics: Optics) -> Outline 
     outline = fit_outline(image, mask, box, optics)
     if outline is None or outline.is_partial or outline.is_disc:
         return outline if outline is not None and outline.is_disc else None
-    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    contour = max(contours, key=len)[:, 0]
+    contour = masks.contour(mask)
     (u, v), radius = cv2.minEnclosingCircle(contour)
     radius += 0.5  # the contour's pixels lie inside
     distance = np.hypot(contour[:, 0] - u, contour[:, 1] - v)
@@ -393,8 +385,7 @@ def _object_outline(image: Image, mask: Mask, box: Box, optics: Optics) -> Outli
     shape = fit_outline(image, mask, box, optics)
     if shape is None or shape.area_px > _MAX_SHARE * image.shape[0] * image.shape[1]:
         return None
-    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    _, sides, _ = cv2.minAreaRect(max(contours, key=len))
+    _, sides, _ = cv2.minAreaRect(masks.contour(mask))
     return shape if shape.area_px >= _MIN_FILL * (sides[0] + 1) * (sides[1] + 1) else None
 
 

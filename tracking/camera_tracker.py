@@ -10,8 +10,7 @@ import numpy as np
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Mask
-from tracking.background import Background
-from tracking.ego_motion import EgoMotion
+from tracking.foreground import Background, ForegroundParams
 from tracking.image_tracker import (
     MIN_SCORE,
     Examined,
@@ -22,7 +21,6 @@ from tracking.image_tracker import (
 )
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
-from tracking.moving_background import MovingBackground
 from tracking.outline import Optics, Outline
 from tracking.particle_filter import Evidence, Eye, Located, Silhouette, template_of
 from tracking.stereo import CameraFrame
@@ -64,13 +62,13 @@ class CameraTracker:
         name: CameraName,
         optics: Optics,
         marker: MarkerParams | None,
-        background_memory_s: float,
+        foreground: ForegroundParams,
     ) -> None:
         self.name = name
         self.optics = optics
         self.marker = marker
         self.image_tracker = ImageTracker(optics)
-        self.background = Background(EgoMotion(optics.camera), background_memory_s)
+        self.background = Background(foreground, optics.camera)
 
     def predict(
         self, state: CameraState, camera: CameraFrame, predicted: Belief, cov: Array, radius_m: float
@@ -117,7 +115,7 @@ class CameraTracker:
         target = state.target
         if target is None:
             return state, None
-        target = self.image_tracker.predicted(target, prior.angle_rad)
+        target = replace(target, angle_rad=prior.angle_rad)
         background = self._known_background(camera)
         if background is None and state.by_background:  # only colours are left
             if target.model.similarity(target.model.background) > _SEPARABLE:
@@ -128,7 +126,7 @@ class CameraTracker:
             of_pixels = background.evidence if state.by_background else background.differs
             foreground = partial(of_pixels, camera.image, camera.view)
         # in front of a moving camera, colours alone are more accurate where they separate the object
-        segmented_by: SegmentedBy = "colour and foreground" if background is self.background else "colour"
+        segmented_by: SegmentedBy = "colour and foreground" if self.background.rests(camera.view) else "colour"
         if state.by_background:
             segmented_by = "foreground"
         examined = self.image_tracker.examine(
@@ -208,11 +206,10 @@ class CameraTracker:
         )
         return ImageDetection(outline, box_px, fill)
 
-    def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
-        """The background of the static or moving camera; None if unknown, or for a marker if the camera moves."""
-        if self.background.is_known(camera.view):
-            return self.background
-        return None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
+    def _known_background(self, camera: CameraFrame) -> Background | None:
+        """The background; None if unknown, or for a marker if the camera moves."""
+        rests = self.background.rests(camera.view)
+        return self.background if rests or (self.background.is_known and self.marker is None) else None
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
@@ -222,7 +219,8 @@ class CameraTracker:
         x, y = prior.center_px.tolist()
         near = (x, y, prior.size_px + 4 * prior.std_px + 3)
         area_px = math.pi / 4 * prior.size_px**2
-        differs = partial(self.background.differs, camera.image, camera.view)
+        rests = self.background.rests(camera.view)
+        differs = partial(self.background.differs, camera.image, camera.view) if rests else None
         blobs = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
         nearest = min(blobs, key=lambda blob: math.dist(blob.center_px.tolist(), (x, y)), default=None)
         if nearest is None:

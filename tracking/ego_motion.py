@@ -1,6 +1,7 @@
 """Warp an earlier image to the camera's current pose (ego-motion known from the joints)."""
 
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Array
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
+BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 ROOM_M = 1.2
 """Assumed distance of the static scene."""
 _NO_MAP = np.empty(0, np.float32)  # remap's second map, when the first holds both coordinates
@@ -45,6 +47,13 @@ class EgoMotion:
         """Parallax in the earlier image (px) per 1/m of inverse distance."""
         return self.camera.focal_px * float(np.linalg.norm(current.center - earlier.center))
 
+    def project(self, directions: Array, earlier: View, current: View, inverse_distance: float) -> Array:
+        """Pixels (…, 2) in the earlier view of directions (…, 3) of the current one; NaN where it does not
+        contain them."""
+        T_earlier_current = earlier.T_camera_root @ current.T_root_camera
+        points = directions @ T_earlier_current[:3, :3].T + inverse_distance * T_earlier_current[:3, 3]
+        return self.camera.project(points)
+
     def maps(
         self, earlier: View, current: View, inverse_distance: float, box: Box | None = None
     ) -> NDArray[np.float32]:
@@ -54,9 +63,7 @@ class EgoMotion:
         first_row = y0 // _STEP
         first_column = x0 // _STEP
         cells = np.s_[first_row : -(-y1 // _STEP) + 2, first_column : -(-x1 // _STEP) + 2]
-        T_earlier_current = earlier.T_camera_root @ current.T_root_camera
-        points = self._nodes[cells] @ T_earlier_current[:3, :3].T + inverse_distance * T_earlier_current[:3, 3]
-        nodes = self.camera.project(points).astype(np.float32)
+        nodes = self.project(self._nodes[cells], earlier, current, inverse_distance).astype(np.float32)
         nodes[np.isnan(nodes)] = _FAR_PX
         rows, columns = nodes.shape[:2]
         whole = cv2.resize(nodes, (columns * _STEP, rows * _STEP), interpolation=cv2.INTER_LINEAR)
@@ -70,6 +77,12 @@ class EgoMotion:
         """The earlier image (H, W) or (H, W, 3) warped to the current view, or its `box`; 0 where unknown."""
         maps = self.maps(earlier, current, inverse_distance, box)
         return np.asarray(cv2.remap(image, maps, _NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)
+
+
+def channel_maximum(levels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Largest of the three channels (h, w)."""
+    red, green, blue = cv2.split(levels)
+    return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
 
 
 def color_difference(colors: NDArray[np.float32], points: Array, image: NDArray[np.uint8], view: View) -> float:

@@ -1,179 +1,329 @@
-"""Segments a moving object by background subtraction in the current and in an earlier image of one camera.
+"""Foreground of one camera: its image's difference from the background, and the objects that move in front of it.
 
-A moving object covers background that was visible in the earlier image, and uncovers background that it hid there.
+The background is the mean image of the static scene at an anchor, the camera's pose at the last update.  It is warped
+to the current pose, which is the anchor itself as long as the camera rests.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import View
-from pps_vision.types import Image, Mask
+from pps_vision.errors import InputError
+from pps_vision.geometry.camera import Camera, View
+from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.background import CHANGED, Background
-from tracking.ego_motion import Box
-from tracking.moving_background import LEARNED_EDGE
+from tracking.ego_motion import ROOM_M, Box, BoxPx, EgoMotion, channel_maximum, color_difference
 
-_SAME_MASK = 0.8  # overlap from which a colour region is the object of a static camera
-_MIN_OVERLAP = 0.6  # the same, of a moving camera
-_MIN_COVERED = 0.05  # share of a moving object's area covered in the trigger's interval: 2 cm/s cover 8 % of 6 cm
-_MIN_UNCOVERED = 0.3  # uncovered to covered area of an object in front of a moving camera, at least
-_MAX_AREA_RATIO = 2.0  # of covered and uncovered area in front of a static camera
-_SMOOTHED_PX = 2  # reach of the smoothing and closing of the masks
-_MIN_ENCLOSED = 0.9  # share of a colour region enclosed by the hull of the foreground
+_SAMPLES = 20  # per row and column, of brightness, noise and distance
+_UNCOVERED = 0.35  # share of an edge across which the background changes more than the image, of a place left
+_INVERSE_DISTANCES = np.linspace(0, 2, 11)  # of the static scene, 1/m
+
+Pixels = NDArray[np.uint8]  # (h, w, 3)
 
 
 @dataclass(frozen=True)
-class StaticForeground:
-    """Foreground of a static camera: its background, and its earlier and current images (H, W, 3)."""
+class ForegroundParams:
+    """Parameters of the foreground."""
+
+    memory_s: float = 0.3
+    """Interval between updates of the background; pixels unchanged since the last update become background."""
+    rate: float = 0.3
+    """Weight of a new image in the mean."""
+    noise_factor: float = 4.0
+    """Threshold of the difference from the background, standard deviations."""
+    min_contrast: float = 3.0
+    """Its minimum, grey levels."""
+    tolerance_px: int = 2
+    """Tolerated shift between the background and the image of a moving camera."""
+    min_overlap: float = 0.8
+    """Least overlap of a colour region with a moving object that it shows."""
+    min_moved: float = 0.05
+    """Least share of a moving object's image that was background 0.2 s earlier: 2 cm/s are 8 % of 6 cm."""
+    max_area_ratio: float = 2.0
+    """Largest ratio of the areas that a moving object covers and uncovers."""
+
+    def __post_init__(self) -> None:
+        if not (
+            self.memory_s > 0
+            and 0 < self.rate <= 1
+            and min(self.noise_factor, self.min_contrast, self.tolerance_px) > 0
+            and 0 < self.min_overlap < 1
+            and 0 < self.min_moved < 1
+            and self.max_area_ratio > 1
+        ):
+            raise InputError(
+                "foreground",
+                f"{self}; expected positive numbers, a rate up to 1, shares below 1, and a ratio above 1",
+            )
+
+
+class Brightness(NamedTuple):
+    """Brightness of an image relative to the background, and the threshold of their difference, grey levels."""
+
+    gain: float
+    threshold: float
+
+
+class Background:
+    """Mean colours (H, W, 3) of the static scene, smoothed over 3×3 px; 0 where they are unknown.
+
+    A pixel is updated if it equals the background or its colour at the last update, or if it is unknown; not near the
+    followed objects.  The scene is assumed at one distance, at which the last update fits a moving camera's image best.
+    """
+
+    def __init__(self, params: ForegroundParams, camera: Camera) -> None:
+        self.params = params
+        self.is_known = False  # whether anything was learned
+        self._ego = EgoMotion(camera)
+        self._anchor = View(camera, np.eye(4))
+        self._mean = self._last = np.empty((0, 0, 3), np.uint8)  # and the image of the last update
+        self._stamp_s = 0.0
+        self._inverse_distance = 1 / ROOM_M
+        self._measured: tuple[Image, Brightness] | None = None
+        columns, rows = (
+            (2 * np.arange(_SAMPLES) + 1) * (side - 2) // (2 * _SAMPLES) + 1 for side in (camera.width, camera.height)
+        )
+        self._samples = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+
+    def rests(self, view: View) -> bool:
+        """Whether the background was learned at this pose of the camera."""
+        return self.is_known and self._ego.is_still(self._anchor, view)
+
+    def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
+        """Probability (h, w) that a pixel of a box is foreground: ½ at the threshold, 0 below half of it, 1 where the
+        background is unknown."""
+        gain, threshold = self.brightness(image, view)
+        share = np.arange(256, dtype=np.float32) / np.float32(2 * threshold)
+        share[share <= 0.25] = 0
+        return np.take(np.minimum(share, 1), self._difference(smoothed(image, box), self._mean, gain, view, box))
+
+    def differs(self, image: Image, view: View, box: Box) -> Mask:
+        """Foreground mask (h, w) of a box; all pixels where the background is unknown."""
+        return self.differed(image, view, view, box)
+
+    def differed(self, image: Image, view: View, current_view: View, box: Box) -> Mask:
+        """`differs` for an image of another view, in a box of the current view."""
+        gain, threshold = self.brightness(image, view)
+        if self._ego.is_still(view, current_view):
+            pixels = smoothed(image, box)
+        else:
+            warped = self._ego.warp(image, view, current_view, 1 / ROOM_M, box)
+            pixels = np.asarray(cv2.blur(warped, (3, 3)), np.uint8)
+        mask: Mask = self._difference(pixels, self._mean, gain, current_view, box) > int(threshold)
+        return mask
+
+    def is_uncovered(self, image: Image, view: View, mask: Mask, box: Box) -> bool:
+        """Whether a foreground mask (h, w) of a box is the place that an object has left: the background changes
+        more than the image across enough of its edge."""
+        expected = cv2.convertScaleAbs(self._warped(self._mean, view, box), alpha=self.brightness(image, view).gain)
+        background_step, image_step = (
+            channel_maximum(cv2.morphologyEx(pixels, cv2.MORPH_GRADIENT, masks.square(2)))
+            for pixels in (expected, smoothed(image, box))
+        )
+        edge = masks.dilated(~mask, 1) & mask & (expected[..., 0] > 0)
+        return bool(edge.any() and np.mean(background_step[edge] > image_step[edge]) > _UNCOVERED)
+
+    def brightness(self, image: Image, view: View) -> Brightness:
+        """Brightness of an image and the threshold, from sampled pixels."""
+        if self._measured is None or self._measured[0] is not image:
+            self._measured = image, self._brightness(image, view)
+        return self._measured[1]
+
+    def _brightness(self, image: Image, view: View) -> Brightness:
+        pixels, sources = self._samples, self._samples
+        if not self.rests(view):
+            projected = self._ego.project(self._directions, self._anchor, view, self._inverse_distance)
+            is_inside = ((projected > -0.5) & (projected < (image.shape[1] - 0.5, len(image) - 0.5))).all(axis=1)
+            pixels, sources = pixels[is_inside], np.rint(projected[is_inside]).astype(int)
+        expected = self._mean[sources[:, 1], sources[:, 0]].astype(float)
+        is_known = expected.min(axis=1) > 0
+        if not is_known.any():
+            return Brightness(1.0, self.params.min_contrast)
+        expected = expected[is_known]
+        x, y = pixels[is_known].T
+        rows, columns = np.mgrid[-1:2, -1:2].reshape(2, -1, 1)
+        levels = image[y + rows, x + columns].mean(axis=0)
+        gain = float(np.median(levels / expected))
+        noise = 1.4826 * float(np.median(np.abs(levels - gain * expected)))  # standard deviation
+        return Brightness(gain, max(self.params.noise_factor * noise, self.params.min_contrast))
+
+    def update(self, image: Image, view: View, stamp_s: float, objects_px: Sequence[BoxPx] = ()) -> None:
+        """Update the background every `memory_s`, except around the boxes of the followed objects."""
+        if self.is_known and stamp_s - self._stamp_s <= self.params.memory_s - 1e-6:
+            return
+        current = np.maximum(smoothed(image, (0, 0, image.shape[1], len(image))), np.uint8(1))
+        kept = np.zeros(image.shape[:2], bool)
+        for x, y, w, h in objects_px:
+            kept[
+                max(int(y - 0.3 * h), 0) : max(int(y + 1.3 * h), 0), max(int(x - 0.3 * w), 0) : max(int(x + 1.3 * w), 0)
+            ] = True
+        if self.is_known:
+            self._mean, self._last = self._updated(image, current, view, kept)
+        else:
+            self._mean = np.where(kept[..., None], np.uint8(0), current)
+            self._last = current
+        self._anchor = view
+        self._stamp_s = stamp_s
+        self._measured = None
+        self.is_known = True
+
+    def invalidate(self, image: Image, view: View, box_px: BoxPx) -> None:
+        """Mark the background as unknown behind an object's box and in the foreground within two box sizes: the object
+        may have been at rest there during learning."""
+        if not self.rests(view):
+            return
+        x, y, w, h = (max(round(value), 0) for value in box_px)
+        box = masks.clipped((x - 2 * w, y - 2 * h, x + 3 * w, y + 3 * h), image.shape[1], len(image))
+        doubtful = self.differs(image, view, box)
+        doubtful[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = True
+        self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = 0
+
+    def _updated(self, image: Image, current: Pixels, view: View, kept: Mask) -> tuple[Pixels, Pixels]:
+        """Background as seen from a view, and the image (smoothed: `current`) at the background's brightness."""
+        if not self.rests(view):
+            self._fit_distance(current, view)
+        gain, threshold = self._brightness(image, view)
+        saturated = channel_maximum(current) == 255
+        current = np.maximum(cv2.convertScaleAbs(current, alpha=1 / gain), np.uint8(1))
+        whole = (0, 0, current.shape[1], current.shape[0])
+        mean = self._warped(self._mean, view, whole)
+        differs = self._difference(current, self._mean, 1.0, view, whole) > int(threshold)
+        moved = differs & (mean[..., 0] > 0) & ~kept
+        x, y, w, h = cv2.boundingRect(moved.view(np.uint8))
+        if w:
+            part = x, y, x + w, y + h
+            inside = np.s_[y : y + h, x : x + w]
+            moved[inside] &= self._difference(current[inside], self._last, 1.0, view, part) > int(threshold)
+        if gain > 1:
+            moved |= saturated
+        updated = np.asarray(cv2.addWeighted(current, self.params.rate, mean, 1 - self.params.rate, 0), np.uint8)
+        cv2.copyTo(current, differs.view(np.uint8), updated)
+        cv2.copyTo(mean, (moved | kept).view(np.uint8), updated)
+        return updated, current
+
+    def _fit_distance(self, current: Pixels, view: View) -> None:
+        """Set the distance at which the image of the last update fits best."""
+        rays = view.rays(self._samples.astype(float))
+        colors = current[self._samples[:, 1], self._samples[:, 0]].astype(np.float32)
+
+        def difference(inverse_distance: float) -> float:
+            points = view.center + rays / max(inverse_distance, 1e-3)
+            return color_difference(colors, points, self._last, self._anchor)
+
+        self._inverse_distance = min((self._inverse_distance, *_INVERSE_DISTANCES.tolist()), key=difference)
+
+    def _difference(self, current: Pixels, reference: Pixels, gain: float, view: View, box: Box) -> NDArray[np.uint8]:
+        """Largest difference (h, w) of the three channels of a box (its pixels `current`) to the range of `reference`
+        times the gain within the tolerance, grey levels; 255 where the reference is unknown."""
+        is_moving = not self.rests(view)
+        m = self.params.tolerance_px if is_moving else 1
+        x0, y0, x1, y1 = box
+        left, top = min(m, x0), min(m, y0)
+        wide = x0 - left, y0 - top, min(x1 + m, reference.shape[1]), min(y1 + m, len(reference))
+        expected = self._warped(reference, view, wide)
+        inside = np.s_[top : top + y1 - y0, left : left + x1 - x0]
+        low = cv2.erode(expected, masks.square(m))[inside]
+        high = cv2.dilate(expected, masks.square(m))[inside]
+        above = cv2.subtract(current, cv2.convertScaleAbs(high, alpha=gain))
+        below = cv2.subtract(cv2.convertScaleAbs(low, alpha=gain), current)
+        difference = channel_maximum(cv2.max(above, below))
+        if is_moving:  # gaps that the tolerance leaves along edges
+            difference = np.asarray(cv2.morphologyEx(difference, cv2.MORPH_CLOSE, masks.square(m + 1)), np.uint8)
+        difference[low[..., 0] == 0] = 255
+        return difference
+
+    def _warped(self, image: Pixels, view: View, box: Box) -> Pixels:
+        """Box of an image of the anchor, warped to a view."""
+        if self.rests(view):
+            return image[box[1] : box[3], box[0] : box[2]]
+        return self._ego.warp(image, self._anchor, view, self._inverse_distance, box)
+
+    @cached_property
+    def _directions(self) -> Array:
+        """(n, 3) directions of the sampled pixels."""
+        return self._ego.camera.bearings(self._samples.astype(float))
+
+
+@dataclass(frozen=True)
+class Foreground:
+    """Foreground of an image (H, W, 3) and of an earlier one with its view (None: there is none).
+
+    A moving object covers background that was visible in the earlier image, and uncovers background that it hid there.
+    """
 
     background: Background
+    image: Image
     view: View
-    earlier: Image
-    current: Image
-
-    def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
-        """Whether a colour region (h, w) in `box` may be a moving object.
-
-        Its colour is distinct, the hull of the foreground encloses most of the region, and enough of the enclosed part
-        is foreground (the inside of a uniform object need not be).
-        """
-        if not is_distinct:
-            return False
-        differs = self._differs[box[1] : box[3], box[0] : box[2]]
-        enclosed = np.count_nonzero(_hull(differs, colored) & colored)
-        differing = np.count_nonzero(differs & colored)
-        return bool(differing >= CHANGED * enclosed and enclosed >= _MIN_ENCLOSED * np.count_nonzero(colored))
+    earlier: tuple[Image, View] | None
 
     def differs(self, box: Box) -> Mask:
         """Foreground mask (h, w) of a box."""
-        return self._differs[box[1] : box[3], box[0] : box[2]]
+        return self.background.differs(self.image, self.view, box)
+
+    def confirms(self, colored: Mask, box: Box) -> bool:
+        """Whether a colour region (h, w) in `box` may be a moving object: the hull of the foreground that touches it
+        encloses it (the inside of a uniform object need not be foreground), or the camera moves: optical flow decides.
+        """
+        if not self.background.rests(self.view):
+            return True
+        differs = self.differs(box)
+        _, labels = cv2.connectedComponents(differs.view(np.uint8))
+        touching = np.isin(labels, np.unique(np.asarray(labels)[colored & differs])) & differs
+        if not touching.any():
+            return False
+        hull = np.zeros(differs.shape, np.uint8)
+        cv2.fillConvexPoly(hull, cv2.convexHull(np.argwhere(touching)[:, ::-1].astype(np.int32)), (1,))
+        return bool(np.count_nonzero(hull.view(bool) & colored) >= masks.SOLID * np.count_nonzero(colored))
 
     def shows_the_object(self, colored: Mask, moved: Mask) -> bool:
         """Whether a colour region (h, w) is the object of the foreground `moved` (h, w): both are nearly equal, or the
         foreground is not solid, such as an arm that holds an object."""
         overlap = np.count_nonzero(colored & moved) / np.count_nonzero(colored | moved)
-        return bool(overlap > _SAME_MASK or masks.solidity(moved) < masks.SOLID)
+        return bool(overlap > self.background.params.min_overlap or masks.solidity(moved) < masks.SOLID)
 
-    def moved_mask(self, seed: Mask, box: Box) -> Mask | None:
-        """Mask (h, w) of the object that moved as a whole onto the `seed` (h, w) in `box`; None if there is none.
+    def moved_mask(self, seed: Mask, box: Box) -> tuple[Mask, bool] | None:
+        """Mask (h, w) of the object that moved onto the `seed` (h, w) in `box`, and whether a part of it may be hidden.
 
-        It has uncovered about the area that it has covered.  None also for an object that overlaps its ghost, and for a
-        ghost (the place where it rested when the background was learned).
+        It has covered background, and uncovered about as much.  If it has not uncovered as much, it appears from behind
+        an occluder; only in front of a static camera, and away from the border of the box.  None for other objects,
+        and in front of a moving camera for the place that an object has left.
         """
+        background = self.background
+        rests = background.rests(self.view)
         x0, y0, x1, y1 = box
-        height, width = self.current.shape[:2]
-        m = max(x1 - x0, y1 - y0)  # motion of a fast object
-        around = np.s_[max(y0 - m, 0) : min(y1 + m, height), max(x0 - m, 0) : min(x1 + m, width)]
-        mask, covered = self._covered(seed, box)
-        if mask is None:
+        m = max(x1 - x0, y1 - y0) if rests else 0  # motion of a fast object
+        around = masks.clipped((x0 - m, y0 - m, x1 + m, y1 + m), self.image.shape[1], len(self.image))
+        inside = np.s_[y0 - around[1] : y1 - around[1], x0 - around[0] : x1 - around[0]]
+        differs = self.differs(around)
+        mask = masks.closed_component(differs[inside], seed)
+        if mask is None or self.earlier is None:
             return None
-        uncovered = np.count_nonzero(self._differed[around] & ~self._differs[around])
-        moves = (
-            covered > _MIN_COVERED * np.count_nonzero(mask)
-            and covered / _MAX_AREA_RATIO < uncovered < _MAX_AREA_RATIO * covered
-        )
-        return mask if moves else None
-
-    def disoccluded_mask(self, seed: Mask, box: Box) -> Mask | None:
-        """Mask (h, w) of an object that appears on the `seed` (h, w) in `box` from behind an occluder; None if there is
-        none.
-
-        It need not have uncovered background, but it is solid and no ghost.  An object that enters over the image's
-        border is soon visible as a whole: None.
-        """
-        mask, covered = self._covered(seed, box)
-        if mask is None or covered <= _MIN_COVERED * np.count_nonzero(mask) or masks.solidity(mask) < masks.SOLID:
-            return None
-        if masks.is_cut(mask, box, self.current) or _meets_border(mask, box, self.current):
-            return None
-        edge = self.background.learned_edge(self.current, self.view, mask, box)
-        return mask if edge is not None and edge < LEARNED_EDGE else None
-
-    def _covered(self, seed: Mask, box: Box) -> tuple[Mask | None, int]:
-        """Foreground component (h, w) at the seed, and the number of its pixels that were background earlier."""
-        x0, y0, x1, y1 = box
-        mask = masks.closed_component(self._differs[y0:y1, x0:x1], seed)
-        return mask, 0 if mask is None else int(np.count_nonzero(mask & ~self._differed[y0:y1, x0:x1]))
-
-    @cached_property
-    def _differs(self) -> Mask:
-        """Foreground (H, W) of the current image."""
-        return self.background.differs(self.current, self.view, (0, 0, self.current.shape[1], self.current.shape[0]))
-
-    @cached_property
-    def _differed(self) -> Mask:
-        """Foreground (H, W) of the earlier image."""
-        return self.background.differs(self.earlier, self.view, (0, 0, self.earlier.shape[1], self.earlier.shape[0]))
-
-
-@dataclass(frozen=True)
-class MovingForeground:
-    """Foreground of a moving camera: its background and current image (H, W, 3); `warp_earlier` returns a box of the
-    earlier image warped to `view` (None where there is none)."""
-
-    background: Background
-    view: View
-    warp_earlier: Callable[[Box], Image | None]
-    current: Image
-
-    def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
-        """True: in front of a moving camera optical flow confirms colour regions."""
-        return True
-
-    def differs(self, box: Box) -> Mask:
-        """Foreground mask (h, w) of a box."""
-        return self.background.moving.differs(self.current, self.view, box)
-
-    def shows_the_object(self, colored: Mask, moved: Mask) -> bool:
-        """Whether a colour region (h, w) and the foreground `moved` (h, w) largely overlap: the colour's edge is more
-        accurate."""
-        larger = max(np.count_nonzero(colored), np.count_nonzero(moved))
-        return bool(np.count_nonzero(colored & moved) > _MIN_OVERLAP * larger)
-
-    def moved_mask(self, seed: Mask, box: Box) -> Mask | None:
-        """Mask (h, w) of a solid object that has covered and uncovered background and is no ghost; None if there is
-        none."""
-        earlier = self.warp_earlier(box)
-        background = self.background.moving
-        differs = background.differs(self.current, self.view, box)
-        mask = masks.closed_component(differs, seed)
-        if mask is None or earlier is None or masks.is_cut(mask, box, self.current):
-            return None
-        differed = background.differs_in(earlier, self.view, box)
-        covered = np.count_nonzero(mask & ~differed)
+        differed = background.differed(*self.earlier, self.view, around)
+        covered = np.count_nonzero(mask & ~differed[inside])
         uncovered = np.count_nonzero(differed & ~differs)
-        moves = covered > _MIN_COVERED * np.count_nonzero(mask) and uncovered > _MIN_UNCOVERED * covered
-        if not moves or masks.solidity(mask) < masks.SOLID:
+        ratio = background.params.max_area_ratio
+        if covered <= background.params.min_moved * np.count_nonzero(mask):
             return None
-        edge = self.background.learned_edge(self.current, self.view, mask, box)
-        return None if edge is not None and edge > LEARNED_EDGE else mask
-
-    def disoccluded_mask(self, seed: Mask, box: Box) -> Mask | None:
-        """None: only a static camera detects a disocclusion."""
-        return None
-
-
-Foreground = StaticForeground | MovingForeground
-
-
-def _meets_border(mask: Mask, box: Box, image: Image) -> bool:
-    """Whether a mask (h, w) of the region `box` reaches the image's border, within the reach of smoothing."""
-    y, x = np.nonzero(mask)
-    from_top_left = min(box[0] + x.min(), box[1] + y.min())
-    from_bottom_right = min(image.shape[1] - 1 - box[0] - x.max(), image.shape[0] - 1 - box[1] - y.max())
-    return bool(min(from_top_left, from_bottom_right) <= _SMOOTHED_PX)
+        is_whole = covered / ratio < uncovered < ratio * covered
+        if is_whole and rests:
+            return mask, False
+        if masks.solidity(mask) < masks.SOLID:
+            return None
+        if rests:
+            is_cut = mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any()
+            return None if is_cut else (mask, True)
+        is_object = is_whole and not background.is_uncovered(self.image, self.view, mask, box)
+        return (mask, False) if is_object else None
 
 
-def _hull(changed: Mask, touched: Mask) -> Mask:
-    """(h, w) the convex hull of the components of `changed` (h, w) that touch another mask (h, w)."""
-    _, labels = cv2.connectedComponents(changed.view(np.uint8))
-    near = np.isin(labels, np.unique(np.asarray(labels)[touched & changed])) & changed
-    contours, _ = cv2.findContours(near.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    whole = np.zeros(changed.shape, np.uint8)
-    if contours:
-        cv2.fillConvexPoly(whole, cv2.convexHull(np.concatenate(contours)), (1,))
-    return whole.view(bool)
+def smoothed(image: Image, box: Box) -> Pixels:
+    """Box (h, w, 3) of an image, smoothed over 3×3 px."""
+    x0, y0, x1, y1 = box
+    left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
+    smooth = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
+    return np.ascontiguousarray(smooth[y0 - top : y1 - top, x0 - left : x1 - left])

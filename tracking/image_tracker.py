@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram, share
-from tracking.ego_motion import Box
+from tracking.ego_motion import Box, BoxPx
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import Evidence, Map, Silhouette
 
 Foreground = Callable[[Box], NDArray[np.float32] | Mask]
 """Box → probability (h, w) that a pixel differs from the background, or a mask."""
 SegmentedBy = Literal["colour", "colour and foreground", "foreground"]
-BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 _GAP = 0.05  # half the width, in object sizes, of gaps that are closed in a foreground mask
 _THIN = 0.22  # radius, in object sizes, of the disc that opens its mask
 MIN_SCORE = 0.4  # below which the object is not detected
@@ -234,10 +233,6 @@ class ImageTracker:
         seen = share_beside * histogram(examined.bins[beside]) if share_beside > 0 else 0.0
         rivals = (1 - _BACKGROUND_RATE) * target.rivals + _BACKGROUND_RATE * seen
         return replace(target, rivals=rivals)
-
-    def predicted(self, target: Target, angle_rad: float) -> Target:
-        """The target at a predicted angular radius."""
-        return replace(target, angle_rad=angle_rad)
 
     def _learn(
         self, target: Target, examined: Examined, mask: Mask, outline: Outline, score: float, ratio: float

@@ -15,8 +15,8 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoView
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.background import Background
 from tracking.ego_motion import Box, color_difference
+from tracking.foreground import Background
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
 
@@ -28,6 +28,7 @@ _DISTANCES = 16  # hypotheses of the surroundings' distance
 _MAX_RATIO = 0.7  # ratio of the image differences at the surroundings' distance and at the marker's
 _MARGIN_PX = 8  # of background around a blob that its outline is fitted in: the whole image takes half as long again
 _MIN_AREA_PX = 8  # smallest blob
+_CHANGED = 0.3  # least foreground share of a marker's box
 _MAX_COMPARED = 40  # blobs that are compared with the background
 _MAX_BLOBS = 4  # blobs that are outlined, the largest and roundest: it limits the time in an image full of the hue
 _COMMON_SHARE = 0.02  # share of the image from which a hue belongs to the scene
@@ -186,12 +187,18 @@ def moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, bac
     """
     height, width = camera.image.shape[:2]
     refused: list[Box] = []
+    rests = background.rests(camera.view)
+    differs = partial(background.differs, camera.image, camera.view)
 
     def is_compact(x: int, y: int, w: int, h: int) -> bool:
         return x > 0 and y > 0 and x + w < width and y + h < height and max(w, h) <= _MAX_ELONGATION * min(w, h)
 
+    def has_changed(box: Box) -> bool:
+        """Whether a box is foreground, or the background is unknown."""
+        return not rests or float(differs(box).mean()) > _CHANGED
+
     def is_candidate(x: int, y: int, w: int, h: int) -> bool:
-        moved = is_compact(x, y, w, h) and background.has_changed(camera.image, camera.view, x, y, w, h)
+        moved = is_compact(x, y, w, h) and has_changed((x, y, x + w, y + h))
         if not moved:
             refused.append((x, y, x + w, y + h))
         return moved
@@ -202,9 +209,8 @@ def moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, bac
         outlines = [outline for outline in camera.outlines if is_candidate(*map(round, outline.box_px))]
     vivid = find_vivid_markers(params, camera.image, optics, is_candidate=is_candidate)
     plain = [outline for outline in outlines if not any(_contains(outline, marker) for marker in vivid)]
-    if plain or vivid or not refused or not background.is_known(camera.view):
+    if plain or vivid or not refused or not rests:
         return plain + vivid
-    differs = partial(background.differs, camera.image, camera.view)
     return find_markers(params, camera.image, optics, is_candidate=is_compact, differs=differs)
 
 

@@ -117,10 +117,15 @@ def is_cut(mask: Mask, box: tuple[int, int, int, int], image: Image) -> bool:
     return any(inner and bool(side.any()) for side, inner in sides)
 
 
+def contour(mask: Mask) -> NDArray[np.int32]:
+    """(n, 2) pixels x, y along the longest outer edge of a mask, in their order."""
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(max(contours, key=len)[:, 0], np.int32)
+
+
 def solidity(mask: Mask) -> float:
     """Share of its convex hull that a connected mask fills."""
-    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    hull = cv2.convexHull(np.concatenate(contours))
+    hull = cv2.convexHull(contour(mask))
     return float(np.count_nonzero(mask)) / max(float(cv2.contourArea(hull)), 1.0)
 
 

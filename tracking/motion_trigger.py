@@ -7,7 +7,7 @@ measures their image velocity (`optical_flow`).
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,8 +20,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, View, reduced_image
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.ego_motion import ROOM_M, Box, EgoMotion
-from tracking.moving_background import BoxPx, most
+from tracking.ego_motion import ROOM_M, Box, BoxPx, EgoMotion, channel_maximum
 from tracking.optical_flow import JITTER_S, Flow2D, GreyImage, Match, match
 
 Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
@@ -169,19 +168,10 @@ class MotionTrigger:
         """Keep an image as a reference for later ones, without searching it."""
         self._past.append(self._next(image, view, stamp_s, own, followed))
 
-    def image_before(self, view: View, stamp_s: float) -> Image | None:
-        """Return the oldest image of the last `interval_s`, of an eye that has not moved; None if there is none."""
-        still = (frame.image for frame in self._within_interval(stamp_s) if self._ego.is_still(frame.view, view))
-        return next(still, None)
-
-    def seen_before(self, view: View, stamp_s: float, box: Box) -> Image | None:
-        """Return a box of the oldest image of the last `interval_s`, warped to `view`; None if there is none."""
-        frame = next(self._within_interval(stamp_s), None)
-        return None if frame is None else self._ego.warp(frame.image, frame.view, view, 1 / ROOM_M, box)
-
-    def _within_interval(self, stamp_s: float) -> Iterator[_Frame]:
-        """Images of the last `interval_s`, oldest first."""
-        return (frame for frame in self._past if 0 < stamp_s - frame.stamp_s <= self.params.interval_s + 1e-6)
+    def before(self, stamp_s: float) -> tuple[Image, View] | None:
+        """The oldest image of the last `interval_s` and its view; None if there is none."""
+        frames = (frame for frame in self._past if 0 < stamp_s - frame.stamp_s <= self.params.interval_s + 1e-6)
+        return next(((frame.image, frame.view) for frame in frames), None)
 
     def moves(self, mask: Mask, box: Box) -> bool:
         """Whether twice as many points of a mask (h, w) of a box of the last image move as rest, by their flow since
@@ -347,7 +337,7 @@ class MotionResidual:
             pixels = np.clip(pixels - np.float32(exposure), 0, 255).astype(np.uint8)
         difference = cv2.max(cv2.subtract(pixels, high), cv2.subtract(low, pixels))
         residual = np.asarray(cv2.threshold(difference, threshold, 0, cv2.THRESH_TOZERO)[1], dtype=np.uint8)
-        return residual if residual.ndim == 2 else most(residual)
+        return residual if residual.ndim == 2 else channel_maximum(residual)
 
     def _range(self, old: Pixels, inverse_distance: float, box: Box) -> tuple[Pixels, Pixels, Pixels]:
         """The warped older image in the box, and its darkest and brightest level within the tolerance; all levels

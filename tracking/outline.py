@@ -17,6 +17,7 @@ from pps_vision.geometry.camera import Camera, solid_angles
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
+from tracking import masks
 from tracking.ego_motion import Box
 
 _SHADE_STD = 0.4  # relative standard deviation of the rim's brightness from that of the object just inside it
@@ -117,20 +118,16 @@ def fit_outline(
     box: Box,
     optics: Optics,
     expected_area_px: float | None = None,
-    joined: Mask | None = None,
 ) -> Outline | None:
     """Return the outline of a hard mask (h, w) of the region `box` of an RGB image; None if nothing is covered.
 
     If the image's border cuts the object off, or the mask is smaller than the expected area and no disc, a disc of the
     expected area is fitted to the visible edge.  If the fit fails, the covariance grows by the possible distance
-    between the centres of the visible part and of the object.  For a mask that was cut out of a larger one, `joined`
-    (h, w), only the edge that both have in common is fitted, and None is returned if the fit fails.
+    between the centres of the visible part and of the object.
     """
     shape = outline(cover(image, mask, box), optics)
     if shape is None:
         return None
-    if joined is not None:
-        return None if expected_area_px is None else _disc(mask, box, shape, expected_area_px, joined)
     expected = expected_area_px or shape.area_px
     if not shape.is_partial and (shape.area_px >= _WHOLE * expected or shape.is_disc):
         return shape
@@ -143,13 +140,9 @@ def fit_outline(
     return replace(shape, cov_px=shape.cov_px + off_px**2 * np.eye(2), is_partial=True)
 
 
-def _disc(mask: Mask, box: Box, visible: Outline, area_px: float, joined: Mask | None = None) -> Outline | None:
-    """Fit a disc of a known area (px) to the edge of a mask (h, w) of the region `box`, where it is also an edge of
-    `joined` (h, w); None if the fit fails."""
-    whole = mask if joined is None else joined
-    contours, _ = cv2.findContours(whole.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    edge = max(contours, key=len)[:, 0]
-    edge = edge[mask[edge[:, 1], edge[:, 0]]].astype(float)
+def _disc(mask: Mask, box: Box, visible: Outline, area_px: float) -> Outline | None:
+    """Fit a disc of a known area (px) to the edge of a mask (h, w) of the region `box`; None if the fit fails."""
+    edge = masks.contour(mask).astype(float)
     inner = (edge > 0).all(axis=1) & (edge < np.array(mask.shape)[::-1] - 1).all(axis=1)
     if visible.area_px < _MIN_VISIBLE * area_px or np.count_nonzero(inner) < _MIN_EDGE_PX:
         return None

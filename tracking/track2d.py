@@ -1,6 +1,7 @@
 """Track one object in the images of an uncalibrated camera, given its box in the first image."""
 
 import math
+from dataclasses import replace
 from typing import Literal, NamedTuple, Protocol
 
 import cv2
@@ -9,7 +10,8 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Array, Image
-from tracking.image_tracker import MIN_SCORE, BoxPx, ImageTracker
+from tracking.ego_motion import BoxPx
+from tracking.image_tracker import MIN_SCORE, ImageTracker
 from tracking.outline import Optics
 from tracking.particle_filter import BESIDE_PX, Evidence, ParticleFilterParams, disc, posterior, scores
 
@@ -73,7 +75,7 @@ class ColorTracker:
         detected = self._tracker.detect(target, image, examined, center, by_color=True)
         if detected is not None:
             target, detection, _ = detected
-            self._target = self._tracker.predicted(target, detection.outline.angular_radius_rad / target.ratio)
+            self._target = replace(target, angle_rad=detection.outline.angular_radius_rad / target.ratio)
             center = detection.outline.center_px
             self._box_px, score = detection.box_px, detection.score
         elif fill > MIN_SCORE:

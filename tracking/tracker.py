@@ -19,6 +19,7 @@ from tracking.acquisition import Acquisition, Candidate, FollowedBoxes, OwnBody,
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.camera_tracker import CameraState, CameraTracker, Prior
+from tracking.foreground import ForegroundParams
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import SIZE_FRAMES, Examined, ImageDetection
 from tracking.kalman import Belief, KalmanParams
@@ -69,10 +70,10 @@ class TrackerParams:
     deviation (chosen on 264 starts in simulation, seeds 6101 and 6102); inf: it stays."""
     stamp_error_s: float = 0.02
     """Prior standard deviation of the delay of the joints behind the images; 0: there is none."""
-    background_memory_s: float = 0.3
-    """What an eye at rest sees unchanged for this long becomes its background."""
     trigger: TriggerParams = field(default_factory=TriggerParams)
     """Motion trigger of each camera."""
+    foreground: ForegroundParams = field(default_factory=ForegroundParams)
+    """Background and foreground of each camera."""
     particles: ParticleFilterParams = field(default_factory=ParticleFilterParams)
     """Particle filter over whole objects."""
     marker: MarkerParams = field(default_factory=MarkerParams)
@@ -87,12 +88,8 @@ class TrackerParams:
             raise InputError("tracker", f"mode {self.mode!r}; expected 'generic' or 'marker'")
         if self.reduction < 1:
             raise InputError("tracker", f"reduction {self.reduction}; expected 1 or more pixels")
-        if not (self.stamp_error_s >= 0 and self.background_memory_s > 0):
-            raise InputError(
-                "tracker",
-                f"delay of the joints ± {self.stamp_error_s} s, memory of the background {self.background_memory_s} s; "
-                "expected 0 or more, and more than 0",
-            )
+        if not self.stamp_error_s >= 0:
+            raise InputError("tracker", f"delay of the joints ± {self.stamp_error_s} s; expected 0 or more")
         if not self.aspect_rad > 0:
             raise InputError("tracker", f"angle of another aspect {self.aspect_rad} rad; expected more than 0")
         if self.max_objects < 1:
@@ -203,8 +200,8 @@ class Tracker:
         self._rng = rng
         marker = params.marker if params.mode == "marker" else None
         self._cameras = (
-            CameraTracker("left", self._optics[0], marker, params.background_memory_s),
-            CameraTracker("right", self._optics[1], marker, params.background_memory_s),
+            CameraTracker("left", self._optics[0], marker, params.foreground),
+            CameraTracker("right", self._optics[1], marker, params.foreground),
         )
         self.search_counts: SearchCounts = Counter()
         self._poses = PoseEstimator(rig, params.stamp_error_s)
@@ -478,8 +475,6 @@ class Tracker:
         with self.stages("image"):
             for tracker, camera, candidate in zip(self._cameras, cameras, pair, strict=True):
                 outline = candidate.outline
-                if by_color:
-                    tracker.background.invalidate(camera.image, camera.view, candidate.mask, candidate.box)
                 box = _whole_box(outline) if outline.is_partial else outline.box_px
                 seen = None
                 if not outline.is_partial and not outline.is_disc and observation is not None:
@@ -502,7 +497,7 @@ class Tracker:
         """The track with the targets of a marker's blobs."""
         targets = []
         for tracker, camera, blob in zip(self._cameras, cameras, blobs, strict=True):
-            tracker.background.invalidate_box(camera.image, camera.view, blob.box_px)
+            tracker.background.invalidate(camera.image, camera.view, blob.box_px)
             targets.append(tracker.image_tracker.start(camera.image, blob.box_px, blob.angular_radius_rad))
         pairs = zip(track.cameras, targets, strict=True)
         left, right = (camera_state._replace(target=target) for camera_state, target in pairs)

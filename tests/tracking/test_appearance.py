@@ -69,12 +69,10 @@ def test_colours_in_either_eye_and_size_must_agree(left, right, radius_m, is_sam
 class Unchanged:
     """A foreground that shows nothing, and leaves it to distinct colours."""
 
-    def confirms(self, colored: Mask, box: Box, is_distinct: bool) -> bool:
-        return is_distinct
+    def confirms(self, colored: Mask, box: Box) -> bool:
+        return True
 
     def moved_mask(self, seed: Mask, box: Box) -> None: ...
-
-    disoccluded_mask = moved_mask
 
 
 def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng):

@@ -12,6 +12,7 @@ from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
 from tracking.appearance import ColorModel
 from tracking.camera_tracker import CameraState, CameraTracker, Prior
+from tracking.foreground import ForegroundParams
 from tracking.image_tracker import ImageDetection
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams
@@ -28,7 +29,7 @@ Part = tuple[Mask, tuple[float, float, float]]
 
 
 def camera_tracker(marker: MarkerParams | None = None) -> CameraTracker:
-    return CameraTracker("left", OPTICS, marker, 10.0)
+    return CameraTracker("left", OPTICS, marker, ForegroundParams(memory_s=0.2))
 
 
 def disc(x: float, y: float, radius: float) -> Mask:

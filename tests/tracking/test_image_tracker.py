@@ -119,7 +119,7 @@ def test_a_hoop_has_a_hole_where_its_background_shows(scene):
     for differs, inner in ((None, 15), (_is_blue, 0)):
         scene.start(hoop, (125, 85, 51, 51))
         area_px = np.pi * (25**2 - inner**2)
-        scene.target = scene.eye.predicted(scene.target, angle_of(2 * np.sqrt(area_px / np.pi)))
+        scene.target = replace(scene.target, angle_rad=angle_of(2 * np.sqrt(area_px / np.pi)))
         scene.target = replace(scene.target, shape=(51 / scene.target.angle_rad,) * 2)
         assert scene.step(hoop, 150, 110, differs=differs).outline.area_px == pytest.approx(area_px, rel=0.05)
 

@@ -252,11 +252,3 @@ def test_a_disc_is_completed_where_most_of_its_edge_shows(optics):
     exact = outline(cover(drawn(whole), whole, FULL), optics)
     assert completed.angular_radius_rad == pytest.approx(exact.angular_radius_rad, rel=0.02)
     assert completed.angular_radius_var == pytest.approx((0.03 * completed.angular_radius_rad) ** 2)
-
-
-def test_of_joined_things_without_an_expected_area_there_is_no_outline(optics):
-    left = disc(160, 120, 20)
-    joined = left | disc(190, 120, 20)
-    assert fit_outline(drawn(joined), left, FULL, optics, None, joined) is None
-    result = fit_outline(drawn(joined), left, FULL, optics, np.pi * 20**2, joined)
-    assert np.linalg.norm(result.center_px - [160, 120]) < 0.5
