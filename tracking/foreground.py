@@ -135,11 +135,13 @@ class Background:
         return self._measured[1]
 
     def _brightness(self, image: Image, view: View) -> Brightness:
-        pixels, sources = self._samples, self._samples
+        pixels = self._samples
+        sources = pixels
         if not self.rests(view):
             projected = self._ego.project(self._directions, self._anchor, view, self._inverse_distance)
             is_inside = ((projected > -0.5) & (projected < (image.shape[1] - 0.5, len(image) - 0.5))).all(axis=1)
-            pixels, sources = pixels[is_inside], np.rint(projected[is_inside]).astype(int)
+            pixels = pixels[is_inside]
+            sources = np.rint(projected[is_inside]).astype(int)
         expected = self._mean[sources[:, 1], sources[:, 0]].astype(float)
         is_known = expected.min(axis=1) > 0
         if not is_known.any():
@@ -157,15 +159,15 @@ class Background:
         if self.is_known and stamp_s - self._stamp_s <= self.params.memory_s - 1e-6:
             return
         current = np.maximum(smoothed(image, (0, 0, image.shape[1], len(image))), np.uint8(1))
-        kept = np.zeros(image.shape[:2], bool)
+        excluded = np.zeros(image.shape[:2], bool)
         for x, y, w, h in objects_px:
-            kept[
+            excluded[
                 max(int(y - 0.3 * h), 0) : max(int(y + 1.3 * h), 0), max(int(x - 0.3 * w), 0) : max(int(x + 1.3 * w), 0)
             ] = True
         if self.is_known:
-            self._mean, self._last = self._updated(image, current, view, kept)
+            self._mean, self._last = self._updated(image, current, view, excluded)
         else:
-            self._mean = np.where(kept[..., None], np.uint8(0), current)
+            self._mean = np.where(excluded[..., None], np.uint8(0), current)
             self._last = current
         self._anchor = view
         self._stamp_s = stamp_s
@@ -183,7 +185,7 @@ class Background:
         doubtful[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = True
         self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = 0
 
-    def _updated(self, image: Image, current: Pixels, view: View, kept: Mask) -> tuple[Pixels, Pixels]:
+    def _updated(self, image: Image, current: Pixels, view: View, excluded: Mask) -> tuple[Pixels, Pixels]:
         """Background as seen from a view, and the image (smoothed: `current`) at the background's brightness."""
         if not self.rests(view):
             self._fit_distance(current, view)
@@ -193,7 +195,7 @@ class Background:
         whole = (0, 0, current.shape[1], current.shape[0])
         mean = self._warped(self._mean, view, whole)
         differs = self._difference(current, self._mean, 1.0, view, whole) > int(threshold)
-        moved = differs & (mean[..., 0] > 0) & ~kept
+        moved = differs & (mean[..., 0] > 0) & ~excluded
         x, y, w, h = cv2.boundingRect(moved.view(np.uint8))
         if w:
             part = x, y, x + w, y + h
@@ -203,7 +205,7 @@ class Background:
             moved |= saturated
         updated = np.asarray(cv2.addWeighted(current, self.params.rate, mean, 1 - self.params.rate, 0), np.uint8)
         cv2.copyTo(current, differs.view(np.uint8), updated)
-        cv2.copyTo(mean, (moved | kept).view(np.uint8), updated)
+        cv2.copyTo(mean, (moved | excluded).view(np.uint8), updated)
         return updated, current
 
     def _fit_distance(self, current: Pixels, view: View) -> None:
@@ -223,7 +225,8 @@ class Background:
         is_moving = not self.rests(view)
         m = self.params.tolerance_px if is_moving else 1
         x0, y0, x1, y1 = box
-        left, top = min(m, x0), min(m, y0)
+        left = min(m, x0)
+        top = min(m, y0)
         wide = x0 - left, y0 - top, min(x1 + m, reference.shape[1]), min(y1 + m, len(reference))
         expected = self._warped(reference, view, wide)
         inside = np.s_[top : top + y1 - y0, left : left + x1 - x0]
