@@ -5,6 +5,7 @@ one object.  A marker is detected by its hue.
 """
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import StereoView, View
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
@@ -24,7 +26,7 @@ from tracking.foreground import Background, Foreground
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.optical_flow import Flow2D
-from tracking.outline import Optics, Outline, fit_outline
+from tracking.outline import Optics, Outline, fit_outline, fit_visible_disc
 from tracking.stereo import Association, CameraFrame, CameraFrames
 
 OwnBody = Callable[[Array, View], Mask]
@@ -43,10 +45,13 @@ _AROUND_PX = 6  # around a motion region whose vivid parts are sought
 _MIN_PART = 0.02  # of a motion region
 _MIN_PART_PX = 40
 _WHOLE_PART = 0.8  # share of what moves from which a part is the whole
-_RIM_PX = 1.5  # distance of a part's edge from the circle around it
-_RIM = 0.06  # the same, relative to the radius
+_RIM_PX = 1.0  # distance of a part's edge from the circle around it
+_RIM = 0.04  # the same, relative to the radius
 _SECTORS = 36  # of the circle
-_MIN_RIM = 0.4  # of them, in which the edge lies on the circle
+_MIN_RIM = 0.5  # of them, in which the edge lies on the circle
+_MIN_HIDDEN_RIM = 0.35  # the same where something may hide a part
+_MOST_HIDDEN = 0.75  # largest radius of the circle, relative to what is visible of it
+_TRIPLES = 24  # from which circles are drawn
 _MARGIN = 1.0  # around a motion region, relative to its size
 _MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of region and surroundings above which no object stands out
 _ROUNDS = 4  # largest number of alternating estimates of colours and mask
@@ -199,8 +204,10 @@ class Acquisition:
         for region in regions:
             whole = segment(camera.image, region, self._optics[eye], foreground)
             if whole is not None:
+                whole = _completed(camera.image, whole, self._optics[eye], foreground)
                 candidates.append(whole)
-            if whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < masks.SOLID:
+            is_ragged = whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < masks.SOLID
+            if is_ragged and not (whole and whole.is_part):
                 candidates += vivid_parts(camera.image, region, self._optics[eye], foreground)
         if eye == 0 and not background.rests(camera.view):  # flow confirms that a colour region moves by itself
             candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]
@@ -327,12 +334,23 @@ def vivid_parts(
         mask = masks.closed_component(colored, colored)
         if mask is None or np.count_nonzero(mask) > _WHOLE_PART * np.count_nonzero(changed):
             continue
-        outline = _disc_around(image, mask, box, optics)
+        outline = _disc_around(image, mask, changed, box, optics)
         if outline is not None:
             model = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
             evidence = region.evidence * (1 - model.similarity(model.background))
             candidates.append(Candidate(outline, model, evidence, region.flow, True, mask, box, is_part=True))
     return candidates
+
+
+def _completed(image: Image, candidate: Candidate, optics: Optics, foreground: Foreground | None) -> Candidate:
+    """The candidate, as a part of a disc if most of its edge lies on a circle."""
+    if not candidate.by_color or candidate.outline.is_partial:
+        return candidate
+    changed = np.zeros(candidate.mask.shape, bool) if foreground is None else foreground.covers(candidate.box)
+    outline = _disc_around(image, candidate.mask, changed, candidate.box, optics)
+    if outline is None or not outline.is_partial:
+        return candidate
+    return replace(candidate, outline=outline, is_part=True)
 
 
 def _adjacent(hues: list[int]) -> list[list[int]]:
@@ -348,31 +366,64 @@ def _adjacent(hues: list[int]) -> list[list[int]]:
     return groups
 
 
-def _disc_around(image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
-    """Outline of a part: its own if it is a disc, else the circle around it, if enough of its edge lies on that."""
+def _disc_around(image: Image, mask: Mask, changed: Mask, box: Box, optics: Optics) -> Outline | None:
+    """Outline of a part: its own if it is a disc, else that of a disc on which enough of its edge lies; less if it lies
+    beside foreground, a mask `changed` (h, w), which may hide the rest."""
     outline = fit_outline(image, mask, box, optics)
-    if outline is None or outline.is_partial or outline.is_disc:
-        return outline if outline is not None and outline.is_disc else None
-    contour = masks.contour(mask)
-    (u, v), radius = cv2.minEnclosingCircle(contour)
-    radius += 0.5  # the contour's pixels lie inside
-    distance = np.hypot(contour[:, 0] - u, contour[:, 1] - v)
-    angles = np.arctan2(contour[:, 1] - v, contour[:, 0] - u)[distance > radius - max(_RIM_PX, _RIM * radius)]
-    share = len(np.unique((angles * _SECTORS / (2 * np.pi)).astype(int))) / _SECTORS
-    if share < _MIN_RIM:
+    if outline is None or outline.is_partial:
         return None
-    center = np.array([box[0] + u, box[1] + v])
-    angle = outline.angular_radius_rad * radius / float(np.sqrt(outline.area_px / np.pi))
-    return replace(
-        outline,
-        center_px=center,
-        cov_px=np.eye(2),
-        angular_radius_rad=angle,
-        angular_radius_var=(0.05 * angle) ** 2,
-        box_px=(center[0] - radius, center[1] - radius, 2 * radius, 2 * radius),
-        area_px=float(np.pi * radius**2),
-        is_partial=True,
-    )
+    is_hidden = masks.may_be_hidden(mask, changed)
+    if outline.is_disc and not is_hidden:
+        return outline
+    circle = _circle_along(mask, _MIN_HIDDEN_RIM if is_hidden else _MIN_RIM)
+    if circle is None:
+        return None
+    evidence = np.where(mask, np.float32(1), np.float32(-1))
+    region = evidence, np.zeros(mask.shape, bool), box
+    return fit_visible_disc(image, *region, outline, (np.add(circle[:2], box[:2]), circle[2]))
+
+
+def _circle_along(mask: Mask, min_rim: float) -> tuple[float, float, float] | None:
+    """Centre x, y and radius (px) of the circle along which the edge of a mask (h, w) lies, as far as it is not within;
+    None if that is too little."""
+    contour = masks.contour(mask).astype(float)
+    x, y, radius = _best_circle(contour, _MOST_HIDDEN * float(np.ptp(contour, axis=0).max()))
+    off = contour - (x, y)
+    is_on_circle = np.abs(np.hypot(*off.T) - radius) < max(_RIM_PX, _RIM * radius)
+    sectors = (_SECTORS * np.arctan2(*off[is_on_circle].T) / (2 * np.pi)).astype(int)
+    is_round = radius > 0 and len(np.unique(sectors)) >= min_rim * _SECTORS
+    return (x, y, radius + 0.5) if is_round else None  # the contour's pixels lie inside
+
+
+@njit(cache=True, error_model="numpy")
+def _best_circle(contour: Array, largest: float) -> tuple[float, float, float]:
+    """Centre and radius, at most `largest`, of the circle through three points of a contour (n, 2) with most votes: the
+    points on it, minus three for each point outside."""
+    n = len(contour)
+    most = 0
+    best = (0.0, 0.0, 0.0)
+    for first in range(0, n, max(n // _TRIPLES, 1)):
+        for apart in (n // 10, n // 6, n // 3):
+            x0, y0 = contour[first]
+            x1, y1 = contour[(first + apart) % n] - contour[first]
+            x2, y2 = contour[(first + 2 * apart) % n] - contour[first]
+            twice_area = 2 * (x1 * y2 - x2 * y1)
+            if abs(twice_area) < 1.0:
+                continue
+            u = (y2 * (x1**2 + y1**2) - y1 * (x2**2 + y2**2)) / twice_area
+            v = (x1 * (x2**2 + y2**2) - x2 * (x1**2 + y1**2)) / twice_area
+            radius = math.hypot(u, v)
+            if radius > largest:
+                continue
+            tolerance = max(_RIM_PX, _RIM * radius)
+            votes = 0
+            for i in range(n):
+                off = math.hypot(contour[i, 0] - x0 - u, contour[i, 1] - y0 - v) - radius
+                votes += 1 if abs(off) < tolerance else -3 if off > 2 * tolerance else 0
+            if votes > most:
+                most = votes
+                best = (x0 + u, y0 + v, radius)
+    return best
 
 
 def _sine(a: Array, b: Array) -> float:

@@ -1,15 +1,19 @@
 """Tracker of one camera: predicts the object from the 3D track and detects it by its image or a marker's hue."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pps_vision.geometry.camera import View
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
-from pps_vision.types import Array, CameraName, Detection2D, Mask
+from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
+from tracking.ego_motion import Box
 from tracking.foreground import Background, ForegroundParams
 from tracking.image_tracker import (
     MIN_SCORE,
@@ -21,7 +25,7 @@ from tracking.image_tracker import (
 )
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
-from tracking.outline import Optics, Outline
+from tracking.outline import Optics, Outline, at_visible_edge, fit_visible_edge
 from tracking.particle_filter import Evidence, Eye, Located, Silhouette, template_of
 from tracking.stereo import CameraFrame
 
@@ -30,6 +34,7 @@ _BESIDE = 0.05  # largest distance of an outline from its prediction, in object 
 _MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object from the border, in object sizes
 MIN_FILL = 0.3  # visible share of the object below which it is not detected
 _PARTICLE_PX = 0.3  # systematic error of the particles' centre
+_MOST_SHIFT = 0.3  # of a visible edge from the particles, in radii
 _SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
 _MIN_STD_PX = 0.7  # smallest and largest standard deviation of a prior
@@ -124,7 +129,7 @@ class CameraTracker:
         foreground = None
         if background is not None:
             of_pixels = background.evidence if state.by_background else background.differs
-            foreground = partial(of_pixels, camera.image, camera.view)
+            foreground = partial(_foreground, of_pixels, background, camera)
         # in front of a moving camera, colours alone are more accurate where they separate the object
         segmented_by: SegmentedBy = "colour and foreground" if self.background.rests(camera.view) else "colour"
         if state.by_background:
@@ -184,27 +189,32 @@ class CameraTracker:
             return state._replace(target=replace(target, silhouette=seen)), detection
         if self.marker is not None or min(located.fill) < MIN_FILL:  # a marker's occluder may have the same hue
             return state, None
-        return state, self._partial(state, target, camera, located, center_px, located.fill[eye])
+        return state, self._partial(target, camera, examined, located, eye, center_px)
 
     def _partial(
-        self, state: CameraState, target: Target, camera: CameraFrame, located: Located, center_px: Array, fill: float
+        self, target: Target, camera: CameraFrame, examined: Examined, located: Located, eye: int, center_px: Array
     ) -> ImageDetection | None:
+        """The object that is partly hidden: at its visible edge, else at the particles."""
         if not self.optics.camera.contains(center_px, margin_px=_MIN_INSIDE * min(target.box)):
             return None
         angle = math.asin(min(located.radius_m / math.dist(located.p_root, camera.view.place), 0.9))
         w, h = target.box
         x, y = center_px.tolist()
-        box_px = (x - (w - 1) / 2, y - (h - 1) / 2, w, h)
         outline = Outline(
             center_px=center_px,
             cov_px=_PARTICLE_PX**2 * np.eye(2),
             angular_radius_rad=angle,
             angular_radius_var=(_SAME_SIZE * angle) ** 2,
-            box_px=box_px,
+            box_px=(x - (w - 1) / 2, y - (h - 1) / 2, w, h),
             area_px=math.pi / 4 * w * h,
             is_partial=True,
         )
-        return ImageDetection(outline, box_px, fill)
+        radius_px = angle * self.optics.camera.focal_px
+        region = examined.evidence.pixels, examined.covered, examined.roi
+        fit = fit_visible_edge(camera.image, *region, *located.edges[eye], located.radius_std * radius_px)
+        if fit is not None and math.hypot(*fit.shift_px) < _MOST_SHIFT * radius_px:
+            outline = at_visible_edge(outline, fit, radius_px)
+        return ImageDetection(outline, outline.box_px, located.fill[eye])
 
     def _known_background(self, camera: CameraFrame) -> Background | None:
         """The background; None if unknown, or for a marker if the camera moves."""
@@ -261,6 +271,17 @@ class CameraTracker:
 
     def _size_px(self, outline: Outline) -> float:
         return 2 * outline.angular_radius_rad * self.optics.camera.focal_px
+
+
+def _foreground(
+    of_pixels: Callable[[Image, View, Box], NDArray[np.float32] | Mask],
+    background: Background,
+    camera: CameraFrame,
+    box: Box,
+) -> tuple[NDArray[np.float32], Mask]:
+    """What differs from the background in a box (h, w), and where that is known."""
+    differs = np.asarray(of_pixels(camera.image, camera.view, box), np.float32)
+    return differs, background.knows(camera.view, box)
 
 
 def _position_at(belief: Belief, stamp_s: float) -> Vector:

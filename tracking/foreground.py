@@ -117,6 +117,10 @@ class Background:
         mask: Mask = self._difference(pixels, self._mean, gain, current_view, box) > int(threshold)
         return mask
 
+    def knows(self, view: View, box: Box) -> Mask:
+        """Mask (h, w) of the pixels of a box whose background is known."""
+        return np.asarray(self._warped(self._mean, view, box)[..., 0] > 0)
+
     def is_uncovered(self, image: Image, view: View, mask: Mask, box: Box) -> bool:
         """Whether a foreground mask (h, w) of a box is the place that an object has left: the background changes
         more than the image across enough of its edge."""
@@ -267,6 +271,10 @@ class Foreground:
     def differs(self, box: Box) -> Mask:
         """Foreground mask (h, w) of a box."""
         return self.background.differs(self.image, self.view, box)
+
+    def covers(self, box: Box) -> Mask:
+        """Foreground mask (h, w) of a box where the background is known."""
+        return self.differs(box) & self.background.knows(self.view, box)
 
     def confirms(self, colored: Mask, box: Box) -> bool:
         """Whether a colour region (h, w) in `box` may be a moving object: the hull of the foreground that touches it

@@ -13,11 +13,11 @@ from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram, share
 from tracking.ego_motion import Box, BoxPx
-from tracking.outline import Optics, Outline, fit_outline
+from tracking.outline import Optics, Outline, fit_outline, fit_visible_disc
 from tracking.particle_filter import Evidence, Map, Silhouette
 
-Foreground = Callable[[Box], NDArray[np.float32] | Mask]
-"""Box → probability (h, w) that a pixel differs from the background, or a mask."""
+Foreground = Callable[[Box], tuple[Map, Mask]]
+"""Box → probability (h, w) that a pixel differs from the background, and whether that is known there (h, w)."""
 SegmentedBy = Literal["colour", "colour and foreground", "foreground"]
 _GAP = 0.05  # half the width, in object sizes, of gaps that are closed in a foreground mask
 _THIN = 0.22  # radius, in object sizes, of the disc that opens its mask
@@ -38,6 +38,8 @@ _ERRORS = 3.0  # standard deviations of that ratio below its mean from which par
 _OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
 _OFF_PX = 1.5
 _BESIDE = 1.22  # distance from the object's centre, in object sizes, from which foreground is another's
+_LARGER = 0.02  # excess of a disc's radius at its visible edge from which something hides a part of it
+_LARGER_PX = 0.4
 _RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in front of the object
 
 
@@ -91,13 +93,14 @@ class Target:
 
 class Examined(NamedTuple):
     """Region of an image around the predicted object: colour bins (h, w), likelihoods (h, w) that segment the object,
-    the most accurate first, each with what is rather background (None: unknown), what differs from the background, and
-    the evidence for the particle filter."""
+    the most accurate first, each with what is rather background (None: unknown), what differs from the background or
+    hides an unknown one, what covers a known one, and the evidence for the particle filter."""
 
     roi: Box
     bins: NDArray[np.uint8]
     likelihoods: tuple[tuple[Map, Mask | None], ...]
     changed: Mask
+    covered: Mask
     evidence: Evidence
 
 
@@ -160,21 +163,23 @@ class ImageTracker:
             return None
         bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
         colors = np.take(target.model.table(), bins)
-        is_changed = np.zeros(bins.shape, bool)
+        is_changed = is_covered = np.zeros(bins.shape, bool)
         inside = 2 * colors - 1
         likelihoods: list[tuple[Map, Mask | None]] = []
         if segmented_by == "colour":
             likelihoods.append((colors, target.model.backdrop()[bins]))
         if foreground is not None:
-            changed = np.asarray(foreground(roi), np.float32)
+            changed, is_known = foreground(roi)
             is_changed = changed > 0.5
+            is_covered = is_changed & is_known
             among_changed = np.take(2 * share(target.model.object, target.rivals) - 1, bins)
-            inside = np.where(is_changed, np.maximum(among_changed, _RIVAL), np.minimum(inside, 0))
+            unchanged = np.take(np.float32(target.model.object / target.model.object.max()) - 1, bins)
+            inside = np.where(is_changed, np.maximum(among_changed, _RIVAL), unchanged)
             likelihoods.append((changed if segmented_by == "foreground" else colors * is_changed, None))
         camera = self.optics.camera
         smooth = np.asarray(cv2.blur(np.asarray(inside, np.float32), (3, 3)), np.float32)
         evidence = Evidence(smooth, (roi[0], roi[1]), (camera.width, camera.height))
-        return Examined(roi, bins, tuple(likelihoods), is_changed, evidence)
+        return Examined(roi, bins, tuple(likelihoods), is_changed, is_covered, evidence)
 
     def detect(
         self, target: Target, image: Image, examined: Examined, center_px: Array, by_color: bool
@@ -205,6 +210,10 @@ class ImageTracker:
         outline = fit_outline(image, mask, roi, self.optics)
         if outline is None or outline.is_partial:
             return None
+        if target.silhouette is None:
+            if masks.may_be_hidden(mask, examined.covered):
+                return None
+            outline = self._completed(image, examined, outline)
         ratio = outline.angular_radius_rad / target.angle_rad
         may_be_smaller = outline.is_disc and not target.is_size_known
         if ratio < target.ratio - _ERRORS * target.ratio_std and not may_be_smaller:
@@ -217,6 +226,17 @@ class ImageTracker:
         if score < MIN_SCORE:
             return None
         return *self._learn(target, examined, mask, outline, score, ratio), mask
+
+    @staticmethod
+    def _completed(image: Image, examined: Examined, outline: Outline) -> Outline:
+        """The outline of the whole disc, if its visible edge shows a larger one than its mask."""
+        radius = math.sqrt(outline.area_px / math.pi)
+        region = examined.evidence.pixels, examined.covered, examined.roi
+        disc = None
+        if outline.is_disc:
+            disc = fit_visible_disc(image, *region, outline, (outline.center_px, radius))
+        is_larger = disc is not None and math.sqrt(disc.area_px / math.pi) > (1 + _LARGER) * radius + _LARGER_PX
+        return disc if disc is not None and is_larger else outline
 
     def holds(self, target: Target, examined: Examined, center_px: Array) -> bool:
         """Whether the examined region holds the object at a centre (2,), as far as the image does."""

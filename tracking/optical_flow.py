@@ -6,6 +6,7 @@ eye's pose, which shifts the whole image, moves nothing.  Points move together i
 their flow: an object that comes along the line of sight only expands.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -177,11 +178,9 @@ def _cut(image: Grey, box: Box) -> Grey:
 
 def _grid(mask: Mask) -> Array:
     """(n, 2) pixels x, y of a mask on a square grid, about `_MAX_POINTS` at most."""
-    rows, columns = np.nonzero(mask)
-    pixels = np.stack([columns, rows], axis=-1)
-    step = max(int(np.ceil(np.sqrt(len(pixels) / _MAX_POINTS))), 1)
-    on_grid = (pixels % step == 0).all(axis=1)
-    return (pixels[on_grid] if on_grid.any() else pixels[:_MAX_POINTS]).astype(float)
+    step = max(math.ceil(math.sqrt(np.count_nonzero(mask) / _MAX_POINTS)), 1)
+    pixels = step * np.argwhere(mask[::step, ::step])[:, ::-1]
+    return (pixels if len(pixels) else np.argwhere(mask)[:_MAX_POINTS, ::-1]).astype(float)
 
 
 def _lucas_kanade(new: Grey, old: Grey, points: NDArray[np.float32]) -> tuple[Array, Mask]:

@@ -7,6 +7,7 @@ Neither perspective nor lens distortion biases them.
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -48,6 +49,15 @@ _MIN_EDGE_PX = 12  # pixels of the edge from which the disc is fitted
 _MIN_ON_DISC = 0.5  # share of the edge that lies on the disc
 _STRIP = 64  # rows whose weights are computed together
 _ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
+_ROUNDS = 3  # of fits to a visible edge
+_VISIBLE_EDGE_PX = 0.25  # systematic error of a fitted edge
+_MIN_VISIBLE_EDGE = 0.25  # share of an edge
+_REACH_PX = 4.0  # to both sides of an edge, between the pixels that show what is inside and outside
+_SAMPLE_PX = 0.5  # between the samples across an edge
+_MIN_CONTRAST = 20.0  # of the colours inside and outside, grey levels
+_CIRCLE_POINTS = 48
+_DISC_ERROR = 0.15  # relative error of a disc's radius and centre where a part of it is hidden
+_TUKEY = 4.685  # robust standard deviations
 _HIDDEN_AT_BORDER = 0.3  # assumed hidden share of an object at the image's border
 
 
@@ -76,6 +86,7 @@ class Outline:
         harmonics: Second and third of the edge (cos, sin, cos, sin) over the radius.
         non_circularity: Relative excess of the second moment over a disc's.
         is_cut: The image's border cuts it off.
+        is_edge: It is partial, and its visible edge was fitted.
     """
 
     center_px: Array
@@ -88,6 +99,7 @@ class Outline:
     harmonics: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     non_circularity: float = 0.0
     is_cut: bool = False
+    is_edge: bool = False
 
     @property
     def is_disc(self) -> bool:
@@ -216,6 +228,174 @@ def _fit_circle(edge: Array, radius: float) -> tuple[float, float, float, float,
     by_radius = inverse @ normals.sum(axis=0)  # ∂centre / ∂radius
     cov = _CORRELATION * _EDGE_PX**2 * inverse + (_SIZE_ERROR * radius) ** 2 * np.outer(by_radius, by_radius)
     return x, y, cov[0, 0], cov[0, 1], cov[1, 1], most_votes / n
+
+
+class VisibleEdge(NamedTuple):
+    """Shift (2,) px from a predicted edge to the one in the image, how much farther out that is (px), and their joint
+    covariance (3, 3) px²."""
+
+    shift_px: Array
+    farther_px: float
+    cov: Array
+
+
+def fit_visible_edge(
+    image: Image, evidence: Map, foreground: Mask, box: Box, edge: Array, outward: Array, farther_std_px: float
+) -> VisibleEdge | None:
+    """Fit a predicted edge to the part of it beyond which the image shows the background; None if that is too little.
+
+    Between the colours F inside and B outside, I = a F + (1 − a) B; the edge lies where the sum of a says.
+
+    Args:
+        image: RGB (H, W, 3).
+        evidence: (h, w) of the region `box`, positive where it shows the object.
+        foreground: (h, w) mask of what differs from the background.
+        box: Region of the image.
+        edge: (m, 2) predicted edge, px.
+        outward: (m, 2) its unit normals.
+        farther_std_px: Prior standard deviation of `farther_px`.
+    """
+    solution: Array = np.zeros(3)
+    cov: Array = np.eye(3)
+    for _ in range(_ROUNDS):
+        points = edge + solution[:2] + solution[2] * outward
+        offsets, is_visible = _edge_offsets(image, evidence, foreground, box[:2], points, outward)
+        if np.count_nonzero(is_visible) < _MIN_VISIBLE_EDGE * len(edge):
+            return None
+        step, cov = _robust_shift(offsets[is_visible], outward[is_visible], farther_std_px, -solution)
+        solution = solution + step
+    return VisibleEdge(solution[:2], float(solution[2]), cov + _VISIBLE_EDGE_PX**2 * np.eye(3))
+
+
+def fit_visible_disc(
+    image: Image, evidence: Map, foreground: Mask, box: Box, outline: Outline, circle: tuple[Array, float]
+) -> Outline | None:
+    """The outline of a disc near a circle (centre (2,), radius; px) at its visible edge; None if that is too little.
+
+    Args:
+        outline: Of what is visible of the disc.
+        image, evidence, foreground, box: As for `fit_visible_edge`.
+    """
+    center, radius = circle
+    region = evidence, foreground, box
+    fit = fit_visible_edge(image, *region, center + radius * _circle(), _circle(), _DISC_ERROR * radius)
+    if fit is None or not max(math.hypot(*fit.shift_px), abs(fit.farther_px)) < _DISC_ERROR * radius + 1:
+        return None
+    growth = radius / math.sqrt(outline.area_px / math.pi)
+    angle = growth * outline.angular_radius_rad
+    x, y = center.tolist()
+    disc_px = x - radius, y - radius, 2 * radius, 2 * radius
+    whole = replace(outline, center_px=center, angular_radius_rad=angle, box_px=disc_px, area_px=math.pi * radius**2)
+    return at_visible_edge(whole, fit, radius)
+
+
+def at_visible_edge(outline: Outline, fit: VisibleEdge, radius_px: float) -> Outline:
+    """The outline moved and grown to a fitted edge."""
+    growth = 1 + fit.farther_px / radius_px
+    x, y = (outline.center_px + fit.shift_px).tolist()
+    w, h = (growth * side for side in outline.box_px[2:])
+    angle = growth * outline.angular_radius_rad
+    return replace(
+        outline,
+        center_px=np.array([x, y]),
+        cov_px=fit.cov[:2, :2],
+        angular_radius_rad=angle,
+        angular_radius_var=float(fit.cov[2, 2]) * (angle / (growth * radius_px)) ** 2,
+        box_px=(x - w / 2, y - h / 2, w, h),
+        area_px=growth**2 * outline.area_px,
+        is_partial=True,
+        is_edge=True,
+    )
+
+
+@cache
+def _circle() -> Array:
+    """(n, 2) points of the unit circle."""
+    angles = 2 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+@njit(cache=True, error_model="numpy")
+def _edge_offsets(
+    image: Image, evidence: Map, foreground: Mask, corner: tuple[int, int], points: Array, outward: Array
+) -> tuple[Array, Mask]:
+    """Distance (m,) px along the normals from predicted points to the edge, and whether it is visible there (m,)."""
+    m = len(points)
+    offsets = np.zeros(m)
+    is_visible = np.zeros(m, np.bool_)
+    rows, columns = evidence.shape
+    n = int(2 * _REACH_PX / _SAMPLE_PX) + 1
+    colors = np.empty((n, 3))
+    for i in range(m):
+        inner_x, inner_y = points[i] - _REACH_PX * outward[i]
+        outer_x, outer_y = points[i] + _REACH_PX * outward[i]
+        u = math.floor(inner_x + 0.5) - corner[0]
+        v = math.floor(inner_y + 0.5) - corner[1]
+        x = math.floor(outer_x + 0.5) - corner[0]
+        y = math.floor(outer_y + 0.5) - corner[1]
+        if not (0 <= u < columns - 1 and 0 <= v < rows - 1 and 0 <= x < columns - 1 and 0 <= y < rows - 1):
+            continue
+        if min(inner_x, inner_y, outer_x, outer_y) < 0:
+            continue
+        if max(inner_x, outer_x) >= image.shape[1] - 1 or max(inner_y, outer_y) >= image.shape[0] - 1:
+            continue
+        if evidence[v, u] < 0.5 or foreground[y, x] or evidence[y, x] > 0.3:
+            continue
+        for k in range(n):
+            t = k * _SAMPLE_PX
+            _bilinear(image, inner_x + t * outward[i, 0], inner_y + t * outward[i, 1], colors[k])
+        beyond = (colors[n - 1] + colors[n - 2] + colors[n - 3]) / 3
+        contrast = (colors[0] + colors[1] + colors[2]) / 3 - beyond
+        square = (contrast**2).sum()
+        if square < _MIN_CONTRAST**2:
+            continue
+        total = 0.5
+        for k in range(1, n - 1):
+            total += min(max(((colors[k] - beyond) * contrast).sum() / square, 0.0), 1.0)
+        offsets[i] = _SAMPLE_PX * total - _REACH_PX
+        is_visible[i] = True
+    return offsets, is_visible
+
+
+@njit(cache=True, error_model="numpy")
+def _bilinear(image: Image, x: float, y: float, color: Array) -> None:
+    """Set `color` (3,) to that of an image at a point inside of it."""
+    left = int(x)
+    top = int(y)
+    a = x - left
+    b = y - top
+    for c in range(3):
+        upper = (1 - a) * image[top, left, c] + a * image[top, left + 1, c]
+        lower = (1 - a) * image[top + 1, left, c] + a * image[top + 1, left + 1, c]
+        color[c] = (1 - b) * upper + b * lower
+
+
+@njit(cache=True, error_model="numpy")
+def _robust_shift(offsets: Array, outward: Array, farther_std_px: float, prior: Array) -> tuple[Array, Array]:
+    """Shift x, y and distance along the normals (3,) that explain offsets (n,) along normals (n, 2), and its covariance
+    (3, 3): least squares with Tukey's weights, and a prior (3,) for the distance."""
+    n = len(offsets)
+    design = np.ones((n, 3))
+    design[:, :2] = outward
+    weights = np.ones(n)
+    solution: Array = np.zeros(3)
+    A = np.eye(3)
+    variance = _EDGE_PX**2
+    for _ in range(2 * _ROUNDS):
+        weighted = design * weights.reshape(-1, 1)
+        A = weighted.T @ design
+        b = weighted.T @ offsets
+        information = variance / farther_std_px**2
+        A[2, 2] += information
+        b[2] += information * prior[2]
+        A += 1e-3 * np.eye(3)
+        solution = np.linalg.solve(A, b)
+        residual = offsets - design @ solution
+        cut = max(_TUKEY * 1.4826 * np.median(np.abs(residual)), 0.5)
+        for i in range(n):
+            weights[i] = max(1 - (residual[i] / cut) ** 2, 0.0) ** 2
+        variance = max((weights * residual**2).sum() / max(weights.sum() - 3, 1.0), 0.5 * _EDGE_PX**2)
+    return solution, _CORRELATION * variance * np.linalg.inv(A)
 
 
 def cover(image: Image, mask: Mask, box: Box) -> Coverage:

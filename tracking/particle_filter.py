@@ -91,16 +91,18 @@ class Prediction(NamedTuple):
 
 class Located(NamedTuple):
     """Weighted mean of the particles and its covariance; the position that the images alone tell, and its covariance
-    (without the prediction, which they were sampled from); the mean score of the images, and of each eye the visible
-    share of the object."""
+    (without the prediction, which they were sampled from); the radius, and its relative standard deviation before; the
+    mean score of the images; and of each eye the visible share of the object, and its edge (m, 2) px with normals."""
 
     p_root: Array
     cov_root: Array
     measured: Array
     measured_cov: Array
     radius_m: float
+    radius_std: float
     score: float
     fill: tuple[float, ...]
+    edges: tuple[tuple[Array, Array], ...]
 
 
 def locate(
@@ -120,15 +122,25 @@ def locate(
     log_radius = prediction.radius_std * float(mean[3])
     at_mean = [projection.scores(p_root[None], np.array([log_radius])) for projection in projections]
     measured, measured_cov = _without_prediction(mean[:3], cov[:3, :3])
+    radius_m = prediction.radius_m * math.exp(log_radius)
     return Located(
         p_root,
         spread @ cov[:3, :3] @ spread.T,
         prediction.p_root + spread @ measured,
         spread @ measured_cov @ spread.T,
-        prediction.radius_m * math.exp(log_radius),
+        radius_m,
+        prediction.radius_std,
         float(np.mean([score[0] for score, _ in at_mean])),
         tuple(float(fill[0]) for _, fill in at_mean),
+        tuple(_edge(eye, p_root, radius_m) for eye in eyes),
     )
+
+
+def _edge(eye: Eye, p_root: Array, radius_m: float) -> tuple[Array, Array]:
+    """(m, 2) px edge of an object in an image, and its (m, 2) normals."""
+    _, inner, outer = _Projection(eye, Prediction(p_root, np.eye(3), radius_m)).points
+    outward = (outer - inner) / np.maximum(np.linalg.norm(outer - inner, axis=1, keepdims=True), 1e-9)
+    return eye.view.project(p_root) + eye.offset_px + 0.5 * (inner + outer), outward
 
 
 def posterior(
@@ -200,7 +212,7 @@ class _Projection:
         outward = beyond - edge
         outward *= BESIDE_PX / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
         contiguous = np.ascontiguousarray
-        self._points = contiguous(inside), contiguous(edge - outward), contiguous(edge + outward)
+        self.points = contiguous(inside), contiguous(edge - outward), contiguous(edge + outward)
 
     def scores(self, positions: Array, growth: Array) -> tuple[Array, Array]:
         """Scores (n,) of particles at positions (n, 3) whose radius has grown (log, n), and visible shares (n,)."""
@@ -209,7 +221,7 @@ class _Projection:
         distances = np.linalg.norm(positions - eye.view.center, axis=1)
         scales = np.exp(growth) * self._distance_m / distances
         evidence = eye.evidence
-        return scores(evidence.pixels, evidence.corner, evidence.size, self._points, centers, scales)
+        return scores(evidence.pixels, evidence.corner, evidence.size, self.points, centers, scales)
 
 
 def across(view: View, p_root: Array) -> Array:

@@ -423,8 +423,8 @@ class Tracker:
         for eye, k in enumerate(regions):
             states[k], detections[k] = self._cameras[k].detect(states[k], cameras[k], regions[k], located, eye)
         state = state._replace(cameras=(states[0], states[1]))
-        is_partial = any(detection is not None and detection.outline.is_partial for detection in detections)
-        is_measured = is_partial and None not in detections and len(regions) == 2
+        without_edge = [d is not None and d.outline.is_partial and not d.outline.is_edge for d in detections]
+        is_measured = any(without_edge) and None not in detections and len(regions) == 2
         return state, (detections[0], detections[1]), located if is_measured else None
 
     def _search_cov(self, predicted: Belief, cameras: CameraFrames, shift: Array) -> Array:
@@ -489,9 +489,7 @@ class Tracker:
             camera_state._replace(target=target, by_background=not by_color)
             for camera_state, target in zip(track.cameras, targets, strict=True)
         )
-        is_part = pair[0].is_part and pair[1].is_part
-        whole_hits = self.params.confirm_frames if is_part else 0  # the size of a disc is known
-        return track._replace(cameras=(left, right), search_result=pair, whole_hits=whole_hits)
+        return track._replace(cameras=(left, right), search_result=pair)
 
     def _start_marker(self, cameras: CameraFrames, blobs: tuple[Outline, Outline], track: TrackState) -> TrackState:
         """The track with the targets of a marker's blobs."""

@@ -32,7 +32,7 @@ USUAL = (
     "head moves, 20 ms stale",  # delay of the joints
     "marker, flicker and gain drift",
 )
-FURTHER = (*(case.name for case in CASES if case.name not in USUAL), "hand takes", LARGE.name)
+FURTHER = (*(case.name for case in CASES if case.name not in USUAL), "hand takes", "turning stick", LARGE.name)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ LIMITS = {  # of cases that miss the usual ones at this size; `bench independent
     "marker, defocus, sigma 3 px": Limits(covered=60),  # its blurred edge lies 18 % too far out
     "marker, 1 m/s, instant reversal": Limits(right=80),  # coasts past each reversal
     "1 m/s, instant reversal": Limits(right=95, median_mm=3),  # 100, 100, 98 % with three seeds
-    "hand takes": Limits(median_mm=20, covered=40),  # the hand's edge shifts the particles alike in every frame
+    "hand takes": Limits(right=95, median_mm=3),
+    "turning stick": Limits(right=85, false=3, median_mm=15),  # found once it is wholly in view
     "2 cm/s": Limits(right=75, median_mm=30),  # at first joined with the place that it leaves
     "moves, stops for 2 s, moves on": Limits(false=4),  # at first joined with the place that it left
     LARGE.name: Limits(right=70, false=15),  # cut by the image's border as it enters

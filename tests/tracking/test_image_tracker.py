@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,8 @@ import pytest
 
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
-from tracking.image_tracker import ImageDetection, ImageTracker, SegmentedBy
+from tracking.ego_motion import Box
+from tracking.image_tracker import Foreground, ImageDetection, ImageTracker, SegmentedBy
 from tracking.outline import Optics
 
 BLUE = (30.0, 60.0, 210.0)
@@ -20,11 +20,19 @@ BOX = (132.0, 92.0, 37.0, 37.0)
 V, U = np.mgrid[:240, :320]
 
 
-Differs = Callable[[Image, tuple[int, int, int, int]], Mask]
+Differs = Callable[[Image, Box], Mask]
 
 
 def angle_of(size_px: float) -> float:
     return 0.5 * size_px / LEFT_EYE.focal_px
+
+
+def of_known_background(differs: Differs, image: Image) -> Foreground:
+    def foreground(box: Box) -> tuple[Array, Mask]:
+        mask = np.asarray(differs(image, box), np.float32)
+        return mask, np.ones(mask.shape, bool)
+
+    return foreground
 
 
 class _Scene:
@@ -50,7 +58,7 @@ class _Scene:
 
     def evidence(self, image: Image, differs: Differs | None) -> Array:
         """At every pixel around the disc, by its colours."""
-        foreground = differs and partial(differs, image)
+        foreground = differs and of_known_background(differs, image)
         examined = self.eye.examine(self.target, image, np.array([150.0, 110]), 60.0, foreground, "colour")
         x0, y0, x1, y1 = examined.roi
         evidence = np.full(image.shape[:2], np.nan)
@@ -69,7 +77,9 @@ class _Scene:
         """The whole object at the place where it was located; follows it."""
         center = np.array([x, y], float)
         by = segmented_by or ("colour and foreground" if differs else "colour")
-        examined = self.eye.examine(self.target, image, center, 6.0, differs and partial(differs, image), by)
+        examined = self.eye.examine(
+            self.target, image, center, 6.0, differs and of_known_background(differs, image), by
+        )
         whole = examined and self.eye.detect(self.target, image, examined, center, **{"by_color": True} | options)
         if not whole:
             return None
@@ -203,7 +213,7 @@ def test_evidence_tells_the_object_from_background_and_from_what_is_before_it(sc
     assert scene.evidence(image, None)[at["hand"]] == pytest.approx(-1, abs=0.05)
     center = np.array([150.0, 110])
     for _ in range(10):
-        foreground = partial(_is_no_grey, image)
+        foreground = of_known_background(_is_no_grey, image)
         examined = scene.eye.examine(scene.target, image, center, 60.0, foreground, "colour")
         scene.target = scene.eye.learn_rivals(scene.target, examined, center)
     assert -0.5 < scene.evidence(image, _is_no_grey)[at["object"]] < 0.5

@@ -11,7 +11,7 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Image, Mask
 from tracking.marker import MarkerParams, threshold
-from tracking.outline import Coverage, Optics, Outline, cover, fit_outline, outline
+from tracking.outline import Coverage, Optics, Outline, cover, fit_outline, fit_visible_edge, outline
 
 RED = (210.0, 45.0, 40.0)
 GREEN = (25.0, 200.0, 60.0)
@@ -214,6 +214,31 @@ def test_what_reaches_the_image_s_border_is_cut_off(corner, size, inwards):
         assert shape.is_partial == is_partial
         assert shape.box_px == (x, y, w, h)
         assert shape.area_px == pytest.approx(w * h, rel=0.02)
+
+
+@pytest.mark.parametrize("hidden_below", [-0.8, -0.3, 0.0, 0.6])
+def test_a_disc_behind_a_hand_is_fitted_at_its_visible_edge_if_enough_of_it_shows(hidden_below, rng):
+    """Antialiased by supersampling, with noise; the hand hides what is lower and is foreground."""
+    v, u = (np.mgrid[:960, :960] / 8 - 0.4375).reshape(2, 120, 8, 120, 8).swapaxes(2, 3)
+    for _ in range(10):
+        center = 60 + rng.uniform(-1, 1, 2)
+        ball = np.hypot(u - center[0], v - center[1]) < 18
+        hand = v > center[1] + 18 * hidden_below
+        colors = np.where(hand[..., None], (150.0, 120.0, 90.0), np.where(ball[..., None], RED, (60.0, 90.0, 140.0)))
+        image = np.clip(colors.mean(axis=(2, 3)) + rng.normal(0, 3, (120, 120, 3)), 0, 255).astype(np.uint8)
+        visible = (ball & ~hand).mean(axis=(2, 3))
+        foreground = hand.mean(axis=(2, 3)) > 0.5
+        angles = 2 * np.pi * np.arange(48) / 48
+        outward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        predicted = center + rng.uniform(-2, 2, 2)
+        evidence = (2 * visible - 1).astype(np.float32)
+        region = evidence, foreground, (0, 0, 120, 120)
+        fit = fit_visible_edge(image, *region, predicted + 17.0 * outward, outward, 2.0)
+        assert (fit is None) == (hidden_below == -0.8)
+        if fit is not None:
+            error = np.array([*(predicted + fit.shift_px - center), fit.farther_px - 1.0])
+            assert np.abs(error).max() < 0.2
+            assert error @ np.linalg.solve(fit.cov, error) < 16.3  # 99.9 %
 
 
 @pytest.mark.parametrize(("expected_px", "missing"), [(True, 0.5), (False, 0.3)])
