@@ -43,8 +43,8 @@ Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
 _WIDEST_PX = 40.0  # largest standard deviation of a search
 _PIXELS = 0.5  # least standard deviation of a search, px
-_GOOD = 1.6  # score of the particles below which a stop or turn is considered
-_BETTER = 0.2  # by which its score must be better
+_WHOLE_SCORE = 2.0  # of particles at an object that is wholly visible
+_WORSE = 0.2  # loss of the particles' score from which a stop or turn is considered, which must be as much better
 _PART_RATIO_STD = 0.02  # relative error of the angular radius of a disc that is partly hidden
 _SEARCH_EVERY = 2  # frames between searches for further objects
 _CLEARLY = 1.4  # ratio of times to contact, or of distances, from which another object is attended
@@ -140,6 +140,7 @@ class TrackState(NamedTuple):
     hits: int = 0  # frames in which the object was observed
     whole_hits: int = 0  # those in which it was wholly visible
     observed: Observation3D | None = None  # the last observation
+    score: float = _WHOLE_SCORE  # of the particles in the last frame
 
 
 class TrackerState(NamedTuple):
@@ -410,19 +411,20 @@ class Tracker:
             for k, result in whole.items():
                 if result is not None:
                     states[k], detections[k] = result
-            return state._replace(cameras=(states[0], states[1])), (detections[0], detections[1]), None
+            state = state._replace(cameras=(states[0], states[1]), score=_WHOLE_SCORE)
+            return state, (detections[0], detections[1]), None
         eyes = [
             self._cameras[k].eye(states[k], cameras[k], predicted, region.evidence) for k, region in regions.items()
         ]
         radius = state.radius_m, self.params.particles.radius_std[state.whole_hits >= self.params.confirm_frames]
         located = locate(self.params.particles, Prediction(predicted.mean[0], search_cov, *radius), eyes, self._rng)
-        if located.score < _GOOD:  # the motion may have stopped or turned
+        if located.score < state.score - _WORSE:  # the motion may have stopped or turned
             wide = Prediction(last.mean[0], wide_cov, *radius)
             elsewhere = locate(self.params.particles, wide, eyes, self._rng)
-            located = elsewhere if elsewhere.score > located.score + _BETTER else located
+            located = elsewhere if elsewhere.score > located.score + _WORSE else located
         for eye, k in enumerate(regions):
             states[k], detections[k] = self._cameras[k].detect(states[k], cameras[k], regions[k], located, eye)
-        state = state._replace(cameras=(states[0], states[1]))
+        state = state._replace(cameras=(states[0], states[1]), score=located.score)
         without_edge = [d is not None and d.outline.is_partial and not d.outline.is_edge for d in detections]
         is_measured = any(without_edge) and None not in detections and len(regions) == 2
         return state, (detections[0], detections[1]), located if is_measured else None
