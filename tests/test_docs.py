@@ -10,6 +10,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import cv2
@@ -84,6 +85,7 @@ def test_own_camera(workdir):
         assert np.median(errors_mm(workdir / name / "trajectory.csv")) < 10
 
 
+@pytest.mark.long
 def test_own_tracker_and_its_evaluation(workdir, capsys):
     run("docs/howto/tracker.md")
     said = capsys.readouterr().out
@@ -160,3 +162,16 @@ def test_the_site_builds_without_a_broken_link(tmp_path):
     for name in set(pps_vision.__all__) - {"__version__"}:
         defined = f"{pps_vision._MODULES[name]}.{name}"
         assert f'id="{defined}"' in pages["api.html"]
+
+
+GLOSSARY = Path(__file__).parents[1] / "docs" / "glossary.md"
+NAMES = sorted(set(re.findall(r"`((?:pps_vision|tracking|learning|control|rendering)\.[\w.]+)`", GLOSSARY.read_text())))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_of_the_glossary_exists(name):
+    module, _, attribute = name.rpartition(".")
+    if attribute[0].isupper():
+        assert hasattr(import_module(module), attribute)
+    else:
+        import_module(name)

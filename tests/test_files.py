@@ -1,12 +1,14 @@
-"""Files that are read: only regular ones, and every refusal in one line."""
+"""Files that are read: only regular ones, every refusal in one line, and how problems are worded and counted."""
 
+import copy
 import os
 from pathlib import Path
 
 import pytest
 
-from pps_vision.errors import InputError, cite
+from pps_vision.errors import InputError, cite, first_line
 from pps_vision.files import check_regular, read_bytes
+from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
 
 
 def test_only_a_regular_file_is_read(tmp_path):
@@ -28,7 +30,26 @@ def test_only_a_regular_file_is_read(tmp_path):
 def test_a_message_is_one_line_and_a_long_one_has_its_beginning_and_its_end():
     assert cite("a.csv", None, "two\nlines") == "a.csv: two lines"
     assert cite(Path("a.csv"), 0, "odd") == "a.csv:0: odd"
-    assert str(InputError("a\nb", "odd", 3)) == "a b:3: odd"
+    assert str(InputError("a\nb", "odd\r\n", 3)) == "a b:3: odd"
+    assert str(Problem(ProblemKind.ROW, Path("a"), 1, "two\nlines")) == "a:1: two lines"
     just = "x" * 300 + "y" * 300
     assert cite("a", None, just) == f"a: {just}"
     assert cite("a", None, f"{just}z") == f"a: {'x' * 300} … {'y' * 299}z"
+
+
+def test_a_fatal_error_survives_copying_as_worker_processes_need():
+    assert str(copy.copy(InputError("a", "b", 2))) == "a:2: b"
+
+
+def test_counts_name_every_kind():
+    problems = [Problem(kind, Path("a"), 1, "x") for kind in (ProblemKind.IMAGE, ProblemKind.IMAGE, ProblemKind.JOINTS)]
+    counts = {"bad_image": 2, "bad_row": 0, "backwards_stamp": 0, "bad_joints": 1}
+    counts |= {"unpaired_frame": 0, "unknown_touches": 0}
+    assert count_by_kind(problems) == counts
+
+
+def test_the_systems_words_for_a_missing_file():
+    with pytest.raises(OSError, match="nowhere") as caught:
+        Path("/nowhere/at/all").read_text()
+    assert first_line(caught.value) == "No such file or directory"
+    assert first_line(ValueError("two\nlines")) == "two lines"

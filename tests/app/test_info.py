@@ -1,7 +1,9 @@
-"""What `info` says of recordings whose stamps and cameras are known."""
+"""What `info` says of recordings whose stamps and cameras are known; versions that results name."""
 
 import importlib.metadata
 import json
+import os
+import platform
 import re
 import shlex
 from pathlib import Path
@@ -9,9 +11,11 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+import scipy
 from calibrations import store, write_calibration
 from videos import write_video
 
+from pps_vision.app import versions
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -121,3 +125,13 @@ def test_a_calibration_for_another_size_is_told(tmp_path, capsys):
     write_video(tmp_path / "both.mp4", [0.0, 0.05, 0.1], size=(320, 120))
     main(["info", str(tmp_path / "both.mp4"), "--calib", str(calib)])
     assert capsys.readouterr().out.count(f"warning: {calib} is for 80×60 pixels, scaled to images of 160×120\n") == 1
+
+
+def test_versions_are_those_of_the_packages_themselves():
+    packages = versions.versions()
+    expected = {"numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
+    assert expected.items() <= packages.items()
+    machine = versions.machine("abc1234")
+    assert machine["commit"] == "abc1234"
+    assert all(machine[key] == packages[key] for key in ("numpy", "python", "pps-vision"))
+    assert machine["processor"].endswith(f", {os.cpu_count()} cores")

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory, save_memory
@@ -201,3 +202,29 @@ def test_the_eyes_follow_the_object_while_the_head_sways(fps):
         np.testing.assert_allclose(following.position, state.position + state.velocity / fps, atol=0.1 / fps)
     q = np.array([state.q_rad for _, state in rendered])
     assert np.ptp(q[:, SETUP.robot.indices(("neck_yaw",))[0]]) > np.deg2rad(3)
+
+
+def test_in_batches_the_path_is_the_same(tmp_path):
+    recording = tmp_path / "recording"
+    words = "--stimulus marker --motion circle --seconds 1 --noise 2 --seed 3"
+    main(["render", *words.split(), "--out", str(recording)])
+    for name, device in (("alone", []), ("batches", ["--device", "cpu"])):
+        main(["track", str(recording), "--mode", "marker", *device, "--out", str(tmp_path / name)])
+        total = json.loads((tmp_path / name / "summary.json").read_text())["ms_per_pair"]["total"]
+        assert total["runs"] == 20
+    paths = [table(tmp_path / name / "trajectory.csv") for name in ("alone", "batches")]
+    alone, batches = ([[float(x or "nan") for x in path[c]] for c in ("x_m", "y_m", "z_m")] for path in paths)
+    assert np.isfinite(alone)[:, 4:].all()
+    assert np.allclose(alone, batches, rtol=0, atol=1e-4, equal_nan=True)
+
+
+def test_what_it_cannot_do_is_refused(approach, tmp_path, refused):
+    out = ("--out", tmp_path / "out")
+    images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
+    for option in ("--map", "--memory"):
+        assert f"{option} a.npz with --left" in refused("track", *images, option, "a.npz", *out)
+    assert "--device tpu" in refused("track", approach, "--device", "tpu", *out)
+    missing = f"cuda:{torch.cuda.device_count()}"
+    line = refused("track", approach, "--device", missing, *out)
+    assert f"--device {missing}" in line
+    assert "expected cpu" in line

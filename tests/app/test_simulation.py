@@ -29,6 +29,7 @@ from rendering.scene import SceneState
 from rendering.stimuli import Stimulus, make_stimulus
 
 LOOP = Loop(n=1, seed=SEED)
+LONG = [pytest.param(case, marks=pytest.mark.long) for case in ("avoidance off", "own arm")]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def scene() -> Iterator[SimulationScene]:
 
 @pytest.fixture(scope="module")
 def memory(scene: SimulationScene) -> PPSMemory:
-    return train(scene, trials=3)
+    return train(scene, trials=2)
 
 
 def test_every_inner_taxel_has_learned(memory):
@@ -47,7 +48,7 @@ def test_every_inner_taxel_has_learned(memory):
     assert (memory.counts[inner, ..., 0].sum(axis=(1, 2)) > 0).all()
 
 
-@pytest.mark.parametrize("case", ["avoidance on", "avoidance off", "receding", "static", "own arm"])
+@pytest.mark.parametrize("case", ["avoidance on", "receding", "static", *LONG])
 def test_episodes(scene, memory, case):
     log = LOOP.episode(scene, memory, case, 0)
     assert log.was_touched == (case == "avoidance off")

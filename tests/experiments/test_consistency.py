@@ -10,12 +10,8 @@ from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import Status, StereoFrame, Track3D
 from tracking.tracker import TrackerStep
 
+pytestmark = pytest.mark.long
 N = 200
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(5)
 
 
 def _values(rng: np.random.Generator, factor: float) -> Values:

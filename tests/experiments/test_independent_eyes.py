@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from control.fixation import gaze_at
 from pps_vision.experiments.films.ray_cast_eyes import RayCastEyes
@@ -14,6 +15,7 @@ from rendering.shapes import board, sphere
 from rendering.stimuli import BLUE, make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
+pytestmark = pytest.mark.long
 FACING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 

@@ -60,11 +60,3 @@ def test_the_nearest_of_all_kinds_is_met_and_counted_in_their_order():
         distance, which, normals = first_hits(np.zeros(3), ahead[None], np.array(solids))
         np.testing.assert_allclose(np.abs(normals), ahead[None], atol=1e-12)
         assert (which[0], distance[0]) == (first, pytest.approx([0.9, 1.0, 0.9][first]))
-
-
-def test_a_panel_ends_where_its_edges_are():
-    right, down = np.array([0.2, 0.1, 0.0]), np.array([-0.15, 0.3, 0.0])
-    panel = panel_row([0, 0, 1.0], right, down)[None]
-    places = np.array([[0, 0], [0.99, 0.99], [-0.99, 0.99], [1.01, 0], [0, -1.01]])
-    rays = np.array([0, 0, 1.0]) + places @ np.stack([right, down])
-    np.testing.assert_array_equal(first_hits(np.zeros(3), rays, panel)[1], [0, 0, 0, -1, -1])

@@ -34,32 +34,6 @@ def test_exact_images_give_back_the_point(view, rng):
         assert result.residual_px < 1e-5
 
 
-@pytest.mark.parametrize("more_px2", [0.0, 0.03])
-def test_covariance_and_residual_are_what_sampling_finds(view, rng, more_px2):
-    """Pixels drawn from the stated covariances: the points' covariance entry by entry, within five standard errors."""
-    p = point_ahead(view, rng)
-    n = 1500
-    covs = np.array([[0.04, 0.012], [0.012, 0.02]]), np.array([[0.01, -0.01], [-0.01, 0.05]])
-    eyes = view.left, view.right
-    pixels = [
-        eye.project(p) + rng.multivariate_normal(np.zeros(2), cov + more_px2 * np.eye(2), n)
-        for eye, cov in zip(eyes, covs, strict=True)
-    ]
-    exact = triangulate(view, *(eye.project(p) for eye in eyes), *covs, more_px2)
-    assert exact is not None
-    points = np.empty((n, 3))
-    chi2 = np.empty(n)
-    for i in range(n):
-        result = triangulate(view, pixels[0][i], pixels[1][i], *covs, more_px2)
-        assert result is not None
-        points[i] = result.p_root
-        chi2[i] = result.mahalanobis
-    variance = np.diag(exact.cov_root)
-    standard_error = np.sqrt((np.outer(variance, variance) + exact.cov_root**2) / (n - 1))
-    np.testing.assert_array_less(np.abs(np.cov(points.T) - exact.cov_root), 5 * standard_error)
-    assert chi2.mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))  # four numbers measured, three estimated
-
-
 def test_it_is_the_least_of_the_weighted_reprojection_errors(rng):
     """SciPy's optimiser, started at the truth, finds no better point: any vergence, lens and unequal noise.
 

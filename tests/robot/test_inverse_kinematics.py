@@ -36,13 +36,6 @@ def planar(q):
     return x, J
 
 
-def test_out_of_reach_points_straight_at_the_target():
-    solution = solve_ik(planar, [[3.0, 4.0]], [[[0.3, 0.4]]], [-3, -3], [3, 3], IKParams(max_steps=500))
-    assert not solution.converged[0]
-    assert solution.error[0] == pytest.approx(5 - 2, abs=1e-6)
-    assert solution.q_rad[0] == pytest.approx([np.arctan2(4, 3), 0], abs=1e-2)
-
-
 def test_stops_at_the_limits_where_a_bounded_least_squares_stops():
     """Targets in front of the arm, where the limits leave one local optimum."""
     rng = np.random.default_rng(1)

@@ -1,7 +1,6 @@
 """Self-collision distances against surface points and closed-form distance functions of the bodies."""
 
 import numpy as np
-import pytest
 
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, load_icub
@@ -106,14 +105,6 @@ def test_distances_are_those_of_the_bodies_surfaces():
     assert np.all(expected[apart] >= distances[apart] - 1e-6), "no surface points are nearer"
     np.testing.assert_allclose(distances[apart], expected[apart], atol=1e-3)
     assert np.all(distances[~apart] < 0)
-
-
-@pytest.mark.parametrize("roll_deg", [0.0, 45.0])
-def test_adjacent_bodies_are_not_compared(roll_deg):
-    """An arm that hangs down is near the chest by construction, not by collision."""
-    q = np.zeros(ROBOT.n_joints)
-    q[ROBOT.indices(("left_shoulder_roll", "right_shoulder_roll"))] = np.deg2rad(roll_deg)
-    assert SelfCollision(ROBOT).distance_m(q) == pytest.approx(reference(q), abs=1e-3)
 
 
 def test_the_clear_share_of_a_motion_is_never_more_than_is_clear():

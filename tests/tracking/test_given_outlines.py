@@ -177,20 +177,6 @@ def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain():
         np.testing.assert_allclose(more, np.outer(off_m, off_m), atol=0.03 * off_m @ off_m)
 
 
-def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight():
-    """By δ × a, where a is the object from the middle between the cameras and δ the rotation's error."""
-    off = np.array([0.3, -0.2, 0.5])
-    eyes = [View(CAMERA, transform(translation=off) @ eye.T_root_camera) for eye in (LEFT, RIGHT)]
-    rig = StereoRig(CAMERA, CAMERA, lambda _: (eyes[0].T_root_camera, eyes[1].T_root_camera))
-    shapes = [(seen(eyes[0], P + off), seen(eyes[1], P + off))] * 4
-    exact, rotated = (
-        steps(shapes, rig=rig, poses=CameraPoses(rig.view(None), rotation_std_rad=std_rad))[-1].track.cov[:3, :3]
-        for std_rad in (0.0, 0.01)
-    )
-    shifts = 0.01 * np.cross(np.eye(3), P)
-    np.testing.assert_allclose(rotated - exact, shifts.T @ shifts, atol=1e-9)
-
-
 AHEAD = rotation_to([-0.6, 0.5, 0.4])
 ASIDE = AHEAD @ np.array([0.05, -0.04, 0.5])
 """Off all axes, those of the root frame and those of the cameras, whose midpoint is the origin."""

@@ -157,12 +157,6 @@ def shifting(params: TriggerParams, step_m: float, spheres: Callable[[int], list
     return [bool(trigger.step(look(eye, spheres(k), rng), eye, DT * k)) for k, eye in enumerate(eyes)]
 
 
-def test_something_near_at_rest_is_no_stimulus_for_an_eye_that_shifts():
-    near = [Sphere(np.array([0.0, 0.0, 0.3]), 0.03, RED)]
-    assert not any(shifting(GATE, 0.003, lambda _: near))
-    assert any(shifting(replace(GATE, max_parallax_px=1e3, near_m=1.0), 0.003, lambda _: near))
-
-
 def test_an_eye_that_shifts_fast_compares_a_younger_image():
     """By 4 px an image at 0.22 m: what appeared two images ago and rests is no stimulus any more."""
     sphere = Sphere(np.array([0.02, 0.0, 0.6]), 0.04, RED)

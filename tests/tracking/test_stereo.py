@@ -11,11 +11,10 @@ from ranges import check_range
 from scipy.spatial.transform import Rotation
 
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
-from pps_vision.geometry.se3 import move_points, transform
-from pps_vision.robot.icub import home, set_gaze
+from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Coverage, Optics, Outline, outline
-from tracking.stereo import Association, StereoParams, apparent_velocity, with_pose_error
+from tracking.stereo import Association, StereoParams
 from tracking.tracker import TrackerParams
 
 CAMERA = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
@@ -320,32 +319,3 @@ def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment():
     early, late = (replace(eye, center_px=eye.center_px - sign * shift) for eye, sign in ((left, 1), (right, -1)))
     moved = Association.untrained(StereoParams(), 320).observe(VIEW, early, late, 0.0, (shift, -shift))
     np.testing.assert_allclose(moved.p_root, once.p_root, atol=1e-9)
-
-
-SEEN_AT = np.array([-0.45, 0.03, 0.28])
-
-
-def test_a_turning_neck_carries_a_point_like_a_rigid_body(robot, rig):
-    q = home(robot)
-    rate = 0.4
-    dt = 1e-4
-    untrained = rig.view(q)
-    current = rig.view(set_gaze(robot, q, yaw=rate * dt))
-    point_of_head = move_points(untrained.left.T_camera_root, SEEN_AT)
-    expected = (move_points(current.left.T_root_camera, point_of_head) - SEEN_AT) / dt
-    np.testing.assert_allclose(apparent_velocity(untrained, current, SEEN_AT, dt), expected, rtol=1e-3, atol=1e-5)
-    assert np.linalg.norm(expected) > 0.15  # 0.4 rad/s at 0.45 m from the eyes
-
-
-def test_the_covariance_grows_by_the_stamps_error_along_the_motion_only(robot, rig):
-    """Where a point carried by the neck seems to go: like a rigid body."""
-    q = home(robot)
-    dt = 0.05
-    views = rig.view(q), rig.view(set_gaze(robot, q, yaw=0.4 * dt))
-    observation = Observation3D(dt, SEEN_AT, 1e-6 * np.eye(3), 0.03, 1e-6, 0.1)
-    wide = with_pose_error(observation, *views, dt, 0.02)
-    off = 0.02 * apparent_velocity(*views, SEEN_AT, dt)
-    np.testing.assert_allclose(wide.cov_root - observation.cov_root, np.outer(off, off), atol=1e-12)
-    np.testing.assert_allclose(wide.correlated_cov_root, wide.cov_root - observation.cov_root, atol=1e-15)
-    still = with_pose_error(observation, views[1], views[1], dt, 0.02)
-    np.testing.assert_allclose(still.cov_root, observation.cov_root, atol=1e-15)

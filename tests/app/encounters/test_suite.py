@@ -1,4 +1,4 @@
-"""The suite: every controller avoids a slow object, others plug in, an interrupted run goes on."""
+"""The suite: every controller avoids a slow object, others plug in, an interrupted run goes on; one rendered."""
 
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,8 @@ import pytest
 from pps_vision.app.encounters import suite
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import ASKING, NAMES, NONE, TRUE, new_controller
+from pps_vision.app.encounters.registry import ASKING, NAMES, NONE, OURS, TRUE, new_controller
+from pps_vision.app.encounters.rendered import render_encounter
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.errors import InputError
 from pps_vision.types import Array, Reachability, ReachStatus, Track3D
@@ -91,3 +92,15 @@ def test_what_the_map_calls_unreachable_is_not_attempted(scene, memories):
     assert simulate_encounter(*arguments).commands > 0, "without a map"
     assert simulate_encounter(*arguments, reachability=unreachable).commands == 0
     assert stamps_s == [track.stamp_s for track in tracks]
+
+
+@pytest.mark.long
+def test_a_fast_ball_is_avoided_alike_with_and_without_rendering(scene, memories):
+    balls = (draw(scene, "stop", 24 * k, 5) for k in range(20))  # left arm
+    encounter = next(ball for ball in balls if ball.speed_m_s > 0.2)
+    tracks = track_of(scene, encounter, np.random.default_rng(0))
+    simulated = simulate_encounter(scene, memories["left"], encounter, OURS, new_controller(OURS), tracks)
+    rendered = render_encounter(scene, memories["left"], encounter, 2.0, 5)
+    assert rendered.touched == simulated.touched
+    assert rendered.commands > 5
+    assert abs(rendered.distance_m - simulated.distance_m) < 0.02

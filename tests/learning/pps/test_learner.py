@@ -80,16 +80,6 @@ def test_after_a_reset_clock_learning_goes_on(last, start_s):
     assert state.stale == 0
 
 
-def test_a_touch_by_an_unseen_object_teaches_nothing_and_is_counted():
-    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
-    nothing = np.full(4, np.nan)
-    for k in range(20):
-        touched = np.arange(4) == (2 if k == 15 else -1)
-        state = step(state, TaxelEvents(0.05 * k, SKIN.taxel_ids, nothing, nothing, touched))
-    assert samples(state) == [[0, 0]] * 4
-    assert (state.stale, state.unseen) == (0, 1)
-
-
 def sample(stamp_s, distance_m, ttc_s):
     return TaxelEvents(stamp_s, ("a", "b"), np.array(distance_m), np.array(ttc_s), np.array([False, False]))
 

@@ -1,4 +1,4 @@
-"""The forward model for joints that turn, against the robot's own kinematics, and the process of its residual."""
+"""Babbling and the forward model for joints that turn, against the robot's own kinematics; the residual's process."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.residual import fit_residual
 from pps_vision.experiments.reach_truth import gaze_rmse_deg
-from pps_vision.robot.gaze import GazeLimits, gaze_for_points
+from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
 ROBOT = load_icub()
@@ -223,3 +223,23 @@ def test_samples_count_by_the_precision_with_which_angles_tell_of_them():
         learned = fit_residual(x, y, np.eye(3) / scale[:, :, None])
     at = rng.uniform(-0.9, 0.9, (200, 2))
     assert np.sqrt(np.mean((learned(at)[0] - wave(at)) ** 2)) < 0.004
+
+
+def test_what_is_fixated_is_the_hand(babbled):
+    samples, _ = babbled
+    palms = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm").positions(samples.arm_rad)[0]
+    np.testing.assert_allclose(fixation_points(ROBOT, samples.gaze_rad), palms, atol=1e-6)
+
+
+def test_limits_decide_what_can_be_fixated(babbled):
+    """28 % of the postures can be fixated; none is beyond a limit; narrower limits leave fewer."""
+    samples, _ = babbled
+    assert samples.n_tried == 4000
+    assert len(samples.arm_rad) / samples.n_tried == pytest.approx(0.28, abs=0.03)
+    limits = GazeLimits()
+    arm = ArmLimits()
+    assert np.all((samples.gaze_rad >= limits.lower) & (samples.gaze_rad <= limits.upper))
+    assert np.all((samples.arm_rad >= arm.lower_rad) & (samples.arm_rad <= arm.upper_rad))
+    narrow = GazeLimits(yaw_rad=(-0.1, 0.1))
+    few = babble(ROBOT, "right", 500, np.random.default_rng(1), gaze_limits=narrow)
+    assert 0 < len(few.arm_rad) < 0.15 * 500

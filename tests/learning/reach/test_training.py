@@ -122,12 +122,12 @@ def test_a_test_that_fails_leaves_less_risk_to_the_next():
     """Verdicts that are wrong in one of 20 postures, then right: the first test fails, the second has a quarter of the
     risk, and so a bound of 1 − (0.05 / 4)^(1/n) without errors."""
     params = replace(PARAMS, n_labels=3000, max_error=0.03)
+    right = learned_from(plane, "right", np.random.default_rng(0), replace(params, max_error=0.0))
     tests = []
 
     def verdicts(gaze):
         tests.append(len(gaze))
-        right = learned_from(plane, "right", np.random.default_rng(0), replace(params, max_error=0.0)).query(gaze)
-        return right.reachable ^ (np.arange(len(gaze)) % 20 == 0) if len(tests) == 1 else right.reachable
+        return right.query(gaze).reachable ^ ((np.arange(len(gaze)) % 20 == 0) & (len(tests) == 1))
 
     learned = learned_from(plane, "right", np.random.default_rng(SEED), params, verdicts=verdicts)
     assert tests == [334, 334]
