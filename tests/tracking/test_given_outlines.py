@@ -178,16 +178,17 @@ def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain():
 
 
 AHEAD = rotation_to([-0.6, 0.5, 0.4])
-ASIDE = AHEAD @ np.array([0.05, -0.04, 0.5])
-"""Off all axes, those of the root frame and those of the cameras, whose midpoint is the origin."""
+MIDPOINT = np.array([0.3, -0.2, 0.5])
+ASIDE = MIDPOINT + AHEAD @ np.array([0.05, -0.04, 0.5])
+"""Off all axes, those of the root frame and those of the cameras."""
 
 
 def oblique(turn: Array, about: Array | None = None) -> tuple[View, View]:
     """Both cameras that look ahead, turned by a rotation vector (3,) about a point (3,), or about their midpoint."""
-    center = np.zeros(3) if about is None else about
+    center = MIDPOINT if about is None else about
     R = cv2.Rodrigues(turn)[0]
     T = transform(R, center - R @ center)
-    left, right = (View(CAMERA, T @ transform(AHEAD, x * AHEAD[:, 0])) for x in (-0.034, 0.034))
+    left, right = (View(CAMERA, T @ transform(AHEAD, MIDPOINT + x * AHEAD[:, 0])) for x in (-0.034, 0.034))
     return left, right
 
 

@@ -1,4 +1,4 @@
-"""The simulation of a single taxel against geometry and quadrature."""
+"""The simulation of a single taxel against geometry."""
 
 from dataclasses import replace
 
@@ -21,6 +21,18 @@ def test_as_many_objects_land_on_each_taxel_as_the_gaussian_says():
     off = np.hypot(*np.array(simulation.taxels_m).T) / simulation.landing_sigma_m
     expected = ncx2.cdf((simulation.touch_radius_m / simulation.landing_sigma_m) ** 2, 2, off**2)
     np.testing.assert_allclose(share, expected, atol=5 * np.sqrt(0.08 / n))
+
+
+def test_objects_fly_straight_to_their_landing_points():
+    simulation = Simulation()
+    paths = sample_paths(simulation, 500, rng())
+    d_m = paths.d_m[:, :, :1]
+    moved = np.diff(d_m, axis=1)
+    known = np.isfinite(moved)  # from the start of each path on
+    np.testing.assert_allclose(moved[known], (simulation.step_s * paths.v_m_s[:, 1:])[known], atol=1e-12)
+    assert known.mean() > 0.3
+    speeds = np.linalg.norm(paths.v_m_s, axis=-1)
+    assert simulation.speed_m_s[0] <= speeds.min() < speeds.max() <= simulation.speed_m_s[1]
 
 
 def test_the_offset_shows_from_the_landing_point_only():
