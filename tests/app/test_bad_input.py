@@ -114,14 +114,6 @@ def test_nothing_is_learned_from_unreadable_recordings(refused_with, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unreadable_calibration_is_named_with_its_line(refused, approach, tmp_path):
-    bad = tmp_path / "eyes.ini"
-    camera = "w 320\nh 240\nfx many\nfy 1\ncx 1\ncy 1\nk1 0\nk2 0\np1 0\np2 0\n"
-    bad.write_text(f"[CAMERA_CALIBRATION_LEFT]\n{camera}[CAMERA_CALIBRATION_RIGHT]\n{camera}")
-    assert "eyes.ini:4" in refused("track", approach, "--calib", bad, "--out", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 def test_an_unwritable_output(refused, approach, tmp_path):
     (tmp_path / "file").write_text("mine")
     assert "file" in refused("track", approach, "--out", tmp_path / "file")

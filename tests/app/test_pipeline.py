@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known_track import DT, KnownTrack, KnownTracks, Motion, frame_at, run
+from known_track import DT, KnownTrack, KnownTracks, Motion, frame_at, run, touched_by_all
 
 from control.avoidance import AvoidanceParams
 from control.fixation import FixationParams, fixation_error
@@ -58,9 +58,7 @@ def anxious(distance_m: float, speed_m_s: float, cov: Array | None = None) -> Pi
     """A skin that was touched by every object near it, and an object that approaches a taxel's place at home."""
     velocity = speed_m_s * (before_taxel_3(0.0) - before_taxel_3(1.0))
     pipeline = following(lambda t: (before_taxel_3(distance_m), velocity), cov=cov)
-    counts = np.zeros_like(pipeline.memory.counts)
-    counts[..., 0] = 1
-    learned = replace(pipeline._state.learning, memory=replace(pipeline.memory, counts=counts))
+    learned = replace(pipeline._state.learning, memory=touched_by_all(icub_skin(("left_forearm",))))
     pipeline._state = replace(pipeline._state, learning=learned)
     return pipeline
 
@@ -247,13 +245,11 @@ def test_an_object_whose_path_passes_by_is_not_avoided(beside_m, avoided):
 def test_the_arm_that_is_approached_avoids_if_asked_to(side, arms):
     """The taxels of two arms, and an object that comes to one: no joint of the other moves."""
     skin = icub_skin(("right_forearm", "left_forearm"))
-    memory = PPSMemory.empty(skin)
-    memory.counts[..., 0] = 1
     points, normals = skin.at(ROBOT.at(home(ROBOT)))
     index = skin.index(f"{side}_forearm:3")
     tracker = KnownTrack(lambda t: (points[index] + 0.05 * normals[index], -0.1 * normals[index]))
     params = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "right") if arms == "both" else None)
-    steps, joints = run(Pipeline(params, ROBOT, skin, tracker, memory, np.random.default_rng(0)), 0.4)
+    steps, joints = run(Pipeline(params, ROBOT, skin, tracker, touched_by_all(skin), np.random.default_rng(0)), 0.4)
     for arm, response in zip(("left", "right"), steps[-1].responses, strict=False):
         is_approached = arm == side
         assert response.mode == ("avoid" if is_approached else "idle")
@@ -264,8 +260,7 @@ def test_the_arm_that_is_approached_avoids_if_asked_to(side, arms):
 def two_arms(*motions: Motion, is_trained: bool = True) -> Pipeline:
     """Two arms that avoid, whose skin was touched by all that came near, and several objects."""
     skin = icub_skin(("right_forearm", "left_forearm"))
-    memory = PPSMemory.empty(skin)
-    memory.counts[..., 0] = is_trained
+    memory = touched_by_all(skin) if is_trained else PPSMemory.empty(skin)
     params = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "right"))
     return Pipeline(params, ROBOT, skin, KnownTracks(motions), memory, np.random.default_rng(0))
 

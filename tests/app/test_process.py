@@ -1,14 +1,21 @@
-"""The process of the command line: signals, its output streams, and warnings of libraries."""
+"""The process of the command line: signals, its output streams, progress and help."""
 
+import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from pps_vision.app import progress as module
+from pps_vision.app.cli import COMMANDS
+from pps_vision.app.progress import progress
 
 STAND_IN = """
 import pps_vision.app.cli
@@ -127,3 +134,81 @@ def test_folders_whose_names_are_not_utf8(approach, tmp_path):
     out = tmp_path / f"{name}-out"
     assert json.loads((out / "summary.json").read_text(encoding="utf-8"))["source"] == name
     assert (out / "overlay.mp4").stat().st_size > 1000
+
+
+HEAVY = {"torch", "kornia", "matplotlib", "pyrender", "trimesh", "pinocchio", "numba", "scipy", "cv2", "sklearn", "av"}
+HELPS = [
+    [],
+    *([command] for command in COMMANDS),
+    *(["reach", action] for action in ("train", "query", "show")),
+    ["bench", "tracking"],
+]
+
+SCRIPT = """
+import sys
+from pps_vision.app.cli import main
+for line in sys.stdin.read().splitlines():
+    try:
+        main([*line.split(), "--help"])
+    except SystemExit as end:
+        assert not end.code, (line, end.code)
+    print("|loaded|", *sys.modules, file=sys.stderr)
+"""
+
+
+def test_help_loads_no_heavy_package():
+    lines = "\n".join(" ".join(words) for words in HELPS)
+    process = subprocess.run([sys.executable, "-c", SCRIPT], input=lines, capture_output=True, text=True, cwd="/")
+    assert process.returncode == 0, process.stderr
+    loaded = [set(line.split()) for line in process.stderr.splitlines() if line.startswith("|loaded|")]
+    assert len(loaded) == len(HELPS)
+    for words, modules in zip(HELPS, loaded, strict=True):
+        assert not modules & HEAVY, words
+        assert "tyro" in modules
+    assert process.stdout.count("--help") >= len(HELPS)
+    assert process.stdout.count("usage: pps-vision") == len(HELPS)
+    assert "pps-vision --version" in process.stdout
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def quick(monkeypatch) -> None:
+    """A line every 50 ms."""
+    monkeypatch.setattr(module, "_EVERY_S", 0.05)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_log_has_whole_lines_now_and_then(capsys):
+    for _ in progress(range(50), "training", "approach", after_s=0.0):
+        time.sleep(0.005)  # a quarter of a second or more
+    with progress(desc="map", total=1, after_s=0.0) as bar:
+        bar.update()
+    *training, map_line = capsys.readouterr().err.split("\n")[:-1]
+    numbers = [int(re.fullmatch(r"training: (\d+) of 50 after 00:0\d", line)[1]) for line in training]
+    assert numbers == sorted(set(numbers))
+    assert numbers[0] == 0
+    assert 2 <= len(numbers) < 50
+    assert map_line == "map: 0 of 1 after 00:00"
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_fails_says_nothing_after_its_reason(capsys):
+    """A batch takes the last line of a recording's error stream for the reason."""
+    bar = progress(range(3), "track", after_s=0.0)
+    for _ in bar:
+        time.sleep(0.06)
+        break
+    print("reason", file=module.sys.stderr)
+    bar.close()
+    assert capsys.readouterr().err.splitlines()[-1] == "reason"
+
+
+def test_a_terminal_has_a_bar(monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    assert list(progress(range(3), "track", "pair")) == [0, 1, 2]
+    assert re.search(r"\rtrack: 100%\|[#█]+\| 3/3 .*pair", terminal.getvalue())

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from data import SEED
-from known_track import DT, KnownTrack, run
+from known_track import DT, KnownTrack, run, touched_by_all
 
 from control.avoidance import AvoidanceParams
 from control.lean import LeanParams
 from control.reaching import ReachingParams
-from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
@@ -41,13 +40,6 @@ def left() -> ReachableMap:
     return train_reachable_map(ROBOT, "left", np.random.default_rng(SEED), params)
 
 
-def anxious() -> PPSMemory:
-    """A skin that has been touched by everything that came near."""
-    counts = PPSMemory.empty(SKIN).counts.copy()
-    counts[..., 0] = 1
-    return replace(PPSMemory.empty(SKIN), counts=counts)
-
-
 def pipeline(
     motion,
     arm: AvoidanceParams | ReachingParams,
@@ -58,7 +50,7 @@ def pipeline(
     lean = LeanParams() if leans else None
     params = PipelineParams(arm=arm, lean=lean, max_false_positives=max_fp)
     rng = np.random.default_rng(0)
-    return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), anxious(), rng, reachable_map)
+    return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), touched_by_all(SKIN), rng, reachable_map)
 
 
 def towards(taxel: str, begin_m: float, end_m: float, speed_m_s: float = 0.06):

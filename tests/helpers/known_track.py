@@ -5,12 +5,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineStep
 from pps_vision.robot.icub import home
+from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, Status, StereoFrame, Track3D
 from tracking.tracker import TrackerStep
 
 DT = 0.05
+
+
+def touched_by_all(skin: Skin) -> PPSMemory:
+    """A memory as if whatever came near had touched the skin."""
+    empty = PPSMemory.empty(skin)
+    return replace(empty, counts=empty.counts + np.array([1, 0]))
+
+
 Motion = Callable[[float], tuple[Array, Array] | None]
 
 

@@ -8,11 +8,11 @@ from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
+from known_track import touched_by_all
 
 from control.avoidance import AvoidanceParams
 from control.limits import LimitParams
 from control.reaching import ReachingParams
-from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
@@ -107,7 +107,7 @@ class Episode:
         other_arm = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
         hold_s = float(rng.choice((0.5, 0.5, 0.2, 0.05)))
         params = PipelineParams(arm=arm, other_arm=other_arm, hold_s=hold_s, latency_s=self.latency_s)
-        self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)
+        self.pipeline = Pipeline(params, robot, skin, self.tracker, touched_by_all(skin), rng)
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
         if behaviour == "reach":  # as with a map that calls everything reachable
             first, *others = self.pipeline._arms
@@ -260,11 +260,3 @@ class Episode:
 
 
 BLACK = np.zeros((2, 2, 3), np.uint8)
-
-
-def _anxious(skin: Skin) -> PPSMemory:
-    """A skin that was touched by whatever came near."""
-    empty = PPSMemory.empty(skin)
-    counts = empty.counts.copy()
-    counts[..., 0] = 1
-    return replace(empty, counts=counts)

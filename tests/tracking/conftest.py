@@ -7,15 +7,10 @@ import numpy as np
 import pytest
 
 from pps_vision.geometry.camera import StereoRig, StereoView
-from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.icub import home, icub_rig
 from pps_vision.robot.model import Robot
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `from linear_model import …`
-
-
-@pytest.fixture(scope="session")
-def robot() -> Robot:
-    return load_icub()
 
 
 @pytest.fixture(scope="session")

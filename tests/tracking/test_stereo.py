@@ -309,13 +309,3 @@ def test_the_error_of_a_body_that_is_no_ball_changes_with_its_aspect(rng):
             squared.append(np.square(errors[-1] - errors[1]).sum() / (3 * turn_rad) ** 2)
             stated.append(np.trace(observation.correlated_cov_root) / TrackerParams().aspect_rad ** 2)
     assert 0.4 < np.mean(squared) / np.mean(stated) < 2.5
-
-
-def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment():
-    left = exact_outline(VIEW.left)
-    right = exact_outline(VIEW.right)
-    shift = np.array([3.0, -1.0])
-    once = Association.untrained(StereoParams(), 320).observe(VIEW, left, right, 0.0)
-    early, late = (replace(eye, center_px=eye.center_px - sign * shift) for eye, sign in ((left, 1), (right, -1)))
-    moved = Association.untrained(StereoParams(), 320).observe(VIEW, early, late, 0.0, (shift, -shift))
-    np.testing.assert_allclose(moved.p_root, once.p_root, atol=1e-9)

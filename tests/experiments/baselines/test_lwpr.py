@@ -8,11 +8,6 @@ from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 pytestmark = pytest.mark.long
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(3)
-
-
 def trained(params, x, y):
     model = LWPR(x.shape[1], y.shape[1], params)
     model.update(x, y)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from data import SEED
 
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.icub import load_icub
@@ -18,11 +17,6 @@ def palm(side, q):
     full = np.zeros(ROBOT.n_joints)
     full[ROBOT.indices(ROBOT.names.arm(side)[:4])] = q
     return ROBOT.at(full).point(f"{side}_palm")
-
-
-@pytest.fixture
-def rng():
-    return np.random.default_rng(SEED)
 
 
 @pytest.fixture(params=["left", "right"])
