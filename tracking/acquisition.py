@@ -372,7 +372,7 @@ def _disc_around(image: Image, mask: Mask, changed: Mask, box: Box, optics: Opti
     outline = fit_outline(image, mask, box, optics)
     if outline is None or outline.is_partial:
         return None
-    is_hidden = masks.may_be_hidden(mask, changed)
+    is_hidden = masks.foreground_around(mask, changed) > masks.HIDING
     if outline.is_disc and not is_hidden:
         return outline
     circle = _circle_along(mask, _MIN_HIDDEN_RIM if is_hidden else _MIN_RIM)

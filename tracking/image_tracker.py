@@ -38,6 +38,7 @@ _ERRORS = 3.0  # standard deviations of that ratio below its mean from which par
 _OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
 _OFF_PX = 1.5
 _BESIDE = 1.22  # distance from the object's centre, in object sizes, from which foreground is another's
+_FREE = 0.05  # foreground around an object up to which nothing hides a part of it
 _LARGER = 0.02  # excess of a disc's radius at its visible edge from which something hides a part of it
 _LARGER_PX = 0.4
 _RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in front of the object
@@ -210,12 +211,14 @@ class ImageTracker:
         outline = fit_outline(image, mask, roi, self.optics)
         if outline is None or outline.is_partial:
             return None
+        around = masks.foreground_around(mask, examined.covered)
         if target.silhouette is None:
-            if masks.may_be_hidden(mask, examined.covered):
+            if around > masks.HIDING:
                 return None
             outline = self._completed(image, examined, outline)
         ratio = outline.angular_radius_rad / target.angle_rad
-        may_be_smaller = outline.is_disc and not target.is_size_known
+        is_free = examined.covered[mask].mean() > 0.5 and around < _FREE
+        may_be_smaller = is_free if target.silhouette else outline.is_disc and not target.is_size_known
         if ratio < target.ratio - _ERRORS * target.ratio_std and not may_be_smaller:
             return None
         if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size + _OFF_PX:

@@ -12,8 +12,8 @@ from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
 
 SOLID = 0.9  # solidity below which a moving region may be an object and its holder
-_AROUND_PX = (3, 6)  # distance from a mask, beyond the reach of smoothing
-_MAX_AROUND = 0.3  # share that is foreground, of what is so far from a mask
+_AROUND_PX = (3, 6)
+HIDING = 0.3  # foreground around an object from which it may hide a part of it
 _SMALL_HOLE = 0.01  # share of the mask; smaller holes are noise
 
 
@@ -28,10 +28,10 @@ def dilated(mask: Mask, radius: int) -> Mask:
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(radius)), dtype=np.uint8).view(bool)
 
 
-def may_be_hidden(mask: Mask, foreground: Mask) -> bool:
-    """Whether there is so much foreground around an object's mask (h, w) that it may hide a part of the object."""
+def foreground_around(mask: Mask, foreground: Mask) -> float:
+    """Share of what surrounds an object's mask (h, w), beyond the reach of smoothing, that is foreground."""
     around = dilated(mask, _AROUND_PX[1]) & ~dilated(mask, _AROUND_PX[0])
-    return bool(around.any() and foreground[around].mean() > _MAX_AROUND)
+    return float(foreground[around].mean()) if around.any() else 0.0
 
 
 def closed(mask: Mask, element: NDArray[np.uint8]) -> Mask:
