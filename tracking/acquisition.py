@@ -44,13 +44,13 @@ _VIVID = 6  # tenth of the saturation from which a colour is vivid
 _AROUND_PX = 6  # around a motion region whose vivid parts are sought
 _MIN_PART = 0.02  # of a motion region
 _MIN_PART_PX = 40
-_WHOLE_PART = 0.8  # share of what moves from which a part is the whole
+_WHOLE_PART = 0.8  # share of the moving region from which a part is the whole
 _RIM_PX = 1.0  # distance of a part's edge from the circle around it
 _RIM = 0.04  # the same, relative to the radius
 _SECTORS = 36  # of the circle
 _MIN_RIM = 0.5  # of them, in which the edge lies on the circle
 _MIN_HIDDEN_RIM = 0.35  # the same where something may hide a part
-_MOST_HIDDEN = 0.75  # largest radius of the circle, relative to what is visible of it
+_MOST_HIDDEN = 0.75  # largest radius of the circle, relative to the visible part
 _TRIPLES = 24  # from which circles are drawn
 _MARGIN = 1.0  # around a motion region, relative to its size
 _MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of region and surroundings above which no object stands out
@@ -79,8 +79,8 @@ class Candidate:
     by_color: bool  # whether its colours alone separate it from its surroundings
     mask: Mask
     box: Box  # region of the image of `mask` (h, w)
-    is_partly_occluded: bool = False  # whether it appears from behind an occluder, so that a part of it may be hidden
-    is_part: bool = False  # whether it is a vivid part of what moves, such as an object in a hand
+    is_partly_occluded: bool = False  # whether it appears from behind an occluder, possibly still partly hidden
+    is_part: bool = False  # whether it is a vivid part of a moving region, such as an object in a hand
 
 
 class Acquisition:
@@ -110,7 +110,7 @@ class Acquisition:
         association: Association,
         followed: FollowedBoxes = ((), ()),
     ) -> tuple[Candidate, Candidate] | None:
-        """An object in both images beside those that are `followed`, or None.
+        """An object in both images beside the `followed` ones, or None.
 
         The right image is searched only if the left one shows motion; flow need not confirm it again.
         """
@@ -310,9 +310,9 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
 def vivid_parts(
     image: Image, region: Region2D, optics: Optics, foreground: Foreground | None = None
 ) -> list[Candidate]:
-    """Candidates of the vivid colours of a motion region: what a hand holds is a vivid part of what moves.
+    """Candidates of the vivid colours of a motion region: an object in a hand is one.
 
-    A part that fingers hide is taken for a disc if enough of its edge lies on the circle around it.
+    A part behind fingers is taken for a disc if enough of its edge lies on the circle around it.
     """
     x, y, w, h = region.box_px
     height, width = image.shape[:2]
@@ -384,8 +384,8 @@ def _disc_around(image: Image, mask: Mask, changed: Mask, box: Box, optics: Opti
 
 
 def _circle_along(mask: Mask, min_rim: float) -> tuple[float, float, float] | None:
-    """Centre x, y and radius (px) of the circle along which the edge of a mask (h, w) lies, as far as it is not within;
-    None if that is too little."""
+    """Centre x, y and radius (px) of the circle through most of a mask's edge, with the rest inside; None if there is
+    none."""
     contour = masks.contour(mask).astype(float)
     x, y, radius = _best_circle(contour, _MOST_HIDDEN * float(np.ptp(contour, axis=0).max()))
     off = contour - (x, y)

@@ -38,8 +38,8 @@ _ERRORS = 3.0  # standard deviations of that ratio below its mean from which par
 _OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
 _OFF_PX = 1.5
 _BESIDE = 1.22  # distance from the object's centre, in object sizes, from which foreground is another's
-_FREE = 0.05  # foreground around an object up to which nothing hides a part of it
-_LARGER = 0.02  # excess of a disc's radius at its visible edge from which something hides a part of it
+_FREE = 0.05  # foreground around a whole object, at most
+_LARGER = 0.02  # excess of the radius at the visible edge over the mask's, of a disc that is partly hidden
 _LARGER_PX = 0.4
 _RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in front of the object
 
@@ -83,7 +83,7 @@ class Target:
 
     @property
     def is_size_known(self) -> bool:
-        """Whether the object's size is known well enough to tell that a part of it is hidden."""
+        """Whether the object's size is known well enough to detect a partial occlusion."""
         return self.frames >= SIZE_FRAMES
 
     @property
@@ -93,9 +93,17 @@ class Target:
 
 
 class Examined(NamedTuple):
-    """Region of an image around the predicted object: colour bins (h, w), likelihoods (h, w) that segment the object,
-    the most accurate first, each with what is rather background (None: unknown), what differs from the background or
-    hides an unknown one, what covers a known one, and the evidence for the particle filter."""
+    """Region of an image around the predicted object.
+
+    Attributes:
+        roi: The region.
+        bins: (h, w) colour bins.
+        likelihoods: (h, w) likelihoods that segment the object, the most accurate first, each with a mask of likely
+            background (None: unknown).
+        changed: (h, w) foreground, or unknown background.
+        covered: (h, w) foreground in front of known background.
+        evidence: For the particle filter.
+    """
 
     roi: Box
     bins: NDArray[np.uint8]
@@ -155,7 +163,7 @@ class ImageTracker:
             image: RGB (H, W, 3).
             center_px: Predicted centre.
             reach_px: How far off it may be.
-            foreground: What differs from the background; None: it is unknown.
+            foreground: Foreground of a box; None: the background is unknown.
             segmented_by: What separates the object from its surroundings.
         """
         w, h = target.box

@@ -52,11 +52,11 @@ _ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's e
 _ROUNDS = 3  # of fits to a visible edge
 _VISIBLE_EDGE_PX = 0.25  # systematic error of a fitted edge
 _MIN_VISIBLE_EDGE = 0.25  # share of an edge
-_REACH_PX = 4.0  # to both sides of an edge, between the pixels that show what is inside and outside
+_REACH_PX = 4.0  # distance to both sides of an edge at which the inner and the outer colour are sampled
 _SAMPLE_PX = 0.5  # between the samples across an edge
-_MIN_CONTRAST = 20.0  # of the colours inside and outside, grey levels
+_MIN_CONTRAST = 20.0  # of the inner and the outer colour, grey levels
 _CIRCLE_POINTS = 48
-_DISC_ERROR = 0.15  # relative error of a disc's radius and centre where a part of it is hidden
+_DISC_ERROR = 0.15  # relative error of a partly hidden disc's predicted radius and centre
 _TUKEY = 4.685  # robust standard deviations
 _HIDDEN_AT_BORDER = 0.3  # assumed hidden share of an object at the image's border
 
@@ -242,14 +242,14 @@ class VisibleEdge(NamedTuple):
 def fit_visible_edge(
     image: Image, evidence: Map, foreground: Mask, box: Box, edge: Array, outward: Array, farther_std_px: float
 ) -> VisibleEdge | None:
-    """Fit a predicted edge to the part of it beyond which the image shows the background; None if that is too little.
+    """Fit a predicted edge where it borders on background; None if too little of it does.
 
     Between the colours F inside and B outside, I = a F + (1 − a) B; the edge lies where the sum of a says.
 
     Args:
         image: RGB (H, W, 3).
         evidence: (h, w) of the region `box`, positive where it shows the object.
-        foreground: (h, w) mask of what differs from the background.
+        foreground: (h, w) mask.
         box: Region of the image.
         edge: (m, 2) predicted edge, px.
         outward: (m, 2) its unit normals.
@@ -273,7 +273,7 @@ def fit_visible_disc(
     """The outline of a disc near a circle (centre (2,), radius; px) at its visible edge; None if that is too little.
 
     Args:
-        outline: Of what is visible of the disc.
+        outline: The visible part's.
         image, evidence, foreground, box: As for `fit_visible_edge`.
     """
     center, radius = circle

@@ -156,7 +156,7 @@ class TrackerState(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """What one frame shows: both cameras, their poses, the mean stamp, and the view and the stamp of the last frame."""
+    """Content of one frame: both cameras, their poses, the mean stamp, and the view and the stamp of the last frame."""
 
     cameras: CameraFrames
     poses: CameraPoses
@@ -664,7 +664,7 @@ class Tracker:
 def _urgency(step: TrackerStep) -> tuple[float, float]:
     """1 / time to contact with the cameras (1/s; 0: it does not come), and 1 / distance (1/m; 0: it is at rest).
 
-    What is within two standard deviations of rest does not move.
+    An object within two standard deviations of rest does not move.
     """
     track = step.track
     offset = track.position - step.midpoint_root

@@ -224,7 +224,7 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one():
 
 
 def test_first_boxes_are_those_of_the_silhouette():
-    """Of a ball, the rim's; given in the first frame in which both eyes see all of it."""
+    """Of a ball, the rim's; given in the first frame in which both eyes see the whole object."""
     film = Film(FilmScene(fps=10.0), 3, NOWHERE)
     k, boxes = film.first_boxes
     assert film.share[k].min() >= 0.99 > film.share[k - 1].min()

@@ -16,12 +16,12 @@ _VISIBLE_RAD = np.deg2rad(0.1)  # of a reading: twice the resolution of an iCub'
 
 
 class LateResult(AttackResult):
-    """Findings of an attack on a robot with a timing of its own."""
+    """Findings of an attack on a robot with its own timing."""
 
     def __init__(self) -> None:
         super().__init__()
         self.limits_left = 0  # instants at which a joint was beyond a limit, and further than at the start
-        self.beyond_rad = 0.0  # by how much at most
+        self.beyond_rad = 0.0  # largest
         self.said_after_s: list[float] = []  # by episode, to the first report from the mismatch that it is about
         self.unsaid: list[str] = []  # frames without a report of a mismatch visible in two frames of the last second
         self.said_in_vain: list[str] = []  # episodes that began with a report without a visible mismatch
@@ -108,7 +108,7 @@ class _LateEpisode(Episode):
             self._fault(f"self-collision distance {1000 * distance_m:.4f} of {1000 * self.clear_m:.4f} mm")
 
     def _listen(self, reading: Array, step: PipelineStep) -> None:
-        """Compare the step's report with what was to be seen."""
+        """Compare the step's report with the expected one."""
         self.visible_s = [t for t in self.visible_s if t >= self.stamp_s - 1.0]
         if np.abs(reading - self.assumed).max() > _VISIBLE_RAD:
             self.visible_s.append(self.stamp_s)

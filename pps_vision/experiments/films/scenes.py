@@ -81,7 +81,7 @@ _LENSES = ((1.0, 3.2, -2.6), (1.004, -2.4, 1.7))  # of each eye: relative focal 
 
 @dataclass(frozen=True)
 class FilmObject:
-    """Parameters of an object and its motion. The defaults are those of the tracking table: 0.6 m, 30 cm/s."""
+    """Parameters of an object and its motion. Defaults as in the tracking table: 0.6 m, 30 cm/s."""
 
     shape: Literal["ball", "square", "rod"] = "ball"  # square and rod face the eyes, slightly turned; the rod at 45°
     radius_m: float = 0.03  # of the ball; half the side of the square; half the length of the rod
@@ -279,7 +279,7 @@ class Film:
         return (Panel(middle, np.array([half, 0, 0]), np.array([0, 0.5, 0]), Paint(CARDBOARD)),)
 
     def solids(self, t_s: float) -> Solids:
-        """Return the moving solids: the objects in their order, then what has no truth: finger, hand, walker."""
+        """Return the moving solids: the objects in their order, then bodies without truth: finger, hand, walker."""
         scene = self.scene
         p = self._paths[0](t_s)[0]
         solids: list[Solid] = [
