@@ -477,6 +477,8 @@ class Tracker:
         with self.stages("image"):
             for tracker, camera, candidate in zip(self._cameras, cameras, pair, strict=True):
                 outline = candidate.outline
+                if by_color:
+                    tracker.background.invalidate_mask(camera.image, camera.view, candidate.mask, candidate.box)
                 box = _whole_box(outline) if outline.is_partial else outline.box_px
                 seen = None
                 if not outline.is_partial and not outline.is_disc and observation is not None:
