@@ -154,9 +154,10 @@ class MotionTrigger:
         regions = self._regions(reference, current)[: self.params.max_regions] if reference else []
         if reference and regions and self.params.flow:
             regions = self._confirmed(reference, current, regions, confirm)
-        for frame in (reference, current):
+        for frame in (reference, current):  # large images that are soon computed again
             if frame is not None:
-                frame.__dict__.pop("smooth", None)  # three bytes a pixel, computed again in 0.6 s at most
+                frame.__dict__.pop("smooth", None)
+                frame.__dict__.pop("grey", None)
         self._past.append(current)
         return regions
 
@@ -200,6 +201,13 @@ class MotionTrigger:
             if stamp_s - self._past[1].stamp_s <= _FLOW_INTERVAL_S - JITTER_S:
                 break  # flow is measured since the oldest one
             self._past.popleft()
+        kept: list[_Frame] = []
+        for frame in self._past:  # all of the short interval, few older ones
+            is_recent = stamp_s - frame.stamp_s <= self.params.interval_s + JITTER_S
+            if is_recent or not kept or frame.stamp_s - kept[-1].stamp_s > 0.5 * self.params.slow_interval_s:
+                kept.append(frame)
+        self._past.clear()
+        self._past.extend(kept)
         self._is_slow = not self._is_slow
         return _Frame(image.copy(), view, stamp_s, own, followed)
 

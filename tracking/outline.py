@@ -109,19 +109,18 @@ class Outline:
 
 
 class Optics:
-    """Per-pixel weights of one camera: solid angle, and solid angle times viewing direction."""
+    """Per-pixel weights of one camera: solid angle times viewing direction."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-        self.weights = np.empty((4, camera.height, camera.width), np.float32)
-        """(4, h, w) solid angle times viewing direction, and solid angle, sr."""
+        self.weights = np.empty((3, camera.height, camera.width), np.float32)
+        """(3, h, w) solid angle times viewing direction, sr."""
         for top in range(0, camera.height, _STRIP):  # whole maps of directions would take three times as much memory
             first = max(top - 1, 0)
             bearings = camera.bearing_map(first, min(top + _STRIP + 1, camera.height))
             rows = np.s_[top - first : top - first + _STRIP]
             angles = solid_angles(bearings)[rows]
-            self.weights[:3, top : top + _STRIP] = np.moveaxis(bearings[rows] * angles[..., None], -1, 0)
-            self.weights[3, top : top + _STRIP] = angles
+            self.weights[:, top : top + _STRIP] = np.moveaxis(bearings[rows] * angles[..., None], -1, 0)
 
 
 def fit_outline(
@@ -623,12 +622,13 @@ def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Mom
 
     Args:
         alpha, variance: (h, w) as from `covered`.
-        weights: (4, height, width) each pixel's solid angle times its direction, and its solid angle.
+        weights: (3, height, width) each pixel's solid angle times its direction.
     """
     height, width = alpha.shape
     area = 0.0
     sums = np.zeros(4)
     cov = np.zeros((4, 4))
+    pixel = np.empty(4)  # weights, and their length, the solid angle
     x0 = width
     y0 = height
     x1 = y1 = 0
@@ -639,11 +639,13 @@ def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Mom
             if share == 0 and var == 0:
                 continue
             area += share
+            for i in range(3):
+                pixel[i] = weights[i, top + row, left + column]
+            pixel[3] = math.sqrt(pixel[0] ** 2 + pixel[1] ** 2 + pixel[2] ** 2)
             for i in range(4):
-                weight = float(weights[i, top + row, left + column])
-                sums[i] += share * weight
+                sums[i] += share * pixel[i]
                 for j in range(4):
-                    cov[i, j] += var * weight * weights[j, top + row, left + column]
+                    cov[i, j] += var * pixel[i] * pixel[j]
             if share > 0.5:
                 x0 = min(x0, column)
                 x1 = max(x1, column + 1)
@@ -681,10 +683,10 @@ def harmonics(
         for column in range(alpha.shape[1]):
             if alpha[row, column] == 0:
                 continue
-            a = weights[0, top + row, left + column]
-            b = weights[1, top + row, left + column]
-            c = weights[2, top + row, left + column]
-            d = weights[3, top + row, left + column]
+            a = float(weights[0, top + row, left + column])
+            b = float(weights[1, top + row, left + column])
+            c = float(weights[2, top + row, left + column])
+            d = math.sqrt(a * a + b * b + c * c)
             x = (ex * a + ez * c) / d
             y = (fx * a + fy * b + fz * c) / d
             w = float(alpha[row, column]) * d

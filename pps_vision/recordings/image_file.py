@@ -19,7 +19,7 @@ from pps_vision.types import Array, Image
 _AS_RGB = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
-MOST_PIXELS = 2**23  # 3840×2160 and a little more: tracking takes 95 bytes for each pixel of both eyes
+MOST_PIXELS = 2**23  # 3840×2160 and a little more: tracking takes 61 bytes for each pixel of both eyes
 _STAMP = re.compile(r"(?<![0-9.])(?:([0-9]{10}\.[0-9]+)|([0-9]{13}|[0-9]{16}|[0-9]{19}))$", re.ASCII)
 
 
