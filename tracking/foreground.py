@@ -179,8 +179,9 @@ class Background:
         self.is_known = True
 
     def invalidate_mask(self, image: Image, view: View, mask: Mask, box: Box) -> None:
-        """Mark the background as unknown where an object, a mask (h, w) of a box, equals it, and in other foreground: the
-        object may have been at rest there during learning."""
+        """Mark the background as unknown where an object, a mask (h, w) of a box, equals it, and in other foreground.
+
+        The object may have been at rest there during learning."""
         if self.rests(view):
             doubtful = self.differs(image, view, box) ^ mask
             self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = 0
