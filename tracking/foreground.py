@@ -179,12 +179,11 @@ class Background:
         self.is_known = True
 
     def invalidate_mask(self, image: Image, view: View, mask: Mask, box: Box) -> None:
-        """Mark the background as unknown where an object, a mask (h, w) of a box, equals it, and in other foreground.
+        """Mark the background as unknown where an object, a mask (h, w) of a box, equals it.
 
         The object may have been at rest there during learning."""
         if self.rests(view):
-            doubtful = self.differs(image, view, box) ^ mask
-            self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = 0
+            self._mean[box[1] : box[3], box[0] : box[2]][mask & ~self.differs(image, view, box)] = 0
 
     def invalidate(self, image: Image, view: View, box_px: BoxPx) -> None:
         """Mark the background as unknown behind an object's box and in the foreground within two box sizes: the object
