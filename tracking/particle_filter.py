@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Array, Mask
+from tracking import masks
 from tracking.ego_motion import Box
 
 Map = NDArray[np.float32]
@@ -275,8 +275,7 @@ def template_of(silhouette: Silhouette | None) -> Template:
     axes = across(view, p_root) * rim_radius(radius_m, distance_m)
     to_plane = np.linalg.inv(view.project_jacobian(p_root) @ axes.T).T
     corner = np.array(box[:2]) - center_px
-    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    contour = max(contours, key=len)[:, 0].astype(float)
+    contour = masks.contour(mask).astype(float)
     along = np.roll(contour, -_TANGENT, axis=0) - np.roll(contour, _TANGENT, axis=0)
     outward = np.stack([-along[:, 1], along[:, 0]], axis=-1)  # OpenCV's contours run counterclockwise, y down
     chosen = np.arange(0, len(contour), max(len(contour) // _EDGE, 1))
