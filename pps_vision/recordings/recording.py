@@ -20,7 +20,6 @@ from pps_vision.types import StereoFrame, Truth
 
 if TYPE_CHECKING:  # kinematics take 0.2 s to load, and are not installed where there is only tracking
     from pps_vision.robot.model import Robot
-    from pps_vision.robot.robot_setup import RobotSetup
 
 Pair = tuple[ImageFile, ImageFile]
 FileT = TypeVar("FileT", bound=ImageFile)
@@ -28,23 +27,6 @@ FileT = TypeVar("FileT", bound=ImageFile)
 _STAMPS_EXPECTED = "a stamp a row, in s or digits of ms, µs or ns since 1970, each later than the last"
 _SIZED = 10  # readable images whose sizes are compared
 _SAME_RATE = 0.01  # by which 29.97 and 30 frames a second differ, and more
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """Arguments of `pps_vision.open_recording`."""
-
-    folder: Path | None
-    left: tuple[str, ...]
-    right: tuple[str, ...]
-    calib: tuple[Path, ...]
-    times: Path | None
-    fps: float | None
-    unit_m: float
-    joints: Path | None
-    taxels: Path | None
-    max_skew_s: float
-    robot: "RobotSetup | None" = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from pps_vision.app.cli import main
 from pps_vision.app.cli.batch import Batch
 from pps_vision.app.cli.learn import Learn
 from pps_vision.app.cli.track import Track
+from pps_vision.recordings.source import Options, Source
 from tracking.kalman import KalmanParams
 from tracking.tracker import TrackerParams
 
@@ -97,9 +98,9 @@ def test_what_is_left_out_means_the_same_in_functions_and_commands():
     defaults = [
         (of_function(pv.track), of_command(Track), {"device", "seed"}),
         (of_function(pv.learn), of_command(Learn), {"mode", "seed", "into"}),
-        (of_function(pv.open_recording), of_command(Track), {*SOURCE, "times", "joints"}),
         (of_command(Batch), of_command(Track), {*SOURCE, "mode", "order", "smooth", "also", "report"}),
     ]
     for ours, theirs, names in defaults:
         assert {name: ours[name] for name in names} == {name: theirs[name] for name in names}
+    assert {*Options.__annotations__, "folder"} == {field.name for field in dataclasses.fields(Source)}
     assert (Track.unit_m, Track.mode, Track.smooth, Batch.workers, Batch.parquet) == (1.0, "generic", False, 1, False)

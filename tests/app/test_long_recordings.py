@@ -11,7 +11,7 @@ import pytest
 
 import pps_vision as pv
 from pps_vision.app.cli import main
-from pps_vision.app.cli.options import SourceOptions
+from pps_vision.app.cli.options import RecordingSource
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
 from tracking import smoother
@@ -49,7 +49,7 @@ class Looped(Recording):
 @pytest.mark.parametrize("options", [["--also", "tum", "anipose", "mot", "coco"], ["--smooth"]], ids=" ".join)
 def test_memory_does_not_grow(options, approach, tmp_path, monkeypatch):
     recording = Looped.of(pv.open_recording(approach))
-    monkeypatch.setattr(SourceOptions, "open", lambda self: recording)
+    monkeypatch.setattr(RecordingSource, "open", lambda self: recording)
     monkeypatch.setattr(smoother, "LAG", 20)
     main(["track", str(approach), "--out", str(tmp_path / "out"), *options])
     growth = min(recording.held[LOOPS // 2 :]) - min(recording.held[: LOOPS // 2])

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from pps_vision.app.cli.options import SourceOptions, TrackOptions, command_line, print_skipped, words_of
+from pps_vision.app.cli.options import TrackOptions, command_line, print_skipped, words_of
 from pps_vision.errors import InputError
+from pps_vision.recordings import MAX_SKEW_S
+from pps_vision.recordings.source import SourceOptions
 
 LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urdf", "skin")
 _OF_BATCH = ("recordings", "out", "workers", "scheduler", "tls", "stalled_s", "learn", "parquet")
@@ -46,7 +48,7 @@ class Batch(TrackOptions):
     """Frames per second of all, as for `track`."""
     unit_m: float = 1.0
     """Metres per length unit of the calibration."""
-    max_skew_s: float = SourceOptions.max_skew_s
+    max_skew_s: float = MAX_SKEW_S
     """Left and right images further apart in time are no pair."""
     learn: bool = False
     """Learn PPS maps instead, as `learn`: OUT/NAME.npz is the memory of one recording, OUT/memory.npz that of all."""
@@ -63,7 +65,7 @@ class Batch(TrackOptions):
 
         started = datetime.now(UTC).isoformat(timespec="seconds")
         start_s = time.monotonic()
-        columns = LEARN_COLUMNS if self.learn else [field.name for field in fields(SourceOptions)]
+        columns = LEARN_COLUMNS if self.learn else ["rec", *(field.name for field in fields(SourceOptions))]
         jobs = jobs_of(self.recordings, columns)
         if not jobs:
             raise InputError("batch", "no recording given; expected one or more")
@@ -75,10 +77,9 @@ class Batch(TrackOptions):
             print_skipped((), [cluster.warning])
         rows = run_batch(jobs, task, self.workers, cluster, self.parquet)
         failed = [row for row in rows if row["status"] == "failed"]
-        options = sorted(fields(self), key=lambda field: field.name != "recordings")
         summary: BatchSummary = {
-            "command": command_line("batch", self, options),
-            "settings": {f.name: getattr(self, f.name) for f in options if f.name not in ("recordings", "out")},
+            "command": command_line("batch", self),
+            "settings": {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("recordings", "out")},
             "recordings": len(rows),
             "failed": len(failed),
             "started": started,

@@ -2,11 +2,11 @@
 
 from dataclasses import asdict, dataclass, fields
 
-from pps_vision.app.cli.options import SourceOptions, command_line, print_skipped
+from pps_vision.app.cli.options import RecordingSource, command_line, print_skipped
 
 
 @dataclass(frozen=True)
-class Info(SourceOptions):
+class Info(RecordingSource):
     """Print a recording's rates, gaps, desynchronisation and cameras, with missing or implausible items.
 
     The options are as for `track`; the last line is the command that tracks this recording.
@@ -25,7 +25,7 @@ class Info(SourceOptions):
 
         recording = self.open()
         findings = info(recording)
-        tracking = command_line("track", self, fields(SourceOptions))
+        tracking = command_line("track", self, fields(RecordingSource))
         command = tracking + " --calib FILE" * (recording.rig is None) + " --out path"
         if self.json:
             numbers = asdict(findings) | {"command": command, "versions": versions()}

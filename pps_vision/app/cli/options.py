@@ -11,6 +11,7 @@ from tyro.conf import Positional
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import MAX_SKEW_S, Form
+from pps_vision.recordings.source import SourceOptions
 from tracking import DEFAULT_OBJECTS, DEFAULT_ORDER, Mode
 
 if TYPE_CHECKING:
@@ -19,38 +20,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class SourceOptions:
+class RecordingSource(SourceOptions):
     """One recording, or any stereo images or videos."""
 
     rec: Positional[Path | None] = None
     """Recording: an iCub's folder (yarpdatadumper layout), an EuRoC or KITTI folder, a ROS bag, or a video with the
     left image in its left half."""
-    left: tuple[str, ...] = ()
-    """Left images: a folder, a pattern in quotes such as 'seq/left*.png', or the files themselves; or a video.
-    Of a ROS bag: the topic, where its name does not hold "left"."""
-    right: tuple[str, ...] = ()
-    """Right images, paired with the left ones by stamp, or with --fps by the last number in their names; or a video."""
-    calib: tuple[Path, ...] = ()
-    """Calibration of OpenCV (one file for all, or left, right and stereo), Kalibr, ROS (left and right), KITTI, EuRoC
-    (left and right) or aniposelib; for an iCub's REC without its own icubEyes.ini that file."""
-    times: Path | None = None
-    """Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns."""
-    fps: float | None = None
-    """Frames per second; required where neither files nor names hold stamps."""
-    unit_m: float = 1.0
-    """Metres per length unit of the calibration (0.01 if its board was measured in cm)."""
-    joints: Path | None = None
-    """Offsets to add to the encoders of REC, as `pps-vision joints` writes them."""
-    max_skew_s: float = MAX_SKEW_S
-    """Left and right images further apart in time are no pair."""
 
     def open(self) -> "Recording":
         """Open the recording; InputError if it is unusable."""
         from pps_vision.recordings.open import open_recording
 
-        return open_recording(
-            **{field.name: getattr(self, field.name) for field in fields(SourceOptions)[1:]}, folder=self.rec
-        )
+        options: Any = {field.name: getattr(self, field.name) for field in fields(SourceOptions)}
+        return open_recording(self.rec, **options)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,14 +82,17 @@ class TrackOptions:
     """Seed of the particles."""
 
 
+_POSITIONAL = ("rec", "recordings")  # written first: an option with several values would take them
+
+
 def words_of(options: object, chosen: "Iterable[Field[Any]]") -> list[str]:
     """Return the chosen options as words of a command line, without defaults."""
     words: list[str] = []
-    for field in chosen:
+    for field in sorted(chosen, key=lambda field: field.name not in _POSITIONAL):
         value = getattr(options, field.name)
         if value is None or value == field.default:
             continue
-        flag = [] if field.name in ("rec", "recordings") else [f"--{field.name.replace('_', '-')}"]
+        flag = [] if field.name in _POSITIONAL else [f"--{field.name.replace('_', '-')}"]
         words += flag if value is True else [*flag, *map(str, value if isinstance(value, tuple) else (value,))]
     return words
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tyro import MISSING
 
-from pps_vision.app.cli.options import SourceOptions, TrackOptions, command_line, print_skipped
+from pps_vision.app.cli.options import RecordingSource, TrackOptions, command_line, print_skipped
 from pps_vision.errors import InputError
 from pps_vision.recordings import SUMMARY
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Track(TrackOptions, SourceOptions):
+class Track(TrackOptions, RecordingSource):
     """Follow moving objects (or a green marker) in both eyes and write their 3D paths.
 
     Either a recording REC (of an iCub, EuRoC, KITTI, or a side-by-side video), or --left, --right and --calib for any

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from tyro import MISSING
 
-from pps_vision.app.cli.options import SourceOptions, print_skipped
+from pps_vision.app.cli.options import RecordingSource, print_skipped
 
 _SIDE_TOLERANCE = 0.05  # relative error of the tag's measured side, above which unit or calibration is wrong
 
 
 @dataclass(frozen=True)
-class Truth(SourceOptions):
+class Truth(RecordingSource):
     """Write the path of a point that is rigid to an ArUco tag, as TUM's "stamp x y z 0 0 0 1", for `evaluate`.
 
     The corners of the tag are triangulated from both images of a pair.

@@ -6,7 +6,8 @@ from pathlib import Path
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, read_times, usual_size
+from pps_vision.recordings.recording import Recording, pair_by_stamp, read_times, usual_size
+from pps_vision.recordings.source import Source
 from pps_vision.recordings.warnings import Problem
 
 FORMAT = "a EuRoC folder, mav0/cam0 and cam1 with a data.csv each"

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import check_options, open_stereo_images, with_calibration
-from pps_vision.recordings.recording import Recording, Source, read_times
+from pps_vision.recordings.recording import Recording, read_times
+from pps_vision.recordings.source import Source
 
 FORMAT = "a KITTI folder, image_0 and image_1 or image_2 and image_3 with times.txt and calib.txt"
 _PAIRS = ((2, 3), (0, 1))

@@ -17,7 +17,8 @@ from pps_vision.recordings.calibration_files import Matrices, ros_matrices
 from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.formats.yarp import with_joints
 from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode_bytes
-from pps_vision.recordings.recording import Recording, Source, distinct_stamps, pair_by_stamp, usual_size
+from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_size
+from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import cameras_of
 from pps_vision.recordings.tables import read_joint_offsets
 from pps_vision.recordings.warnings import Problem

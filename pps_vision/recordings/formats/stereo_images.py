@@ -14,7 +14,6 @@ from pps_vision.recordings.image_file import ImageFile, images_in, natural_order
 from pps_vision.recordings.recording import (
     Pair,
     Recording,
-    Source,
     Times,
     distinct_stamps,
     note_unpaired,
@@ -23,6 +22,7 @@ from pps_vision.recordings.recording import (
     replaced_rate,
     usual_size,
 )
+from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.video import is_video
 from pps_vision.recordings.warnings import Problem, ProblemKind

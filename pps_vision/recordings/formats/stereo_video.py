@@ -7,7 +7,8 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import check_options, with_calibration
-from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, read_times, replaced_rate, usual_size
+from pps_vision.recordings.recording import Recording, pair_by_stamp, read_times, replaced_rate, usual_size
+from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.video import VideoFrame, is_video, open_halves, open_video
 from pps_vision.recordings.warnings import Problem

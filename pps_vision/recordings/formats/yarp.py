@@ -21,7 +21,8 @@ from pps_vision.errors import InputError, first_line
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.recording import Pair, Recording, Source, Touch, pair_by_stamp, usual_size
+from pps_vision.recordings.recording import Pair, Recording, Touch, pair_by_stamp, usual_size
+from pps_vision.recordings.source import Source
 from pps_vision.recordings.tables import read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.text import finite, first_row, whole

@@ -1,0 +1,81 @@
+"""What a recording is read from, and how: the options of `pps_vision.open_recording` and of every command that reads
+one.  Importing it loads no other module than what `--help` needs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
+
+from pps_vision.recordings import MAX_SKEW_S
+
+if TYPE_CHECKING:
+    from pps_vision.robot.robot_setup import RobotSetup
+
+_SEVERAL = {"left", "right", "calib"}
+_FILES = {"times", "joints", "taxels"}
+Names = Sequence[Path | str] | Path | str
+"""A name of a file, or several."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """Where the images are, and how they are read."""
+
+    left: tuple[str, ...] = ()
+    """Left images: a folder, a pattern in quotes such as 'seq/left*.png', or the files themselves; or a video.
+    Of a ROS bag: the topic, where its name does not hold "left"."""
+    right: tuple[str, ...] = ()
+    """Right images, paired with the left ones by stamp, or with --fps by the last number in their names; or a video."""
+    calib: tuple[Path, ...] = ()
+    """Calibration of OpenCV (one file for all, or left, right and stereo), Kalibr, ROS (left and right), KITTI, EuRoC
+    (left and right) or aniposelib; for an iCub's REC without its own icubEyes.ini that file."""
+    times: Path | None = None
+    """Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns."""
+    fps: float | None = None
+    """Frames per second; required where neither files nor names hold stamps.  It replaces those of images and videos,
+    not those of an iCub, EuRoC or a ROS bag."""
+    unit_m: float = 1.0
+    """Metres per length unit of the calibration (0.01 if its board was measured in cm)."""
+    joints: Path | None = None
+    """Offsets to add to the encoders of REC, as `pps-vision joints` writes them."""
+    max_skew_s: float = MAX_SKEW_S
+    """Left and right images further apart in time are no pair."""
+
+
+class Options(TypedDict, total=False):
+    """The fields of `Source` as a caller may give them."""
+
+    left: Names
+    right: Names
+    calib: Names
+    times: Path | str | None
+    fps: float | None
+    unit_m: float
+    joints: Path | str | None
+    max_skew_s: float
+    taxels: Path | str | None
+    robot: "RobotSetup | None"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source(SourceOptions):
+    """Arguments of `pps_vision.open_recording`."""
+
+    folder: Path | None = None
+    """Folder of an iCub's recording in yarpdatadumper layout, as `render` writes it; an EuRoC or KITTI folder; a ROS
+    bag; or a video with the left image in its left half."""
+    taxels: Path | None = None
+    """The robot's taxels*.ini, for a recording of its skin events."""
+    robot: "RobotSetup | None" = None
+    """Whose recording it is; default: an iCub."""
+
+
+def make_source(folder: Path | str | None, options: Options) -> Source:
+    """The source of these options; TypeError for an unknown one."""
+    given: dict[str, Any] = {name: value for name, value in options.items() if value not in (None, "")}
+    for name in _FILES & given.keys():
+        given[name] = Path(given[name])
+    for name in _SEVERAL & given.keys():
+        names = (given[name],) if isinstance(given[name], Path | str) else given[name]
+        given[name] = tuple(map(Path if name == "calib" else str, names))
+    return Source(folder=None if folder is None else Path(folder), **given)
