@@ -88,6 +88,12 @@ class PPSMemory:
         counts = np.zeros((len(skin.taxel_ids), *params.bins, 2), dtype=np.int64)
         return cls(skin.taxel_ids, skin.part_index, counts, params)
 
+    @classmethod
+    def constant(cls, skin: Skin, params: MemoryParams | None = None) -> "PPSMemory":
+        """A memory that has learned nothing: activation 1 everywhere within the ranges."""
+        memory = cls.empty(skin, params)
+        return replace(memory, counts=memory.counts + np.array([1, 0]))
+
     @cached_property
     def frequency(self) -> Array:
         """(n, D bins, TTC bins) f = n⁺/(n⁺ + n⁻), R eq. 3; 0 without samples."""

@@ -273,7 +273,7 @@ class DemoEncounter:
 
 
 def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1.0) -> None:
-    """Meet n objects that stop at the would-be contact, press on or fly through, and write the report.
+    """Meet n objects that stop at the would-be contact, press on, fly through or graze, and write the report.
 
     `bench encounters` with the same seed has the same encounters. `noise`: σ of the pixels, grey levels of 255; `share`
     of R's numbers of training approaches, without rendering.
@@ -309,7 +309,8 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
         page.write_page(
             folder,
             f"{n} encounters, {touched} touched",
-            "Objects that stop at the would-be contact, press on 3 cm or fly through, seen by rendered eyes of 320×240 "
+            "Objects that stop at the would-be contact, press on 3 cm, fly through or graze the skin, seen by rendered "
+            "eyes of 320×240 "
             f"pixels, pixel noise σ = {noise:g}/255, seed {seed}. The skin has learned from ball and cube.",
             "",
             _encounter_sections(encounters),

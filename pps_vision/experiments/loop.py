@@ -9,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import PPSMemory
+from pps_vision.app.encounters.controllers import NO_GATES
 from pps_vision.app.pipeline import PipelineStep
 from pps_vision.app.simulation import (
     SPEED_M_S,
@@ -28,14 +29,27 @@ from pps_vision.experiments.timing import timed
 from pps_vision.robot.skin import INNER_FOREARM
 from pps_vision.types import Mask, StereoFrame
 
-LoopCase = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
+LoopCase = Literal[
+    "avoidance on",
+    "avoidance off",
+    "receding",
+    "static",
+    "own arm",
+    "constant 1",
+    "constant 1, receding",
+    "constant 1, static",
+]
 LOOP_CASES: dict[LoopCase, tuple[Kind, bool]] = {
     "avoidance on": ("approach", True),
     "avoidance off": ("approach", False),
     "receding": ("recede", True),
     "static": ("static", True),
     "own arm": ("own_arm", True),
+    "constant 1": ("approach", True),
+    "constant 1, receding": ("recede", True),
+    "constant 1, static": ("static", True),
 }
+"""Kind of episode, and whether the arm obeys; "constant 1": with a memory that has learned nothing, without gates."""
 GOALS_MS = 8.0, 20.0  # goals of a frame's processor time: median and 99th percentile
 
 
@@ -72,7 +86,7 @@ class Loop(SampledStudy):
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one row a case."""
         rows = []
-        for case in LOOP_CASES:
+        for case in (case for case in LOOP_CASES if case in numbers):
             cell = numbers[case]
             shares = (estimate(percent_of(cell[key], cell["episodes"])) for key in ("touched", "commanded"))
             gaps_mm = [gap for gap in cell["smallest_gap_mm"] if np.isfinite(gap)]
@@ -93,7 +107,9 @@ class Loop(SampledStudy):
         rng = np.random.default_rng((self.seed, number, kinds.index(kind)))
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
         episode = make_episode(kind, scene, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
-        pipeline = new_pipeline(scene, memory)
+        is_constant = case.startswith("constant")
+        memory = PPSMemory.constant(scene.skin) if is_constant else memory
+        pipeline = new_pipeline(scene, memory, arm=NO_GATES if is_constant else None)
 
         def step(frame: StereoFrame, touched: Mask) -> PipelineStep:
             result, frame_ms = timed(partial(pipeline.step, frame, touched))

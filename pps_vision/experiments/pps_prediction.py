@@ -20,8 +20,8 @@ from tqdm import tqdm
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import MemoryParams, activation, smoothed
 from pps_vision.app.encounters.encounter import TRIALS, SessionName
+from pps_vision.app.encounters.robots import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
 from pps_vision.experiments import charts
-from pps_vision.experiments.pps.robot_errors import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
 from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
 from pps_vision.experiments.pps.taxel_trials import (
     Trial,

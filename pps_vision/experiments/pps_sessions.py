@@ -12,12 +12,12 @@ from scipy.stats import spearmanr
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import Counts, MemoryParams, count_samples
 from pps_vision.app.encounters.encounter import TRIALS, SessionName
+from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot, true_robot
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.charts import bar_chart
 from pps_vision.experiments.pps.ridges import FINE, landscape_chart, offsets, ridge_width
-from pps_vision.experiments.pps.robot_errors import ErrorSources, MiscalibratedRobot
-from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials, true_robot
+from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
 from pps_vision.experiments.pps.taxel_trials import Session, Trial, perceive, train_memory
 from pps_vision.experiments.study import Part, interval, mean, percent
 from pps_vision.experiments.tables import Table, estimate

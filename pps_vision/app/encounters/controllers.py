@@ -14,14 +14,11 @@ import numpy as np
 
 from control import avoidance, reaching
 from control.arm import ArmParams
-from control.avoidance import ArmInput, ArmState, AvoidanceParams, control_point
+from control.avoidance import HORIZON_S, ArmInput, ArmState, AvoidanceParams, control_point, passing_distances
 from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
 from control.reaching import ReachingParams
-from learning.pps.memory import PPSMemory
 from learning.reach.map import TrackReachability
-from pps_vision.app.encounters.training import FIELD
-from pps_vision.app.pipeline import Taxels, activation_by
 from pps_vision.app.simulation import Side
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.model import Posture, Robot
@@ -37,6 +34,8 @@ SPEED_M_S = 0.10
 """Speed of the control point (R), the same for all controllers."""
 RADIUS_M = 0.20
 """Radius of the palm's sphere about its start (R)."""
+NO_GATES = {"miss_distance_m": np.inf, "min_approach_m": 0.0}
+"""Parameters of `ours` by which the activation alone decides whether the arm responds."""
 _DAMPING_M = 0.003
 _RETURN_PER_S = 3.0
 _AT_HOME_RAD = np.deg2rad(0.2)
@@ -51,7 +50,6 @@ class ArmScene:
     side: Side  # the arm
     home_rad: Array  # (n_joints,) posture at the start
     self_collision: SelfCollision  # distances of the robot's bodies
-    of_distance: PPSMemory  # memory of the skin that knows D only
     behaviour: Literal["avoid", "reach"] = "avoid"  # whether the object is to be avoided or to be reached for
     reachability: TrackReachability | None = None
     """The arm's reachable-space map; None: everything is taken to be within reach."""
@@ -123,20 +121,21 @@ def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:
     return act
 
 
-def distance_only(scene: ArmScene, numbers: ControllerParams) -> Controller:
-    """Return R's controller on activations of a memory that knows D only (R S2 Fig)."""
-    of_activations = paper(scene, numbers)
+def geometry_only(scene: ArmScene, numbers: ControllerParams) -> Controller:
+    """Return our controller, without its gates, of the taxels that the object's extrapolated path passes near.
+
+    `numbers`: margin_m, the largest distance from the object's surface there to the taxel's centre.
+    """
+    of_activations = ours(scene, numbers=NO_GATES)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
-        return of_activations(felt_by_distance(scene.skin, scene.of_distance, track, posture), track, posture)
+        if track.is_known:
+            path = track.position, track.velocity, HORIZON_S
+            miss = passing_distances(scene.skin.at(posture)[0], *path) - track.radius_m
+            activations = np.where(miss < numbers["margin_m"], activations, 0.0)
+        return of_activations(activations, track, posture)
 
     return act
-
-
-def felt_by_distance(skin: Skin, of_distance: PPSMemory, track: Track3D, posture: Posture) -> Array:
-    """Return the activations (n,) of a memory that knows D only."""
-    taxels, normals = skin.at(posture)
-    return activation_by(FIELD, of_distance, track, Taxels(taxels, normals, np.zeros_like(taxels)))
 
 
 def move_point(scene: ArmScene, posture: Posture, frame: str, point: Array, velocity: Array) -> Array:

@@ -34,8 +34,10 @@ Condition = Literal[
     "harmless_passing",
     "harmless_head",
     "harmless_own_arm",
+    "graze",
+    "harmless_near",
 ]
-HAZARDS: tuple[Condition, ...] = ("stop", "press", "through")
+HAZARDS: tuple[Condition, ...] = ("stop", "press", "through", "graze")
 HARMLESS: tuple[Condition, ...] = tuple(c for c in get_args(Condition) if c.startswith("harmless"))
 """In these nothing should be commanded."""
 OBJECTS: tuple[StimulusName, ...] = ("ball", "cube", "octopus", "marker")
@@ -47,6 +49,10 @@ BEYOND_M = 0.15
 """How far an object of `through` goes on."""
 PASS_M = (0.10, 0.20)
 """Smallest distance from a passing object's surface to a taxel's centre."""
+NEAR_M = (0.05, 0.10)
+"""The same of `harmless_near`."""
+GRAZE_M = (0.005, 0.015)
+"""The same of `graze`: the path is a passing one, the distance one of touch."""
 
 SessionName = Literal["motor", "visual", "inner", "outer", "palm"]
 """motor, visual: double touches of the inner left forearm with the right index finger, felt or seen (its marker).
@@ -104,16 +110,15 @@ class Encounter:
 class EncounterScene:
     """The robot and its skin, as the encounters of one process share them."""
 
-    def __init__(self) -> None:
-        self.robot: Robot = load_icub()
-        self.rig: StereoRig = icub_rig(self.robot)
+    def __init__(self, robot: Robot | None = None, rig: StereoRig | None = None, skin: Skin | None = None) -> None:
+        """By default the iCub's own, without error."""
+        self.robot: Robot = robot or load_icub()
+        self.rig: StereoRig = rig or icub_rig(self.robot)
         self.self_collision = SelfCollision(self.robot)
         # radius of each body's enclosing sphere
         self._sizes_m = np.array([np.linalg.norm(body.size_m) for body in self.robot.bodies])
-        self.skins: dict[Side, Skin] = {
-            "left": icub_skin(("left_forearm", "left_palm")),
-            "right": icub_skin(("right_forearm", "right_palm")),
-        }
+        skin = skin or icub_skin()
+        self.skins: dict[Side, Skin] = {side: skin.on_arm(self.robot, side) for side in get_args(Side)}
 
     def arm(self, side: Side) -> list[int]:
         """Return the indices of an arm's joints in the configuration vector."""
@@ -340,20 +345,25 @@ def _rest(rest_m: tuple[float, float]) -> DrawPath:
     return path
 
 
-def _pass(aim: Aim) -> Path:
-    """A straight path past the arm, `PASS_M` from the skin where it is nearest."""
-    taxels, normals = aim.skin.at(aim.posture)
-    distance = aim.rng.uniform(*PASS_M)
-    out = in_cap(aim.rng, normals[aim.taxel])
-    sideways = rotation_to(out)[:, :2] @ _unit(aim.rng.standard_normal(2))
-    start = taxels[aim.taxel] + 2 * out - START_M[1] * sideways
-    d = taxels - start
-    aside = d @ np.cross(out, sideways)
-    reach = aim.radius_m + distance
-    near = np.abs(aside) < reach
-    start = start - out * np.min(-(d[near] @ out) - np.sqrt(reach**2 - aside[near] ** 2))  # lowered until it is near
-    length = 2 * START_M[1]
-    return Recede(start, start + length * sideways, aim.speed_m_s), length / aim.speed_m_s + 0.3, np.inf
+def passing(distance_m: tuple[float, float]) -> DrawPath:
+    """Return the drawing of straight paths past the arm, this far from the skin where they are nearest."""
+
+    def path(aim: Aim) -> Path:
+        taxels, normals = aim.skin.at(aim.posture)
+        distance = aim.rng.uniform(*distance_m)
+        out = in_cap(aim.rng, normals[aim.taxel])
+        sideways = rotation_to(out)[:, :2] @ _unit(aim.rng.standard_normal(2))
+        start = taxels[aim.taxel] + 2 * out - START_M[1] * sideways
+        d = taxels - start
+        aside = d @ np.cross(out, sideways)
+        reach = aim.radius_m + distance
+        near = np.abs(aside) < reach
+        start = start - out * np.min(-(d[near] @ out) - np.sqrt(reach**2 - aside[near] ** 2))  # lowered until near
+        length = 2 * START_M[1]
+        contact_s = would_touch(start, aim.speed_m_s * sideways, taxels, aim.radius_m)
+        return Recede(start, start + length * sideways, aim.speed_m_s), length / aim.speed_m_s + 0.3, contact_s
+
+    return path
 
 
 def _pose(T: Array) -> coal.Transform3s:
@@ -371,7 +381,9 @@ PATHS: dict[Condition, DrawPath] = {
     "reach": approach(-_SHORT_OF_M, _WAIT_S),
     "harmless_receding": _recede,
     "harmless_static": _rest(_REST_M),
-    "harmless_passing": _pass,
+    "harmless_passing": passing(PASS_M),
     "harmless_head": _rest(_REST_M),
     "harmless_own_arm": _rest(_CLEAR_M),
+    "graze": passing(GRAZE_M),
+    "harmless_near": passing(NEAR_M),
 }

@@ -9,10 +9,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from control.limits import MAX_HOLD_S, LimitParams, limit
+from learning.pps.memory import PPSMemory
 from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
 from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene
-from pps_vision.app.encounters.training import FIELD, Memories
+from pps_vision.app.encounters.training import FIELD
 from pps_vision.app.pipeline import Taxels, activation_by
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M
@@ -126,57 +127,65 @@ class EncounterMonitor:
 
 def simulate_encounter(
     scene: EncounterScene,
-    memories: Memories,
+    memory: PPSMemory,
     encounter: Encounter,
     name: str,
     new_controller: Callable[[ArmScene], Controller],
     tracks: Sequence[Track3D],
     frames: list[FrameLog] | None = None,
     reachability: TrackReachability | None = None,
+    erring: tuple[EncounterScene, Array] | None = None,
 ) -> EncounterResult:
     """Simulate an encounter with a controller, without rendering.
 
     It ends with the first touch, a harmless one 0.5 s after the first command; with `frames`, to which every frame is
     appended, it goes on to the end. Every controller's commands pass `control.limits`. In
-    `harmless_own_arm` the arm swings independently of commands, in `harmless_head` the head sways.
+    `harmless_own_arm` the arm swings independently of commands, in `harmless_head` the head sways. `erring`: the robot
+    as it takes itself to be, and its encoders' errors (n_joints,); `tracks` are then as it sees them.
     """
+    believed, reading = erring or (scene, np.zeros(scene.robot.n_joints))
     skin = scene.skins[encounter.side]
     arm = scene.arm(encounter.side)
     is_harmless = encounter.condition in HARMLESS
     behaviour: Literal["avoid", "reach"] = "reach" if encounter.condition == "reach" else "avoid"
-    robot = scene.robot, skin, encounter.side, encounter.q_rad, scene.self_collision
-    act = new_controller(ArmScene(*robot, memories.of_distance, behaviour, reachability))
+    believed_skin = believed.skins[encounter.side]
+    home_rad = encounter.q_rad + reading
+    robot = believed.robot, believed_skin, encounter.side, home_rad, believed.self_collision
+    act = new_controller(ArmScene(*robot, behaviour, reachability))
     monitor = EncounterMonitor(scene, encounter)
     q = encounter.q_rad
-    posture = scene.robot.at(q)
-    taxels, normals = skin.at(posture)
+    posture = believed.robot.at(home_rad)
+    felt_at, normals = believed_skin.at(posture)
+    taxels = skin.at(scene.robot.at(q))[0]
     velocities = np.zeros_like(taxels)
     last: JointVelocity | None = None
     last_q: Array | None = None
     monitor.add_posture(q)
     for track in tracks:
         t = track.stamp_s
-        activations = activation_by(FIELD, memories.of_both, track, Taxels(taxels, normals, velocities))
+        activations = activation_by(FIELD, memory, track, Taxels(felt_at, normals, velocities))
         rates = act(activations, track, posture)
         command: JointVelocity | None = None
         if np.any(rates) or (last is not None and np.any(last.dq_rad_s)):
             requested = JointVelocity(t, rates, MAX_HOLD_S)
-            command = limit(LimitParams(), scene.self_collision, posture, requested, last, last_q)
+            command = limit(LimitParams(), believed.self_collision, posture, requested, last, last_q)
             monitor.add_command(t, command.dq_rad_s, arm)
         last = command
-        last_q = q
+        last_q = posture.q_rad
         dq = own_rate(scene.robot, encounter.own_motion, arm, t)
         if encounter.own_motion != "arm" and command is not None:
             dq = dq + command.dq_rad_s
         previous = taxels
+        felt_before = felt_at
         if np.any(dq):
             q = q + PERIOD_S * dq
-            if encounter.own_motion:
+            if encounter.own_motion or erring:
                 q = scene.robot.clamp(q)
-            posture = scene.robot.at(q)
-            taxels, normals = skin.at(posture)
+            posture = believed.robot.at(q + reading)
+            felt_at, normals = believed_skin.at(posture)
+            taxels = skin.at(scene.robot.at(q))[0]
             monitor.add_posture(q)
-        velocities = (taxels - previous) / PERIOD_S
+        velocities = (felt_at - felt_before) / PERIOD_S
         monitor.add_motion(t, previous, taxels)
         if frames is not None:
             gap = np.linalg.norm(taxels - encounter.motion(t + PERIOD_S)[0], axis=1) - encounter.radius_m

@@ -12,20 +12,23 @@ from qpsolvers import solve_qp
 
 from control.arm import ArmParams, KeepIn
 from control.limits import MAX_HOLD_S
+from learning.pps.memory import PPSMemory
 from pps_vision.app.encounters.controllers import (
+    NO_GATES,
     RADIUS_M,
     SPEED_M_S,
     ArmScene,
     Controller,
     ControllerParams,
     HomeReturn,
-    distance_only,
+    geometry_only,
     move_point,
     on_arm,
     ours,
     paper,
     room,
 )
+from pps_vision.app.encounters.training import Memories, MemoryName
 from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array, Track3D
@@ -42,6 +45,12 @@ WRIST_AT_REST = "ours, wrist at rest"
 """The three joints of the wrist at rest, as R's robot moved."""
 ASKING = "ours, asking the map"
 """As the pipeline reaches: only for what the reachable-space map of the palm calls reachable."""
+ONE, ONE_GATED, GEOMETRY = "constant 1, no gates", "constant 1, gates", "geometry only"
+"""Controls that have learned nothing: activation 1 wherever the object is within D and approaches within the horizon,
+by itself, with our hand-set gates, and for the taxels near the extrapolated path."""
+UNLEARNED = (ONE, ONE_GATED, GEOMETRY)
+MEMORY_OF: dict[str, MemoryName] = {"distance only": "of_distance", **dict.fromkeys(UNLEARNED, "constant")}
+"""The memory whose activations a controller is given; default: that of D and TTC."""
 REACHING = (OURS, ASKING, "R eq. 6", "distance only", TRUE)
 """Controllers that can reach; all but `ASKING` can avoid as well."""
 
@@ -195,13 +204,14 @@ TUNED: dict[str, dict[str, float]] = {
     "potential field": {"range_m": 0.06314, "gain": 0.009452, "home_per_s": 1.112},
     "depth space": {"range_m": 0.08746, "aside": 0.2517},
     "taxel constraints": {"threshold": 0.5284, "gain": 13.8, "home_per_s": 0.6069},
+    GEOMETRY: {"margin_m": 0.03},
 }
 """Parameters of the baselines: the best of the part `tuning` of `bench encounters`."""
 _OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirmation_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
 _HOME_PER_S = (0.3, 3.0)
 BASELINES = {
     "R eq. 6": Baseline(paper, _OF_ACTIVATION),
-    "distance only": Baseline(distance_only, _OF_ACTIVATION),
+    "distance only": Baseline(paper, _OF_ACTIVATION),
     "potential field": Baseline(
         potential_field, {"range_m": (0.05, 0.3), "gain": (1e-4, 1e-1), "home_per_s": _HOME_PER_S}
     ),
@@ -218,22 +228,34 @@ _OURS_RANGES = {
     "escape_clearance_m": (0.0, 0.1),
     "persist_s": (0.0, 0.6),
 }
-TUNABLE = {**BASELINES, OURS: Baseline(lambda scene, numbers: ours(scene, numbers=numbers), _OURS_RANGES)}
+TUNABLE = {
+    **BASELINES,
+    GEOMETRY: Baseline(geometry_only, {"margin_m": (0.0, 0.1)}),
+    OURS: Baseline(lambda scene, numbers: ours(scene, numbers=numbers), _OURS_RANGES),
+}
 """Controllers of the random search; ours is measured with its defaults."""
-NAMES = (OURS, *BASELINES, TRUE, NONE)
+NAMES = (OURS, *UNLEARNED, *BASELINES, TRUE, NONE)
+
+
+def memory_of(name: str, memories: Memories) -> PPSMemory:
+    """Return the memory whose activations a controller is given."""
+    memory: PPSMemory = getattr(memories, MEMORY_OF.get(name.partition("#")[0], "of_both"))
+    return memory
 
 
 def new_controller(name: str, numbers: ControllerParams | None = None) -> NewController:
     """Return the maker of a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION";
     InputError if there is none."""
-    if name in (OURS, ASKING, TRUE):
+    if name in (OURS, ASKING, TRUE, ONE_GATED):
         return lambda scene: ours(scene, numbers=numbers)
+    if name == ONE:
+        return lambda scene: ours(scene, numbers=NO_GATES)
     if name == WRIST_AT_REST:
         return lambda scene: ours(scene, resting=3)
     if name == NONE:
         return lambda scene: lambda activations, track, posture: np.zeros(scene.robot.n_joints)
-    if name in BASELINES:
-        baseline = BASELINES[name]
+    if name in TUNED:
+        baseline = TUNABLE[name]
         params = numbers or TUNED[name]
         return lambda scene: baseline.new(scene, params)
     module, _, function = name.partition(":")

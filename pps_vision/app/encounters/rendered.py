@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from learning.pps.memory import PPSMemory
+from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.app.encounters.kinematic import EncounterMonitor, EncounterResult
-from pps_vision.app.encounters.training import Memories
 from pps_vision.app.simulation import Episode, SimulationScene, new_pipeline, simulate
 from pps_vision.robot.icub import icub_setup
 from rendering.eyes import Eyes
@@ -22,16 +23,21 @@ _EXPOSURE = (0.5, 1.4)  # gains of the sensor
 
 
 def render_encounter(
-    scene: EncounterScene, memories: Memories, encounter: Encounter, noise_sigma: float, seed: int
+    scene: EncounterScene,
+    memory: PPSMemory,
+    encounter: Encounter,
+    noise_sigma: float,
+    seed: int,
+    numbers: ControllerParams | None = None,
 ) -> EncounterResult:
     """Run an encounter with the pipeline on rendered images, with pixel noise (grey levels of 255), until the first
-    touch."""
+    touch; `numbers`: parameters of the avoidance that differ from the defaults."""
     monitor = EncounterMonitor(scene, encounter)
     arm = scene.arm(encounter.side)
     motion = encounter.motion, encounter.seconds, encounter.own_motion
     episode = Episode(encounter.condition, encounter.stimulus, *motion)
     with open_encounter(scene, encounter, noise_sigma, seed, lit=True) as simulation:
-        steps = simulate(simulation, episode, new_pipeline(simulation, memories.of_both).step)
+        steps = simulate(simulation, episode, new_pipeline(simulation, memory, arm=numbers).step)
         for step, later in pairwise(steps):
             t = step.frame.stamp_s
             monitor.add_posture(step.q_rad)

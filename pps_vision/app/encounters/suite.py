@@ -2,12 +2,12 @@
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from tqdm import tqdm
@@ -19,7 +19,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import can_touch, simulate_encounter
-from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, new_controller
+from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, memory_of, new_controller
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
@@ -28,6 +28,7 @@ from pps_vision.robot.gaze import GazeLimits
 from pps_vision.worker_pool import worker_pool
 
 Rows = list[dict[str, Any]]
+AnyTask = TypeVar("AnyTask")
 _PART = 6  # encounters per file of an interrupted run
 _LABELS = 6000  # labels of a reachable-space map, times the share of the training
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
@@ -73,21 +74,43 @@ def run_suite(
         for condition, n in counts.items()
         for first in range(0, n, _PART)
     ]
-    files = [folder / f"{task.condition} {task.first}.json" for task in tasks]
-    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
-        rows_of_tasks = (pool.map if pool else map)(_run, tasks, files)
-        parts = list(tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(tasks), disable=None))
-    shutil.rmtree(folder)
+    rows = run_tasks(folder, _rows_of_task, {f"{task.condition} {task.first}": task for task in tasks}, workers)
     _memories.cache_clear()
     _maps.cache_clear()
+    return rows
+
+
+def run_tasks(
+    folder: Path, rows_of: Callable[[AnyTask, Path], Rows], tasks: Mapping[str, AnyTask], workers: int
+) -> Rows:
+    """Return the rows of all tasks, by `rows_of(task, folder)` in `workers` processes; with 1 all run in this one.
+
+    Finished tasks' rows are kept in `folder` until all are finished.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / f"{name}.json" for name in tasks]
+    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
+        rows_of_tasks = (pool.map if pool else map)(partial(_stored, rows_of), tasks.values(), files)
+        parts = list(tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(tasks), disable=None))
+    shutil.rmtree(folder)
     return [row for rows in parts for row in rows]
+
+
+def _stored(rows_of: Callable[[AnyTask, Path], Rows], task: AnyTask, file: Path) -> Rows:
+    """Rows of a task, read from `file` if it exists."""
+    if not file.exists():
+        rows = rows_of(task, file.parent)
+        with whole_file(file) as partial_file:
+            partial_file.write_text(json.dumps(plain(rows)))
+    stored: Rows = json.loads(file.read_text())
+    return stored
 
 
 def _train(folder: Path, seed: int, share: float, needs_map: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for side in get_args(Side):
         *memory_files, map_file = _files(folder, side)
-        if not memory_files[1].exists():
+        if not memory_files[-1].exists():
             for file, memory in zip(memory_files, learn(_scene(), side, seed, share), strict=True):
                 save_memory(file, memory)
         if needs_map and not map_file.exists():
@@ -96,14 +119,8 @@ def _train(folder: Path, seed: int, share: float, needs_map: bool) -> None:
             train_reachable_map(_scene().robot, side, np.random.default_rng(seed), params).save(map_file)
 
 
-def _run(task: Task, file: Path) -> Rows:
-    """Rows of a task, read from `file` if it exists."""
-    if not file.exists():
-        rows = [row for k in range(task.n) for row in _rows(task, task.first + k, file.parent)]
-        with whole_file(file) as partial:
-            partial.write_text(json.dumps(plain(rows)))
-    stored: Rows = json.loads(file.read_text())
-    return stored
+def _rows_of_task(task: Task, folder: Path) -> Rows:
+    return [row for k in range(task.n) for row in _rows(task, task.first + k, folder)]
 
 
 def _rows(task: Task, number: int, folder: Path) -> Rows:
@@ -120,7 +137,7 @@ def _rows(task: Task, number: int, folder: Path) -> Rows:
             continue
         result = simulate_encounter(
             scene,
-            _memories(folder)[encounter.side],
+            memory_of(name, _memories(folder)[encounter.side]),
             encounter,
             name,
             new_controller(name.partition("#")[0], task.numbers.get(name)),
@@ -143,14 +160,15 @@ def _scene() -> EncounterScene:
 
 @cache
 def _memories(folder: Path) -> dict[Side, Memories]:
-    return {side: Memories(*(load_memory(file) for file in _files(folder, side)[:2])) for side in get_args(Side)}
+    return {side: Memories(*(load_memory(file) for file in _files(folder, side)[:3])) for side in get_args(Side)}
 
 
 @cache
 def _maps(folder: Path) -> dict[Side, TrackReachability]:
-    return {s: TrackReachability(_scene().robot, ReachableMap.load(_files(folder, s)[2]), 1e-3) for s in get_args(Side)}
+    maps = {side: ReachableMap.load(_files(folder, side)[-1]) for side in get_args(Side)}
+    return {side: TrackReachability(_scene().robot, learned, 1e-3) for side, learned in maps.items()}
 
 
-def _files(folder: Path, side: str) -> tuple[Path, Path, Path]:
-    """Files of the two memories and the map of an arm."""
-    return folder / f"{side}.npz", folder / f"{side} distance.npz", folder / f"{side} reachable.npz"
+def _files(folder: Path, side: str) -> list[Path]:
+    """Files of the memories and the map of an arm."""
+    return [folder / f"{side} {name}.npz" for name in (*Memories._fields, "reachable")]

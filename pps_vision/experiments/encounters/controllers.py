@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from pps_vision.app.encounters.controllers import ControllerParams
+from pps_vision.app.encounters.controllers import NO_GATES, ControllerParams
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, SPEED_M_S, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
@@ -21,10 +21,12 @@ from pps_vision.app.encounters.registry import (
     BASELINES,
     NAMES,
     NONE,
+    ONE,
     OURS,
     REACHING,
     TRUE,
     TUNABLE,
+    memory_of,
     new_controller,
 )
 from pps_vision.app.encounters.rendered import render_encounter
@@ -46,6 +48,7 @@ _SHARES: dict[Condition, float] = {
     **dict.fromkeys(HAZARDS, 1.0),
     **dict.fromkeys(HARMLESS, 0.06),
     "stop": 0.2,
+    "graze": 0.2,
     "reach": 0.1,
 }
 _CONTROLLERS = {
@@ -109,13 +112,14 @@ def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
 def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
     hazards = _of_condition(rows, *HAZARDS)
     slow_stop = [row for row in hazards if row["condition"] == "stop" and row["speed_m_s"] <= SLOW_M_S]
-    hard = [row for row in hazards if row["condition"] != "stop"]
-    equal_n = min(sum(row["condition"] == c for row in hazards) for c in HAZARDS)
+    hard = _of_condition(rows, "press", "through")
+    equal_n = sum(row["condition"] == "stop" for row in hazards)
     fast = [row for row in hazards if row["speed_m_s"] > SLOW_M_S and row["number"] < equal_n]
     return {
         "stop, slow": rate(slow_stop, "untouched"),
         "stop, slow, distance_mm": quartiles([1000 * row["distance_m"] for row in slow_stop]),
         "stop, slow, lead_s": quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
+        "graze": rate(_of_condition(rows, "graze"), "untouched"),
         "by speed": {c: _by_speed(hazards, c) for c in HAZARDS},
         "press and through": rate(hard, "untouched"),
         "press and through, ours above": _ours_above(hard, ours),
@@ -155,9 +159,10 @@ def _of_condition(rows: Rows, *conditions: Condition) -> Rows:
 
 def chart(numbers: dict[str, Any]) -> Figure:
     """Draw the share not touched against speed, by controller and condition."""
-    figure, axes = panels(len(HAZARDS))
+    conditions = tuple(numbers["controllers"][OURS]["by speed"])
+    figure, axes = panels(len(conditions))
     middle_cm_s = 50 * (_BANDS_M_S[1:] + _BANDS_M_S[:-1])
-    for axis, condition in zip(axes, HAZARDS, strict=True):
+    for axis, condition in zip(axes, conditions, strict=True):
         series = {name: cell["by speed"][condition] for name, cell in numbers["controllers"].items() if name != NONE}
         curves(axis, middle_cm_s, series, "speed (cm/s)", "not touched (%)")
         axis.set_title(condition, fontsize=9)
@@ -241,32 +246,45 @@ def run_rendered(study: Any) -> dict[str, Any]:
     rows: Rows = []
     for condition, number in tqdm(numbers, desc="rendered encounters", disable=None):
         encounter = draw(scene, condition, number, study.seed)
-        memory = memories[encounter.side]
         tracks = track_of(scene, encounter, track_rng(study.seed, condition, number))
-        results = {
-            "rendered": render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number),
-            "without": simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks),
-        }
         quantity = "commands" if condition in HARMLESS else "touched"
-        is_good = {name: not getattr(result, quantity) for name, result in results.items()}
-        rows.append({"condition": condition, **is_good})
-    groups = {"all approaching": _of_condition(rows, *HAZARDS), "harmless": _of_condition(rows, *HARMLESS)}
+        row: dict[str, Any] = {"condition": condition}
+        for name, mode, gates in ((OURS, "rendered", {}), (ONE, "constant", NO_GATES)):
+            memory = memory_of(name, memories[encounter.side])
+            result = render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number, gates)
+            row[mode] = not getattr(result, quantity)
+        memory = memories[encounter.side].of_both
+        result = simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks)
+        rows.append({**row, "without": not getattr(result, quantity)})
+    groups = {
+        "all approaching": _of_condition(rows, *HAZARDS),
+        "harmless": _of_condition(rows, *HARMLESS),
+    }
     rates = {
         name: {
             "n": len(group),
-            "rendered": rate(group, "rendered"),
-            "without": rate(group, "without"),
-            "difference": interval([[100.0 * (row["rendered"] - row["without"])] for row in group]),
+            **{mode: rate(group, mode) for mode in ("rendered", "without", "constant")},
+            "difference": _paired(group, "without"),
+            "above constant": _paired(group, "constant"),
         }
         for name, group in groups.items()
     }
     return {"rates": rates}
 
 
+def _paired(rows: Rows, other: str) -> list[float]:
+    """Points by which the rendered rows succeed more often, with the interval of the paired difference."""
+    return interval([[100.0 * (row["rendered"] - row[other])] for row in rows])
+
+
 def rendered_table(numbers: dict[str, Any]) -> Table:
-    """Return the rates of both modes; a difference that misses its goal is bold."""
+    """Return the rates of all modes; a difference that misses its goal is bold."""
+    header = ["not touched, harmless: no command (%)", "n", "rendered", "not rendered", "difference"]
+    more = {"constant": f"{ONE}, rendered", "above constant": "ours above it"}
+    more = {key: title for key, title in more.items() if key in next(iter(numbers["rates"].values()))}
     rows = []
     for name, cell in numbers["rates"].items():
         difference = judged(estimate(cell["difference"]), abs(cell["difference"][0]) > 10)
-        rows.append([name, str(cell["n"]), estimate(cell["rendered"]), estimate(cell["without"]), difference])
-    return Table(["not touched, harmless: no command (%)", "n", "rendered", "not rendered", "difference"], rows)
+        rates = estimate(cell["rendered"]), estimate(cell["without"]), difference
+        rows.append([name, str(cell["n"]), *rates, *(estimate(cell[key]) for key in more)])
+    return Table([*header, *more.values()], rows)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pps_vision.app.encounters.controllers import RADIUS_M, felt_by_distance
+from pps_vision.app.encounters.controllers import RADIUS_M
 from pps_vision.app.encounters.encounter import (
     Aim,
     Condition,
@@ -20,7 +20,7 @@ from pps_vision.app.encounters.encounter import (
     start_posture,
 )
 from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
-from pps_vision.app.encounters.registry import WRIST_AT_REST, new_controller
+from pps_vision.app.encounters.registry import WRIST_AT_REST, memory_of, new_controller
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side
@@ -85,14 +85,9 @@ def session(
         encounter = _approach(scene, condition, side, part, rng, len(results))
         frames: list[FrameLog] = []
         tracks = track_of(scene, encounter, rng)
+        memory = memory_of(controller, memories[side])
         new = new_controller(controller)
-        results.append(simulate_encounter(scene, memories[side], encounter, controller, new, tracks, frames))
-        if controller == _DISTANCE_ONLY:  # show the activations by which this arm moves
-            q = encounter.q_rad
-            for k, track in enumerate(tracks):
-                felt = felt_by_distance(scene.skins[side], memories[side].of_distance, track, scene.robot.at(q))
-                q = frames[k].q_rad
-                frames[k] = frames[k]._replace(activations=felt)
+        results.append(simulate_encounter(scene, memory, encounter, controller, new, tracks, frames))
         logs[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
         t += encounter.seconds
     paths = {side: [_path(scene.robot, side, log) for log in logs[side]] for side in logs}

@@ -17,6 +17,7 @@ from control.fixation import gaze_at
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
 from pps_vision.app.encounters.encounter import TRIALS, SessionName, start_posture
+from pps_vision.app.encounters.robots import true_robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.simulation import can_follow
 from pps_vision.experiments.study import NOISE_SIGMA, PartsStudy
@@ -61,13 +62,6 @@ class Movement(NamedTuple):
     stimulus: StimulusName
     rotation: Array  # (3, 3) from the object's to the root frame
     trial: TouchTrial  # with `touched` (n,) of the whole skin
-
-
-@cache
-def true_robot() -> tuple[Robot, StereoRig, Skin]:
-    """Return the iCub as described, its cameras and its skin."""
-    robot = load_icub()
-    return robot, icub_rig(robot), icub_skin()
 
 
 @cache  # several parts use the same movements

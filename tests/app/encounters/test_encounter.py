@@ -5,8 +5,10 @@ import pytest
 
 from pps_vision.app.encounters.encounter import (
     BEYOND_M,
+    GRAZE_M,
     HARMLESS,
     HAZARDS,
+    NEAR_M,
     PASS_M,
     PRESS_M,
     Encounter,
@@ -54,6 +56,8 @@ def test_an_arm_at_rest_is_touched_when_the_encounter_says(scene, condition, num
     assert times[np.argmax(left <= 0)] == pytest.approx(encounter.contact_s, abs=0.003)
     if condition == "stop":
         assert -0.004 < left.min() < 0
+    elif condition == "graze":
+        assert GRAZE_M[0] - 1e-3 < left.min() + TOUCH_RADIUS_M < GRAZE_M[1] + 1e-3
     elif condition == "press":
         assert -PRESS_M - 0.004 < left.min() < -0.01
     else:
@@ -63,13 +67,15 @@ def test_an_arm_at_rest_is_touched_when_the_encounter_says(scene, condition, num
 
 @pytest.mark.parametrize("condition", HARMLESS)
 def test_harmless_objects_touch_nothing(scene, condition):
+    passes = {"harmless_passing": PASS_M, "harmless_near": NEAR_M}
     for number in (0, 4):
         encounter = draw(scene, condition, number, seed=3)
         left = gaps(scene, encounter)[1] + TOUCH_RADIUS_M
         assert encounter.contact_s == np.inf
         assert left.min() > TOUCH_RADIUS_M
-        if condition == "harmless_passing":
-            assert PASS_M[0] - 1e-4 < left.min() < PASS_M[1] + 1e-3
+        if condition in passes:
+            low, high = passes[condition]
+            assert low - 1e-4 < left.min() < high + 1e-3
             assert left.min() < left[[0, -1]].min() - 0.02, "it comes nearer and leaves"
 
 

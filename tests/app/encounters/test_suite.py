@@ -9,7 +9,7 @@ import pytest
 from pps_vision.app.encounters import suite
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import ASKING, NAMES, NONE, OURS, TRUE, new_controller
+from pps_vision.app.encounters.registry import ASKING, NAMES, NONE, OURS, TRUE, memory_of, new_controller
 from pps_vision.app.encounters.rendered import render_encounter
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.errors import InputError
@@ -43,11 +43,11 @@ def test_controllers_avoid_a_slow_object(scene, memories, slow, name):
     """It would touch; limits and self-collision distance are kept.  Not so the depth-space baseline: as tuned, with a
     short range, it avoids half of such objects."""
     tracks = true_track_of(slow) if name == TRUE else track_of(scene, slow, np.random.default_rng(1))
-    at_rest = simulate_encounter(scene, memories["left"], slow, NONE, new_controller(NONE), tracks)
+    at_rest = simulate_encounter(scene, memories["left"].of_both, slow, NONE, new_controller(NONE), tracks)
     assert at_rest.touched
     assert at_rest.commands == 0
     assert at_rest.lead_s is None
-    result = simulate_encounter(scene, memories["left"], slow, name, new_controller(name), tracks)
+    result = simulate_encounter(scene, memory_of(name, memories["left"]), slow, name, new_controller(name), tracks)
     assert not result.touched
     assert result.distance_m > 0.005
     assert result.lead_s is not None
@@ -82,7 +82,7 @@ def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path, monkeypa
 def test_what_the_map_calls_unreachable_is_not_attempted(scene, memories):
     encounter = draw(scene, "reach", 0, 3)
     tracks = track_of(scene, encounter, np.random.default_rng(1))
-    arguments = scene, memories["left"], encounter, ASKING, new_controller(ASKING), tracks
+    arguments = scene, memories["left"].of_both, encounter, ASKING, new_controller(ASKING), tracks
     stamps_s: list[float] = []
 
     def unreachable(q_rad: Array, track: Track3D) -> Reachability:
@@ -99,8 +99,8 @@ def test_a_fast_ball_is_avoided_alike_with_and_without_rendering(scene, memories
     balls = (draw(scene, "stop", 24 * k, 5) for k in range(20))  # left arm
     encounter = next(ball for ball in balls if ball.speed_m_s > 0.2)
     tracks = track_of(scene, encounter, np.random.default_rng(0))
-    simulated = simulate_encounter(scene, memories["left"], encounter, OURS, new_controller(OURS), tracks)
-    rendered = render_encounter(scene, memories["left"], encounter, 2.0, 5)
+    simulated = simulate_encounter(scene, memories["left"].of_both, encounter, OURS, new_controller(OURS), tracks)
+    rendered = render_encounter(scene, memories["left"].of_both, encounter, 2.0, 5)
     assert rendered.touched == simulated.touched
     assert rendered.commands > 5
     assert abs(rendered.distance_m - simulated.distance_m) < 0.02

@@ -8,7 +8,7 @@ from data import SEED
 
 from control.fixation import gaze_at
 from learning.pps.joint_offsets import TouchTrial, felt_position, joint_offsets
-from pps_vision.experiments.pps.robot_errors import MiscalibratedRobot, errors_from
+from pps_vision.app.encounters.robots import MiscalibratedRobot, errors_from
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, SkinPart, icub_skin, touched_taxels

@@ -1,7 +1,8 @@
-"""Robots with R's five sources of model error, and trials as such robots measure them."""
+"""Robots with R's five sources of model error, and trials and tracks as such robots measure them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,14 +12,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from learning.pps.joint_offsets import TouchTrial, joint_offsets
-from pps_vision.experiments.pps.session_trials import true_robot
+from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
-from pps_vision.geometry.triangulation import midpoint
-from pps_vision.robot.icub import icub_rig
+from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import Skin
-from pps_vision.types import Array
+from pps_vision.robot.skin import Skin, icub_skin
+from pps_vision.types import Array, Track3D
 
 _H_S = 0.02  # central difference that turns positions into velocities
 
@@ -40,6 +40,10 @@ class ErrorSources:
     focal: float = 0.01  # relative error of a camera's focal length
     principal_px: float = 1.5  # error of a camera's principal point, each axis
 
+    def scaled(self, factor: float) -> "ErrorSources":
+        """Return these sources with every standard deviation times `factor`."""
+        return ErrorSources(**{name: factor * value for name, value in vars(self).items()})
+
 
 SOURCES = {
     "CAD model": ("link_m", "link_rad"),
@@ -54,6 +58,13 @@ def errors_from(*sources: str) -> ErrorSources:
     """Return the named sources at their defaults, all others zero."""
     names = {name for source in sources for name in SOURCES[source]}
     return ErrorSources(**{name: value if name in names else 0.0 for name, value in vars(ErrorSources()).items()})
+
+
+@cache
+def true_robot() -> tuple[Robot, StereoRig, Skin]:
+    """Return the iCub as described, its cameras and its skin."""
+    robot = load_icub()
+    return robot, icub_rig(robot), icub_skin()
 
 
 @dataclass(frozen=True)
@@ -76,6 +87,58 @@ class MiscalibratedRobot:
         offsets = sources.joint_rad * rng.standard_normal(model.n_joints)
         return cls(model, icub_rig(model, *cameras), skin, offsets, sources.slack_rad)
 
+    @classmethod
+    def with_error(cls, error_m: float, touches: Sequence[Encounter], seed: tuple[int, ...]) -> "MiscalibratedRobot":
+        """Return a robot that misjudges where the objects touch its skin by `error_m` (RMS over the `touches`).
+
+        R's sources in their proportions, scaled; the same seed gives the same robot at every error.
+        """
+        sources = ErrorSources()
+        unit = cls.draw(sources, np.random.default_rng(seed)).misjudgement_m(touches)
+        return cls.draw(sources.scaled(error_m / unit), np.random.default_rng(seed))
+
+    def misjudgement_m(self, touches: Sequence[Encounter]) -> float:
+        """Return the RMS distance between true and perceived position of a touching object relative to the taxel."""
+        robot, _, skin = true_robot()
+        distances = []
+        for touch in touches:
+            k = skin.index(touch.taxel)
+            frame, taxel = skin.taxel(k)
+            q = touch.q_rad + self.joint_offsets_rad
+            p = touch.motion(touch.contact_s)[0]
+            seen = self.triangulate(p[None], touch.q_rad, q)[0]
+            true = move_points(inverse(robot.at(touch.q_rad).T_root(frame)), p) - taxel
+            perceived = move_points(inverse(self.model.at(q).T_root(frame)), seen) - self.skin.taxel(k)[1]
+            distances.append(np.linalg.norm(perceived - true))
+        return float(np.sqrt(np.mean(np.square(distances))))
+
+    @cached_property
+    def scene(self) -> EncounterScene:
+        """The robot as it takes itself to be."""
+        return EncounterScene(self.model, self.rig, self.skin)
+
+    def reading(self, rng: np.random.Generator) -> Array:
+        """Return the difference (n_joints,) rad between encoders and true angles, with the slack of one trial."""
+        return self.joint_offsets_rad + self.slack_rad * rng.standard_normal(self.model.n_joints)
+
+    def see(self, tracks: Sequence[Track3D], q_true: Array, reading: Array) -> list[Track3D]:
+        """Return exact tracks as this robot measures them at a true posture; unknown where its lines of sight part.
+
+        Acceleration and jerk stay, as does the covariance.
+        """
+        known = [k for k, track in enumerate(tracks) if track.is_known]
+        if not known:
+            return list(tracks)
+        state = np.array([tracks[k].mean[:2] for k in known])
+        around = state[:, :1] + _H_S * np.array([-1.0, 0.0, 1.0])[:, None] * state[:, 1:]
+        points = self.triangulate(around.reshape(-1, 3), q_true, q_true + reading).reshape(-1, 3, 3)
+        seen = list(tracks)
+        for k, (before, at, after) in zip(known, points, strict=True):
+            track = tracks[k]
+            mean = np.array([at, (after - before) / (2 * _H_S), *track.mean[2:]])
+            seen[k] = replace(track, mean=mean) if np.isfinite(mean).all() else Track3D.unknown(track.stamp_s)
+        return seen
+
     def observe(self, trial: TouchTrial, by_eyes: bool, rng: np.random.Generator) -> TouchTrial:
         """Return a true trial as this robot measures it.
 
@@ -85,9 +148,9 @@ class MiscalibratedRobot:
             rng: Source of the slack of the joints.
         """
         q_true = trial.joints_rad
-        q = q_true + self.joint_offsets_rad + self.slack_rad * rng.standard_normal(self.model.n_joints)
+        q = q_true + self.reading(rng)
         around = trial.positions[:, None] + _H_S * np.array([-1.0, 0.0, 1.0])[:, None] * trial.velocities[:, None]
-        locate = self._triangulate if by_eyes else self._locate_fingertip
+        locate = self.triangulate if by_eyes else self._locate_fingertip
         points = np.array([locate(*sample) for sample in zip(around, q_true, q, strict=True)])
         velocities = (points[:, 2] - points[:, 0]) / (2 * _H_S)
         return replace(trial, joints_rad=q, positions=points[:, 1], velocities=velocities)
@@ -97,16 +160,20 @@ class MiscalibratedRobot:
         estimate = joint_offsets(self.model, self.rig, self.skin, observed)
         return replace(self, joint_offsets_rad=self.joint_offsets_rad + estimate.offsets_rad)
 
-    def _triangulate(self, points: Array, q_true: Array, q: Array) -> Array:
-        """Points (k, 3), projected by the true cameras and triangulated with the assumed ones; NaN if impossible."""
+    def triangulate(self, points: Array, q_true: Array, q: Array) -> Array:
+        """Return points (k, 3), projected by the true cameras and triangulated with the assumed ones; NaN if
+        impossible."""
         _, rig, _ = true_robot()
         true = rig.view(q_true)
         assumed = self.rig.view(q)
         left = assumed.left.rays(true.left.project(points))
         right = assumed.right.rays(true.right.project(points))
-        rays = zip(left, right, strict=True)
-        midpoints = [midpoint(assumed.left.center, a, assumed.right.center, b) for a, b in rays]
-        return np.array([np.full(3, np.nan) if p is None else p for p in midpoints])
+        gap = assumed.right.center - assumed.left.center
+        cosine = np.sum(left * right, axis=1)
+        towards = np.column_stack([left @ gap, -(right @ gap)])  # distances along both rays to their nearest points
+        along = (towards + cosine[:, None] * towards[:, ::-1]) / np.maximum(1 - cosine**2, 1e-12)[:, None]
+        midpoints = assumed.left.center + 0.5 * (along[:, :1] * left + gap + along[:, 1:] * right)
+        return np.where((along > 0).all(axis=1, keepdims=True), midpoints, np.nan)
 
     def _locate_fingertip(self, points: Array, q_true: Array, q: Array) -> Array:
         """Points (k, 3), fixed to the true right fingertip, where the assumed joints place them."""
