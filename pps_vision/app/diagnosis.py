@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.video import VideoFrame
 from pps_vision.types import Array, Image, StereoFrame
 from tracking import Mode
 
@@ -84,10 +84,10 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         return
     if all(np.array_equal(frame.left, frame.right) for frame in frames):
         yield "other images: left and right are the same in every frame (the patterns --left and --right?)"
-    elif isinstance(image := recording.pairs[0][0], VideoFrame) and image.part != "whole" and _one_image(frames):
+    elif isinstance(image := recording.pairs[0][0], Half) and _one_image(frames, image):
         yield (
-            "two videos, or one of a stereo camera: the halves of the images continue each other and show hardly "
-            "anything in common, as those of one camera do"
+            "two videos, or one of a stereo camera, or another --layout: the halves of the images continue each other "
+            "and show hardly anything in common, as those of one camera do"
         )
     grey = max(float(np.mean(image)) for frame in frames for image in (frame.left, frame.right))
     if grey < _DARK:
@@ -145,10 +145,11 @@ def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
         )
 
 
-def _one_image(frames: Sequence[StereoFrame]) -> bool:
+def _one_image(frames: Sequence[StereoFrame], half: Half) -> bool:
     """Whether left and right images are the halves of one image rather than two views of a scene."""
-    steps = [np.abs(np.diff(np.hstack([f.left, f.right]).astype(float), axis=1)).mean(axis=(0, 2)) for f in frames]
-    seams = [step[f.left.shape[1] - 1] / max(np.median(step), 1.0) for step, f in zip(steps, frames, strict=True)]
+    wholes = [np.concatenate([f.right, f.left] if half.is_second else [f.left, f.right], half.axis) for f in frames]
+    steps = [np.abs(np.diff(w.astype(float), axis=half.axis)).mean(axis=(1 - half.axis, 2)) for w in wholes]
+    seams = [step[len(step) // 2] / max(np.median(step), 1.0) for step in steps]
     matches = [len(_matches(frame.left, frame.right)[0]) for frame in frames]
     return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON * _FEATURES)
 

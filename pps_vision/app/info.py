@@ -36,6 +36,7 @@ class RecordingInfo:
     truth_rows: int
     skipped: dict[str, int]
     calibration_at: str  # where a calibration is expected; empty with one
+    notes: tuple[str, ...]  # how the files were read
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -57,7 +58,7 @@ class RecordingInfo:
         turn = self.cameras_turn_deg
         moved = f"with joints, by which the left camera turns up to {turn:.2f}°" if self.robot else "declared fixed"
         rows += [f"motion of the cameras: {moved}", f"touches: {self.touches}; rows of truth: {self.truth_rows}"]
-        rows += [f"skipped: {n} {kind}" for kind, n in self.skipped.items() if n]
+        rows += [*self.notes, *(f"skipped: {n} {kind}" for kind, n in self.skipped.items() if n)]
         return "\n".join([*rows, *(f"warning: {warning}" for warning in self.warnings)])
 
 
@@ -94,6 +95,7 @@ def info(recording: Recording) -> RecordingInfo:
         truth_rows=len(recording.truth),
         skipped=count_by_kind(recording.problems),
         calibration_at="" if recording.rig else recording.calibration_at,
+        notes=recording.notes,
         warnings=(*recording.warnings, *(f"try {action}" for action in advice)),
     )
 

@@ -10,7 +10,7 @@
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -116,6 +116,11 @@ class Camera:
         cx = (self.cx + 0.5) / k - 0.5
         cy = (self.cy + 0.5) / k - 0.5
         return Camera(self.width // k, self.height // k, self.fx / k, self.fy / k, cx, cy, self.distortion)
+
+    def stretched(self, width: int) -> "Camera":
+        """The same camera with another number of columns."""
+        scale = width / self.width
+        return replace(self, width=width, fx=self.fx * scale, cx=(self.cx + 0.5) * scale - 0.5)
 
     @cached_property
     def focal_px(self) -> float:

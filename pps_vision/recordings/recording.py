@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import groupby
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, TypeVar
@@ -13,7 +14,7 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.parent import tell_progress
-from pps_vision.recordings.image_file import ImageFile, decode
+from pps_vision.recordings.image_file import ImageFile, decode, used_bits
 from pps_vision.recordings.text import finite, read_lines
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import StereoFrame, Truth
@@ -45,7 +46,8 @@ class Recording:
     skipped and added to `problems`, which collects everything skipped up to now.  `name` is the
     source's path; `robot` whose joints the frames carry, and `rig` its cameras, where known, else
     `calibration_at` says where a calibration is expected.  `warnings` name input that was read but is
-    probably a mistake; `unit_m` is the requested unit of the calibration.
+    probably a mistake, `notes` say how it was read; `unit_m` is the requested unit of the calibration.  A pixel is
+    `pixel_aspect` times as wide as high, by the files.
     """
 
     name: str
@@ -57,7 +59,9 @@ class Recording:
     touches: tuple[Touch, ...] = ()
     truth: tuple[Truth, ...] = ()
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     unit_m: float = 1.0
+    pixel_aspect: float = 1.0
     calibration_at: str = "one by --calib"
     _noted: set[Problem] = field(default_factory=set, repr=False, compare=False)
     """Images that are in `problems` already."""
@@ -79,9 +83,13 @@ class Recording:
     @property
     def fps(self) -> float:
         """Stereo pairs per second, by the median interval; 20 where there is none."""
-        steps = np.diff([left.stamp_s for left, _ in self.pairs])
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        return 1 / usual if usual > 0 else 20.0
+        usual_s = usual_step_s([left.stamp_s for left, _ in self.pairs])
+        return 1 / usual_s if usual_s > 0 else 20.0
+
+    @cached_property
+    def bits(self) -> int:
+        """The highest bit that images of 16 bits a channel use."""
+        return used_bits([file for pair in self.pairs for file in pair])
 
     def __iter__(self) -> Iterator[StereoFrame]:
         return (frame for _, frame in self.numbered())
@@ -91,7 +99,7 @@ class Recording:
         its number when others are skipped."""
         for place, (left, right) in enumerate(self.pairs):
             tell_progress()
-            images = decode(left, self.image_size), decode(right, self.image_size)
+            images = [decode(file, self.image_size, self.bits) for file in (left, right)]
             for image in images:
                 if isinstance(image, Problem) and image not in self._noted:
                     self._noted.add(image)
@@ -132,8 +140,13 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
 
 def replaced_rate(fps: float, stamps_s: Sequence[float]) -> tuple[str, ...]:
     """A warning where a rate is given instead of the files' own stamps, and differs from these."""
-    own = 1 / float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else fps
+    own = 1 / usual_step_s(stamps_s) if len(stamps_s) > 1 else fps
     return (f"--fps {fps:g} replaces the files' own {own:.2f}",) if abs(fps / own - 1) > _SAME_RATE else ()
+
+
+def usual_step_s(stamps_s: Sequence[float]) -> float:
+    """The median interval; 0 where there is none."""
+    return float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.0
 
 
 def pair_by_stamp(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from pps_vision.recordings import MAX_SKEW_S
+from pps_vision.recordings import MAX_SKEW_S, Layout
 
 if TYPE_CHECKING:
     from pps_vision.robot.robot_setup import RobotSetup
@@ -40,6 +40,13 @@ class SourceOptions:
     """Offsets to add to the encoders of REC, as `pps-vision joints` writes them."""
     max_skew_s: float = MAX_SKEW_S
     """Left and right images further apart in time are no pair."""
+    layout: Layout = "lr"
+    """Where one video shows both views: lr, the left camera's in its left half; rl; tb, in its upper half; bt."""
+    squeezed: bool = False
+    """Each half of such a video shows a whole image, squeezed to half its width (lr, rl) or height (tb, bt); the
+    calibration is for whole images."""
+    no_rotate: bool = False
+    """Take videos as they were recorded, without the rotation that their headers state."""
 
 
 class Options(TypedDict, total=False):
@@ -53,6 +60,9 @@ class Options(TypedDict, total=False):
     unit_m: float
     joints: Path | str | None
     max_skew_s: float
+    layout: Layout
+    squeezed: bool
+    no_rotate: bool
     taxels: Path | str | None
     robot: "RobotSetup | None"
 

@@ -1,8 +1,8 @@
 """Frames of a video file with the file's own stamps, decoded one at a time; the frames of one camera."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import av
@@ -13,15 +13,20 @@ from av.video.frame import VideoFrame as Decoded
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import check_regular
-from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode, images_in
-from pps_vision.recordings.recording import Times
+from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode, images_in, images_of, used_bits
+from pps_vision.recordings.recording import Times, usual_step_s
 from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Image
 
-_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts")
+_SUFFIXES = (
+    *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts", ".3gp", ".wmv"),
+    *(".h264", ".264", ".h265", ".265", ".hevc"),  # a bare stream, without stamps
+)
 # No playlists, whose files could be any on this machine or beyond.
-_CONTAINERS = {"format_whitelist": "mov,mp4,matroska,webm,avi,mpeg,mpegts", "protocol_whitelist": "file"}
+_FORMATS = "mov,mp4,matroska,webm,avi,mpeg,mpegvideo,mpegts,asf,h264,hevc"
+_CONTAINERS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 _FAR = 100  # frames ahead: seeking is faster than decoding what lies between
+_BOTTOM_FIRST = (3, 4)  # of FFmpeg's AVFieldOrder: the bottom field is shown first
 
 
 class Video:
@@ -29,15 +34,21 @@ class Video:
 
     Attributes:
         path: The file.
-        image_size: Width and height.
+        image_size: Width and height of its images, turned as `turns` says.
+        turns: Quarter turns anticlockwise by which its header says that images are to be shown.
+        pixel_aspect: Width of a pixel relative to its height, in these images.
+        fields: 2 where frames are interlaced: every second row is of another moment; else 1.
         pts: The frames' stamps in order, in units of `time_base_s`; without `has_stamps` they are counted instead.
         time_base_s: Seconds per unit of `pts`.
         stated_s: Its duration by the header, where this is known to be that of the images; else 0.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, rotate: bool = True) -> None:
         check_regular(path, "a video")
         self.path = path
+        self.turns = 0
+        self.fields = 1
+        self._bottom_first = False
         try:
             with self._open() as container:
                 stream = container.streams.video[0]
@@ -46,6 +57,7 @@ class Video:
                 pts = [packet.pts for packet in container.demux(stream) if packet.size and not packet.is_discard]
                 self.image_size = stream.codec_context.width, stream.codec_context.height
                 self.time_base_s = float(stream.time_base or 0)
+                self.pixel_aspect = float(stream.sample_aspect_ratio or 1)
                 # What Matroska's header says; the others' may be that of the sound, or estimated.
                 states_it = "matroska" in container.format.name and len(container.streams) == 1
                 self.stated_s = (container.duration or 0) / 1e6 if states_it else 0.0
@@ -61,14 +73,40 @@ class Video:
         self.has_stamps = len(stamps) == len(pts) and self.time_base_s > 0
         self.pts = stamps if self.has_stamps else list(range(len(pts)))
         self._place = {pts: index for index, pts in enumerate(self.pts)}
+        self._read_first_frame(rotate)
         self._frames: Iterator[tuple[int, Decoded]] = iter(())
         self._last: tuple[int, Image | str] = len(self.pts), ""  # index of the frame that was decoded last
 
     def _open(self) -> InputContainer:
         return av.open(str(self.path), options=_CONTAINERS)
 
+    def _read_first_frame(self, rotate: bool) -> None:
+        """What the decoder says of the images: how they are to be turned, and whether they are interlaced."""
+        with suppress(av.error.FFmpegError, MemoryError), self._open() as container:
+            stream = container.streams.video[0]
+            stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+            frame = next(container.decode(stream), None)
+            if frame is None:
+                return
+            self.fields = 2 if frame.interlaced_frame else 1
+            self._bottom_first = stream.codec_context.field_order in _BOTTOM_FIRST
+            self.turns = round(frame.rotation / 90) % 4 if rotate else 0
+        if self.turns % 2:
+            self.image_size = self.image_size[1], self.image_size[0]
+            self.pixel_aspect = 1 / self.pixel_aspect
+
+    def image(self, index: int, field: int | None = None) -> Image | str:
+        """Return a frame, or one of its fields (0: the first), as it is to be shown, or the reason why there is
+        none."""
+        image = self.load(index)
+        if isinstance(image, str):
+            return image
+        if field is not None:
+            image = _from_field(image, int(field == 0) if self._bottom_first else field)
+        return image if self.turns == 0 else np.ascontiguousarray(np.rot90(image, self.turns))
+
     def load(self, index: int) -> Image | str:
-        """Return a frame as RGB uint8, or the reason why there is none."""
+        """Return a frame as it was recorded, RGB uint8, or the reason why there is none."""
         at = self._last[0]
         if index < at or (self.has_stamps and index > at + _FAR):
             self._frames = self._decoded(index)
@@ -76,7 +114,8 @@ class Video:
         try:
             while at < index:
                 at, frame = next(self._frames)
-                is_whole = (frame.width, frame.height) == self.image_size
+                size = self.image_size if self.turns % 2 == 0 else self.image_size[::-1]
+                is_whole = (frame.width, frame.height) == size
                 wrong = f"is {frame.width}×{frame.height} pixels"
                 self._last = at, np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) if is_whole else wrong
         except StopIteration:  # as for all that come after it
@@ -102,25 +141,41 @@ class Video:
                             yield at, frame
 
 
+def _from_field(image: Image, first_row: int) -> Image:
+    """The image of one field: its rows stay in place, those of the other field are the means of their neighbours."""
+    whole = image.copy()
+    rows = image[first_row::2].astype(np.uint16)
+    between = ((rows[:-1] + rows[1:] + 1) // 2).astype(np.uint8)
+    whole[first_row + 1 : first_row + 2 * len(between) : 2] = between
+    if first_row:
+        whole[0] = image[1]
+    if (last := first_row + 2 * len(rows) - 1) < len(image):
+        whole[last] = image[last - 1]
+    return whole
+
+
 @dataclass(frozen=True, slots=True)
 class VideoFrame(ImageFile):
-    """One frame of a video, or one half of it."""
+    """One frame of a video, or one field of an interlaced one."""
 
     video: Video = field(repr=False, compare=False, kw_only=True)
-    part: str = field(default="whole", kw_only=True)
+    first: int = field(default=0, kw_only=True)  # number of the file's first frame, where others come before
+    fields: int = field(default=1, kw_only=True)  # 2: `index` counts fields
+
+    @property
+    def number(self) -> int:
+        """Its place, from 0."""
+        return self.first + self.index
 
     @property
     def title(self) -> str:
         """What reports call it."""
-        return f"frame {self.index}"
+        return f"{'frame' if self.fields == 1 else 'field'} {self.index}"
 
     def load(self) -> Image | str:
         """The image as RGB uint8, or the reason why there is none."""
-        image = self.video.load(self.index)
-        if isinstance(image, str) or self.part == "whole":
-            return image
-        half = image.shape[1] // 2
-        return np.ascontiguousarray(image[:, :half] if self.part == "left" else image[:, half:])
+        frame, number = divmod(self.index, self.fields)
+        return self.video.image(frame, None if self.fields == 1 else number)
 
 
 def is_video(path: Path) -> bool:
@@ -128,29 +183,41 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in _SUFFIXES and not path.is_dir()
 
 
-def open_video(file: Path, fps: float | None, times: Times | None = None, part: str = "whole") -> list[VideoFrame]:
+def open_video(
+    files: Path | Sequence[Path],
+    fps: float | None,
+    times: Times | None = None,
+    rotate: bool = True,
+    by_field: bool = False,
+) -> list[VideoFrame]:
     """All frames of a video, with the stamps of `times`, of a constant rate `fps`, or else the file's own.
 
-    InputError if there is no video, or it has no stamps and none are given.
+    Several files continue each other.  With `by_field` both fields of each interlaced frame, the second half an
+    interval later.  InputError if there is no video, or it has no stamps and none are given.
     """
-    video = Video(file)
-    if times and times.names:
-        raise InputError(times.file, f"names images; expected a stamp for each frame of {file.name}, without names")
-    if not (fps or times or video.has_stamps):
-        raise InputError(file, "not every frame has a stamp of its own; expected --fps or --times with this file")
-    step_s = 1 / fps if fps else video.time_base_s
-    steps = range(len(video.pts)) if fps else video.pts
-    frames = [VideoFrame(file, step * step_s, video=video, index=index, part=part) for index, step in enumerate(steps)]
-    return times.stamp(frames, []) if times else frames
-
-
-def open_halves(file: Path, fps: float | None, times: Times | None = None) -> tuple[list[VideoFrame], list[VideoFrame]]:
-    """The left and the right half of all frames of a side-by-side video; InputError for an odd width."""
-    left = open_video(file, fps, times, part="left")
-    if left[0].video.image_size[0] % 2:
-        raise InputError(file, f"is {left[0].video.image_size[0]} pixels wide; expected two halves of one width")
-    right = [VideoFrame(file, f.stamp_s, video=f.video, index=f.index, part="right") for f in left]
-    return left, right
+    frames: list[VideoFrame] = []
+    for file in (files,) if isinstance(files, Path) else files:
+        video = Video(file, rotate)
+        if times and times.names:
+            raise InputError(times.file, f"names images; expected a stamp for each frame of {file.name}, without names")
+        if not (fps or times or video.has_stamps):
+            raise InputError(file, "not every frame has a stamp of its own; expected --fps or --times with this file")
+        step_s = 1 / fps if fps else video.time_base_s
+        stamps_s = [step * step_s for step in (range(len(video.pts)) if fps else video.pts)]
+        if frames:
+            start_s = frames[-1].stamp_s + usual_step_s([frame.stamp_s for frame in frames]) - stamps_s[0]
+            stamps_s = [start_s + stamp_s for stamp_s in stamps_s]
+        first = len(frames)
+        frames += [VideoFrame(file, t, index=k, video=video, first=first) for k, t in enumerate(stamps_s)]
+    frames = times.stamp(frames, []) if times else frames
+    if not (by_field and frames[0].video.fields == 2):
+        return frames
+    half_s = 0.5 * usual_step_s([frame.stamp_s for frame in frames])
+    return [
+        replace(frame, stamp_s=frame.stamp_s + k * half_s, index=2 * frame.index + k, first=2 * frame.first, fields=2)
+        for frame in frames
+        for k in (0, 1)
+    ]
 
 
 @dataclass(frozen=True)
@@ -166,8 +233,9 @@ class ImageSequence:
 
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         self.problems.clear()
+        bits = used_bits(self.files)
         for frame, file in enumerate(self.files, start=1):
-            image = decode(file, self.image_size)
+            image = decode(file, self.image_size, bits)
             if isinstance(image, Problem):
                 self.problems.append(image)
             else:
@@ -180,7 +248,7 @@ def open_frames(folder: Path) -> ImageSequence:
     if is_video(folder):
         files = tuple(open_video(folder, fps=1.0))
     elif folder.is_dir():
-        files = tuple(ImageFile(path, 0.0) for path in images_in(folder))
+        files = tuple(images_of(images_in(folder)))
     else:
         reason = "is no folder and no video" if folder.exists() else "no such folder"
         raise InputError(folder, f"{reason}; expected a folder with the frames of a sequence, or a video")

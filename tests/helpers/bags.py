@@ -45,9 +45,11 @@ class BagWriter:
 
     def image(self, image: Image, encoding: str, stamp_s: float) -> Any:
         """Return an Image of pixels (H, W, C) in an encoding; its rows are 3 bytes longer than their pixels."""
-        wide = np.pad(image.reshape(image.shape[0], -1), ((0, 0), (0, 3)))
+        rows = np.ascontiguousarray(image).reshape(image.shape[0], -1)
+        wide = np.pad(rows.view(np.uint8), ((0, 0), (0, 3)))
         shape = {"height": image.shape[0], "width": image.shape[1], "step": wide.shape[1]}
-        return self._message("Image", stamp_s, **shape, encoding=encoding, is_bigendian=0, data=wide.ravel())
+        order = int(image.dtype.byteorder == ">")
+        return self._message("Image", stamp_s, **shape, encoding=encoding, is_bigendian=order, data=wide.ravel())
 
     def png(self, image: Image, stamp_s: float) -> Any:
         """Return a CompressedImage of BGR pixels (H, W, 3)."""

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import ImageFile, decode, natural_order, number_in
+from pps_vision.recordings.recording import read_times
 from pps_vision.recordings.video import open_frames
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
@@ -93,9 +95,98 @@ def test_files_that_are_given_twice_count_once(tmp_path, monkeypatch):
 
 def test_a_number_that_comes_twice_is_refused(tmp_path):
     _, right = stereo(tmp_path, [1], [1])
-    write(tmp_path / "2L1.png", 0)
-    with pytest.raises(InputError, match=r"2L1\.png: number 1 again"):
-        open_stereo_images([str(tmp_path / "*L1.png")], right, fps=10)
+    write(tmp_path / "1L01.png", 0)
+    with pytest.raises(InputError, match=r"1L01\.png: number 1 again; expected each once, and .*1L1\.png has it"):
+        open_stereo_images([str(tmp_path / "*L*.png")], right, fps=10)
+
+
+@pytest.mark.parametrize("template", ["{n:04d}_cam{c}", "{n}-{c}", "rig2_{n:06d}_{c}_v3", "cam{c}_{n}"])
+def test_the_number_of_a_name_is_not_that_of_its_camera(tmp_path, template):
+    for n in (8, 9, 10):
+        for camera in (1, 2):
+            write(tmp_path / f"{template.format(n=n, c=camera)}.png", 10 * n + camera)
+    left, right = ([str(tmp_path / f"{template.format(n=n, c=c)}.png") for n in (8, 9, 10)] for c in (1, 2))
+    frames = list(open_stereo_images(left, right, fps=10).numbered())
+    assert [number for number, _ in frames] == [8, 9, 10]
+    assert [(f.left[0, 0, 0], f.right[0, 0, 0]) for _, f in frames] == [(81, 82), (91, 92), (101, 102)]
+
+
+@pytest.mark.parametrize(
+    ("names", "stamps_s"),
+    [
+        (("2024-05-17_14-30-05.900_left", "2024-05-17_14-30-06.000_left"), (1715956205.9, 1715956206.0)),
+        (("L20240517T143005_900250", "L20240517T143006_000250"), (1715956205.90025, 1715956206.00025)),
+        (("14-30-05-900", "14-30-06-000"), (52205.9, 52206.0)),
+        (("1715956205900_cam0", "1715956206000_cam0"), (1715956205.9, 1715956206.0)),
+        (("1715956205.900_l", "1715956206.000_l"), (1715956205.9, 1715956206.0)),
+    ],
+)
+def test_names_with_the_time_of_a_clock_are_stamps(tmp_path, names, stamps_s):
+    for side in "ab":
+        for name in names:
+            write(tmp_path / side / f"{name}.png", 9)
+    recording = open_stereo_images([str(tmp_path / "a")], [str(tmp_path / "b")])
+    np.testing.assert_allclose([left.stamp_s for left, _ in recording.pairs], stamps_s, atol=1e-6)
+    assert recording.problems == []
+
+
+@pytest.mark.parametrize("name", ["99-99-99-123", "2024-13-45_10-00-00.000", "000012", "12-30-05"])
+def test_names_without_a_time_are_no_stamps(tmp_path, name):
+    for side in "ab":
+        write(tmp_path / side / f"{name}.png", 9)
+    with pytest.raises(InputError, match=r"its name is no stamp; expected --fps, --times, or stamps as names"):
+        open_stereo_images([str(tmp_path / "a")], [str(tmp_path / "b")])
+
+
+def ramp(bits: int, k: int, shifted: int = 0) -> np.ndarray:
+    """Levels up to the highest of so many bits, in the uppermost or the lowest bits of 16."""
+    levels = np.linspace(0, 2**bits - 1, 6 * 8).reshape(6, 8) * (1 - 0.25 * (k == 0))
+    return np.repeat(levels.astype(np.uint16)[..., None] << shifted, 3, axis=2)
+
+
+@pytest.mark.parametrize(("bits", "shifted"), [(10, 0), (12, 0), (14, 0), (16, 0), (12, 4)])
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_the_highest_bit_in_use_is_the_highest_of_eight(tmp_path, bits, shifted, suffix):
+    for side in "LR":
+        for k in range(3):
+            assert cv2.imwrite(str(tmp_path / f"{side}{k}.{suffix}"), ramp(bits, k, shifted))
+    frames = list(open_stereo_images([str(tmp_path / "L*")], [str(tmp_path / "R*")], fps=10))
+    for k, frame in enumerate(frames):  # of one scale, although the first is darker
+        np.testing.assert_array_equal(frame.left, (ramp(bits, k) >> (bits - 8)).astype(np.uint8))
+        np.testing.assert_array_equal(frame.left, frame.right)
+    assert [image.max() for _, image in open_frames(tmp_path)] == [191, 255, 255] * 2
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_the_pages_of_a_stack_are_its_images(tmp_path, depth):
+    """Red and blue are told apart; two files of one camera continue each other."""
+    pages = [np.full((6, 8, 3), (10 * k, 0, 200), depth) for k in range(5)]
+    for name, shown in (("L0", pages[:3]), ("L1", pages[3:]), ("R", pages)):
+        assert cv2.imwritemulti(str(tmp_path / f"{name}.tif"), [page[..., ::-1] for page in shown])
+    frames = list(open_stereo_images([str(tmp_path / "L*.tif")], [str(tmp_path / "R.tif")], fps=10).numbered())
+    assert [number for number, _ in frames] == [*range(5)]
+    for k, frame in frames:
+        assert [tuple(image[0, 0]) for image in (frame.left, frame.right)] == [(10 * k, 0, 200)] * 2
+        assert frame.stamp_s == pytest.approx(0.1 * k)
+    (tmp_path / "times.txt").write_text("1\n2\n3\n4\n5.5\n")
+    times = read_times(tmp_path / "times.txt")
+    recording = open_stereo_images([str(tmp_path / "L*.tif")], [str(tmp_path / "R.tif")], times=times)
+    assert [left.stamp_s for left, _ in recording.pairs] == [1, 2, 3, 4, 5.5]
+    with pytest.raises(InputError, match=r"is a stack without stamps; expected --fps, --times"):
+        open_stereo_images([str(tmp_path / "L*.tif")], [str(tmp_path / "R.tif")])
+    assert len(open_frames(tmp_path)) == 10
+
+
+def test_that_an_orientation_is_ignored_is_said(tmp_path):
+    for side in "LR":
+        image = PIL.Image.new("RGB", (8, 6))
+        exif = image.getexif()
+        exif[274] = 6 if side == "L" else 1
+        image.save(tmp_path / f"{side}1.jpg", exif=exif)
+    recording = open_stereo_images([str(tmp_path / "L1.jpg")], [str(tmp_path / "R1.jpg")], fps=10)
+    assert recording.notes == (f"{tmp_path / 'L1.jpg'}: its orientation (EXIF) is ignored: images are as recorded",)
+    assert recording.image_size == (8, 6)
+    assert open_stereo_images([str(tmp_path / "R1.jpg")], [str(tmp_path / "L1.jpg")], fps=10).notes == ()
 
 
 def test_a_folder_of_frames_in_natural_order(tmp_path):

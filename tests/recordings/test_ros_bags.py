@@ -245,3 +245,35 @@ def test_damaged_bags_are_read_or_refused(tmp_path, kind):
             ends.add("refused" if kind in str(error) else str(error))
     assert "refused" in ends
     assert all(end == "refused" or isinstance(end, int) for end in ends)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_sixteen_bits_keep_the_highest_in_use(tmp_path, order):
+    """A camera of 12 bits; its pixels in either order of bytes."""
+    levels = np.random.default_rng(3).integers(0, 4096, (N, SIZE[1], SIZE[0], 1), dtype=np.uint16)
+    with writing(tmp_path, "ros2") as bag:
+        for side in ("left", "right"):
+            for k in range(N):
+                bag.write(
+                    f"/{side}/image", bag.image(levels[k].astype(f"{order}u2"), "mono16", stamp(0, k)), stamp(0, k)
+                )
+    for k, frame in enumerate(open_recording(bag.path)):
+        np.testing.assert_array_equal(frame.left, np.repeat(levels[k] >> 4, 3, axis=2).astype(np.uint8))
+
+
+@pytest.mark.parametrize(("encoding", "luma"), [("yuv422", 1), ("yuv422_yuy2", 0)])
+def test_pixels_that_share_their_colour(tmp_path, encoding, luma):
+    """By ITU-R BT.601: Y 81, U 90, V 240 is red, Y 145, U 54, V 34 green."""
+    pixels = np.empty((SIZE[1], SIZE[0], 2), np.uint8)
+    pixels[..., luma] = 81
+    pixels[:, ::2, 1 - luma] = 90
+    pixels[:, 1::2, 1 - luma] = 240
+    pixels[: SIZE[1] // 2, :, luma] = 145
+    pixels[: SIZE[1] // 2, ::2, 1 - luma] = 54
+    pixels[: SIZE[1] // 2, 1::2, 1 - luma] = 34
+    with writing(tmp_path, "ros1.bag") as bag:
+        for side in ("left", "right"):
+            bag.write(f"/{side}/image", bag.image(pixels, encoding, stamp(0, 0)), START_S)
+    (frame,) = open_recording(bag.path)
+    np.testing.assert_allclose(frame.left[-1, 0].astype(float), (255, 0, 0), atol=4)
+    np.testing.assert_allclose(frame.left[0, 0].astype(float), (0, 255, 0), atol=4)

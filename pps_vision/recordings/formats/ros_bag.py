@@ -16,13 +16,13 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.calibration_files import Matrices, ros_matrices
 from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.formats.yarp import with_joints
-from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode_bytes
+from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, Pixels, decode_bytes
 from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_size
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import cameras_of
 from pps_vision.recordings.tables import read_joint_offsets
 from pps_vision.recordings.warnings import Problem
-from pps_vision.types import Array, Image
+from pps_vision.types import Array
 
 if TYPE_CHECKING:
     from pps_vision.robot.robot_setup import RobotSetup
@@ -32,17 +32,17 @@ TAKES_TOPICS = True  # as `left` and `right`
 HAS_STAMPS = True
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _CONVERSIONS = {  # of ROS's encodings to RGB, and their channels; OpenCV names Bayer patterns by another pixel
-    "rgb8": (None, 3),
-    "bgr8": (cv2.COLOR_BGR2RGB, 3),
-    "8UC3": (cv2.COLOR_BGR2RGB, 3),
+    **dict.fromkeys(("rgb8", "rgb16"), (None, 3)),
+    **dict.fromkeys(("bgr8", "8UC3", "bgr16", "16UC3"), (cv2.COLOR_BGR2RGB, 3)),
     "rgba8": (cv2.COLOR_RGBA2RGB, 4),
     "bgra8": (cv2.COLOR_BGRA2RGB, 4),
-    "mono8": (cv2.COLOR_GRAY2RGB, 1),
-    "8UC1": (cv2.COLOR_GRAY2RGB, 1),
-    "bayer_rggb8": (cv2.COLOR_BayerBG2RGB, 1),
-    "bayer_bggr8": (cv2.COLOR_BayerRG2RGB, 1),
-    "bayer_gbrg8": (cv2.COLOR_BayerGR2RGB, 1),
-    "bayer_grbg8": (cv2.COLOR_BayerGB2RGB, 1),
+    **dict.fromkeys(("mono8", "8UC1", "mono16", "16UC1"), (cv2.COLOR_GRAY2RGB, 1)),
+    **{f"bayer_rggb{bits}": (cv2.COLOR_BayerBG2RGB, 1) for bits in (8, 16)},
+    **{f"bayer_bggr{bits}": (cv2.COLOR_BayerRG2RGB, 1) for bits in (8, 16)},
+    **{f"bayer_gbrg{bits}": (cv2.COLOR_BayerGR2RGB, 1) for bits in (8, 16)},
+    **{f"bayer_grbg{bits}": (cv2.COLOR_BayerGB2RGB, 1) for bits in (8, 16)},
+    **dict.fromkeys(("yuv422", "uyvy"), (cv2.COLOR_YUV2RGB_UYVY, 2)),
+    **dict.fromkeys(("yuv422_yuy2", "yuyv"), (cv2.COLOR_YUV2RGB_YUYV, 2)),
 }
 
 
@@ -229,8 +229,8 @@ class BagImage(ImageFile):
         """What reports call it."""
         return f"{self.messages.connection.topic} {self.index}"
 
-    def load(self) -> Image | str:
-        """The image as RGB uint8, or the reason why there is none."""
+    def load(self) -> Pixels | str:
+        """The image as RGB, or the reason why there is none."""
         try:
             with self.messages.bag.reading():
                 message = self.messages.message(self.index)
@@ -245,17 +245,20 @@ def _stamp_s(data: bytes) -> float:
     return float(seconds + 1e-9 * nanoseconds)
 
 
-def _pixels(message: Any) -> Image | str:
+def _pixels(message: Any) -> Pixels | str:
     """The pixels of sensor_msgs/Image."""
     if message.encoding not in _CONVERSIONS:
         return f"has the encoding {message.encoding!r}; expected one of {', '.join(_CONVERSIONS)}"
     conversion, channels = _CONVERSIONS[message.encoding]
+    depth = np.dtype(np.uint16 if "16" in message.encoding else np.uint8)
     height = int(message.height)
     width = int(message.width)
     step = int(message.step)
     data = np.asarray(message.data, dtype=np.uint8)
-    if not (0 < height * width <= MOST_PIXELS and step >= width * channels and data.size >= height * step):
+    row = width * channels * depth.itemsize
+    if not (0 < height * width <= MOST_PIXELS and step >= row and data.size >= height * step):
         return f"states {width}×{height} pixels, {step} bytes a row, and holds {data.size} bytes"
-    rows = data[: height * step].reshape(height, step)[:, : width * channels]
-    image = np.ascontiguousarray(rows.reshape(height, width, channels) if channels > 1 else rows)
-    return image if conversion is None else np.asarray(cv2.cvtColor(image, conversion), dtype=np.uint8)
+    rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
+    levels = rows.view(depth.newbyteorder(">" if message.is_bigendian else "<")).astype(depth)
+    image = levels.reshape(height, width, channels) if channels > 1 else levels
+    return np.asarray(image if conversion is None else cv2.cvtColor(image, conversion), dtype=depth)

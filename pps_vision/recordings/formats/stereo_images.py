@@ -10,7 +10,15 @@ from statistics import median_low
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings import MAX_SKEW_S
-from pps_vision.recordings.image_file import ImageFile, images_in, natural_order, number_in, stamp_in
+from pps_vision.recordings.image_file import (
+    ImageFile,
+    Page,
+    images_in,
+    images_of,
+    natural_order,
+    orientation_of,
+    stamp_in,
+)
 from pps_vision.recordings.recording import (
     Pair,
     Recording,
@@ -46,12 +54,26 @@ def open_source(source: Source) -> Recording:
 def with_calibration(
     recording: Recording, calib: Sequence[Path], source: Source, kitti: tuple[int, int] = (0, 1)
 ) -> Recording:
-    """The recording with the cameras of a calibration, if one is given; a warning where it is for another size."""
+    """The recording with the cameras of a calibration, if one is given; a warning where it is for another size.
+
+    Where the files' pixels are not square, the calibration is for their images or for the same with square pixels.
+    """
     if not calib:
         return recording
-    warnings = list(recording.warnings)
-    cameras = read_stereo_calibration(calib, recording.image_size, source.unit_m, kitti, warnings)
-    return replace(recording, rig=StereoRig.fixed(*cameras), warnings=tuple(warnings))
+    width, height = recording.image_size
+    square = round(width * recording.pixel_aspect), height
+    sizes = [square, (width, height)] if source.squeezed else list(dict.fromkeys([(width, height), square]))
+    errors: list[InputError] = []
+    for size in sizes:
+        warnings = list(recording.warnings)
+        try:
+            left, right, T_left_right = read_stereo_calibration(calib, size, source.unit_m, kitti, warnings)
+        except InputError as error:
+            errors.append(error)
+            continue
+        rig = StereoRig.fixed(left.stretched(width), right.stretched(width), T_left_right)
+        return replace(recording, rig=rig, warnings=tuple(warnings))
+    raise errors[0]
 
 
 def refuse_robot_options(source: Source) -> None:
@@ -91,50 +113,57 @@ def open_stereo_images(
     """
     problems: list[Problem] = []
     name = _briefly(left_globs)
+    left, right = (images_of(matched(patterns)) for patterns in (left_globs, right_globs))
     if fps is None:
-        sides = [_stamped(_matched(patterns), times, problems) for patterns in (left_globs, right_globs)]
+        sides = [_stamped(images, times, problems) for images in (left, right)]
         pairs = pair_by_stamp(sides[0], sides[1], max_skew_s, problems)
         warnings = tuple[str, ...]()
     else:
-        pairs = _by_frame(left_globs, right_globs, fps, problems)
-        stamps_s = [stamp_in(left.path) for left, _ in pairs]
+        pairs = _by_frame(left, right, fps, problems)
+        stamps_s = [stamp_in(image.path) for image, _ in pairs]
         warnings = replaced_rate(fps, sorted(filter(None, stamps_s))) if None not in stamps_s else ()
-    return Recording(name, pairs, usual_size(name, pairs, problems), problems, warnings=warnings)
+    turned = orientation_of(left[0].path) != 1
+    notes = (f"{left[0].path}: its orientation (EXIF) is ignored: images are as recorded",) if turned else ()
+    size = usual_size(name, pairs, problems)
+    return Recording(name, pairs, size, problems, warnings=warnings, notes=notes)
 
 
-def _stamped(paths: Sequence[Path], times: Times | None, problems: list[Problem]) -> list[ImageFile]:
+def _stamped(images: list[ImageFile], times: Times | None, problems: list[Problem]) -> list[ImageFile]:
     """Images in the order of their stamps."""
     if times:
-        return distinct_stamps(times.stamp([ImageFile(path, 0.0) for path in paths], problems), problems)
-    stamps = {path: stamp_in(path) for path in paths}
-    if unstamped := [path for path, stamp_s in stamps.items() if stamp_s is None]:
-        expected = "--fps, --times, or stamps as names: s with a point, or 13 (ms), 16 (µs), 19 (ns) digits"
-        raise InputError(unstamped[0], f"its name is no stamp; expected {expected}")
-    return distinct_stamps([ImageFile(path, s) for path, s in stamps.items() if s is not None], problems)
+        return distinct_stamps(times.stamp(images, problems), problems)
+    stamped = []
+    for image in images:
+        if (stamp_s := stamp_in(image.path)) is None or isinstance(image, Page):
+            names = "s with a point, 13 (ms), 16 (µs) or 19 (ns) digits, or a time of day with milliseconds"
+            reason = "is a stack without stamps" if isinstance(image, Page) else "its name is no stamp"
+            raise InputError(image.path, f"{reason}; expected --fps, --times, or stamps as names: {names}")
+        stamped.append(replace(image, stamp_s=stamp_s))
+    return distinct_stamps(stamped, problems)
 
 
 def _by_frame(
-    left_globs: Sequence[str], right_globs: Sequence[str], fps: float, problems: list[Problem]
+    left_images: Sequence[ImageFile], right_images: Sequence[ImageFile], fps: float, problems: list[Problem]
 ) -> tuple[Pair, ...]:
     """Pairs of one number at a constant rate."""
     if not 0 < fps < float("inf"):
         raise InputError("recording", f"fps {fps}; expected a positive number of frames a second")
-    left, right = (_by_number(_matched(patterns), problems) for patterns in (left_globs, right_globs))
+    left, right = (_by_number(images, problems) for images in (left_images, right_images))
     numbers = sorted(left | right)
     step = median_low([b - a for a, b in pairwise(numbers)] or [1])
 
-    def files(paths: dict[int, Path]) -> list[ImageFile]:
-        return [ImageFile(paths[n], (n - numbers[0]) / step / fps) for n in sorted(paths)]
+    def files(images: dict[int, ImageFile]) -> list[ImageFile]:
+        return [replace(images[n], stamp_s=(n - numbers[0]) / step / fps) for n in sorted(images)]
 
     for mine, others, which in ((left, right, "right"), (right, left, "left")):
         paired = {place for place, n in enumerate(sorted(mine)) if n in others}
         note_unpaired(files(mine), paired, f"{which} image of the same number, by which --fps pairs", problems)
     common = left.keys() & right.keys()
-    columns = [files({n: paths[n] for n in common}) for paths in (left, right)]
+    columns = [files({n: images[n] for n in common}) for images in (left, right)]
     return tuple(zip(*columns, strict=True))
 
 
-def _matched(patterns: Sequence[str]) -> list[Path]:
+def matched(patterns: Sequence[str]) -> list[Path]:
     """The files that patterns, folders or names (where the shell expanded them) stand for, in natural order."""
     matched: dict[Path, Path] = {}
     for pattern in patterns:
@@ -147,18 +176,18 @@ def _matched(patterns: Sequence[str]) -> list[Path]:
     return sorted(paths, key=natural_order)
 
 
-def _by_number(paths: Sequence[Path], problems: list[Problem]) -> dict[int, Path]:
-    """The files by their number; one without a number is noted."""
-    numbered: dict[int, Path] = {}
-    for path in paths:
-        number = number_in(path)
-        if number is None:
+def _by_number(images: Sequence[ImageFile], problems: list[Problem]) -> dict[int, ImageFile]:
+    """The images by their number; one without a number is noted."""
+    numbered: dict[int, ImageFile] = {}
+    for image in images:
+        if (number := image.number) is None:
             reason = "no number in its name; expected one to pair it by"
-            problems.append(Problem(ProblemKind.UNPAIRED, path, None, reason))
+            problems.append(Problem(ProblemKind.UNPAIRED, image.path, None, reason))
         elif number in numbered:
-            raise InputError(path, f"number {number} again; expected each once, and {numbered[number]} has it")
+            first = numbered[number].path
+            raise InputError(image.path, f"number {number} again; expected each once, and {first} has it")
         else:
-            numbered[number] = path
+            numbered[number] = image
     return numbered
 
 

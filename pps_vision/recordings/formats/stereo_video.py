@@ -1,19 +1,20 @@
 """Two videos of a stereo camera, or one with both images side by side."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import check_options, with_calibration
+from pps_vision.recordings.formats.stereo_images import check_options, matched, with_calibration
+from pps_vision.recordings.image_file import ImageFile, halves
 from pps_vision.recordings.recording import Recording, pair_by_stamp, read_times, replaced_rate, usual_size
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
-from pps_vision.recordings.video import VideoFrame, is_video, open_halves, open_video
+from pps_vision.recordings.video import VideoFrame, is_video, open_video
 from pps_vision.recordings.warnings import Problem
 
-FORMAT = "two videos by --left and --right, or one with both images side by side"
+FORMAT = "videos by --left and --right, or one with both images (--layout)"
 _MORE = 2  # frames by which cameras that are stopped one after the other may differ
 
 
@@ -28,27 +29,53 @@ def open_source(source: Source) -> Recording:
     """Open the videos, their frames paired by stamp; InputError if they or the calibration cannot be used."""
     check_options(source)
     times = read_times(source.times) if source.times else None
+    names = [(str(source.folder),)] if source.folder else [source.left, source.right]
+    sides = [open_video(matched(side), source.fps, times, not source.no_rotate, by_field=True) for side in names]
+    left: Sequence[ImageFile] = sides[0]
+    right: Sequence[ImageFile] = sides[-1]
+    video = sides[0][0].video
+    aspect = video.pixel_aspect
     if source.folder is not None:
-        name = str(source.folder)
-        (left, right) = open_halves(source.folder, source.fps, times)
-    else:
-        if not (len(source.left) == len(source.right) == 1):
-            raise InputError("recording", "expected one left and one right video")
-        name = source.left[0]
-        left, right = (open_video(Path(side[0]), source.fps, times) for side in (source.left, source.right))
+        left, right = halves(sides[0], source.layout)
+        is_beside = source.layout in ("lr", "rl")
+        side_px = video.image_size[0 if is_beside else 1]
+        if side_px % 2:
+            shape = f"is {side_px} pixels {'wide' if is_beside else 'high'}"
+            raise InputError(source.folder, f"{shape}; expected two halves of one size (--layout)")
+        if source.squeezed:
+            aspect *= 2.0 if is_beside else 0.5
     problems: list[Problem] = []
-    warnings = list(_ends_early(left, right, source.max_skew_s))
-    video = left[0].video
+    warnings = list(_ends_early(sides[0], sides[-1], source.max_skew_s))
     if source.fps and video.has_stamps:
         warnings += replaced_rate(source.fps, [video.time_base_s * pts for pts in video.pts])
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
-    size = usual_size(name, pairs, problems)
+    size = usual_size(names[0][0], pairs, problems)
+    notes = tuple(dict.fromkeys(note for side in sides for note in _notes(side[0])))
+    recording = Recording(
+        names[0][0], pairs, size, problems, warnings=tuple(warnings), notes=notes, pixel_aspect=aspect
+    )
     try:
-        return with_calibration(Recording(name, pairs, size, problems, warnings=tuple(warnings)), source.calib, source)
-    except InputError:
+        return with_calibration(recording, source.calib, source)
+    except InputError as error:
         if source.folder is not None:
-            _refuse_one_camera(source, (2 * size[0], size[1]))
+            _refuse_one_camera(source, video.image_size)
+        if video.turns:
+            source_file, message, line = error.args
+            turned = f"{video.path} is turned as its header says; --no-rotate takes it as it was recorded"
+            raise InputError(source_file, f"{message}; {turned}", line) from error
         raise
+
+
+def _notes(frame: VideoFrame) -> Iterator[str]:
+    """How a video's frames are read."""
+    video = frame.video
+    if video.turns:
+        degrees = {1: "90° anticlockwise", 2: "180°", 3: "90° clockwise"}[video.turns]
+        yield f"{video.path}: images are turned by {degrees}, as its header says (--no-rotate: as recorded)"
+    if frame.fields == 2:
+        yield f"{video.path}: interlaced; each frame is read as two fields, the second half an interval later"
+    if video.pixel_aspect != 1:
+        yield f"{video.path}: pixels are {video.pixel_aspect:.4g} times as wide as high by its header"
 
 
 def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
@@ -58,7 +85,7 @@ def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
     except InputError:
         return
     reason = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
-    expected = "both images side by side, or two videos by --left and --right"
+    expected = "both images side by side, or two videos by --left and --right; --squeezed if each half is a whole image"
     raise InputError(str(source.folder), f"{reason}; expected {expected}")
 
 
@@ -71,7 +98,7 @@ def _ends_early(left: list[VideoFrame], right: list[VideoFrame], max_skew_s: flo
         yield f"{_ended(short)}; {long[0].path} has {more} more"
         return
     for side in {frames[0].path: frames for frames in (left, right)}.values():
-        video = side[0].video
+        video = side[-1].video
         end_s = video.time_base_s * video.pts[-1] if video.has_stamps else np.inf
         if video.stated_s > end_s * (1 + (1 + _MORE) / len(side)):
             yield f"{_ended(side)}; its header states {video.stated_s:.2f} s"
