@@ -207,7 +207,7 @@ class Acquisition:
                 whole = _completed(camera.image, whole, self._optics[eye], foreground)
                 candidates.append(whole)
             is_ragged = whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < masks.SOLID
-            if is_ragged and not (whole and whole.is_part):
+            if is_ragged and not (whole and whole.by_color):
                 candidates += vivid_parts(camera.image, region, self._optics[eye], foreground)
         if eye == 0 and not background.rests(camera.view):  # flow confirms that a colour region moves by itself
             candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]

@@ -184,7 +184,10 @@ class ImageTracker:
             among_changed = np.take(2 * share(target.model.object, target.rivals) - 1, bins)
             unchanged = np.take(np.float32(target.model.object / target.model.object.max()) - 1, bins)
             inside = np.where(is_changed, np.maximum(among_changed, _RIVAL), unchanged)
-            likelihoods.append((changed if segmented_by == "foreground" else colors * is_changed, None))
+            if segmented_by == "foreground":
+                likelihoods.append((changed, None))
+            else:
+                likelihoods.append((colors * is_changed, ~is_changed & target.model.backdrop()[bins]))
         camera = self.optics.camera
         smooth = np.asarray(cv2.blur(np.asarray(inside, np.float32), (3, 3)), np.float32)
         evidence = Evidence(smooth, (roi[0], roi[1]), (camera.width, camera.height))
@@ -300,15 +303,14 @@ class ImageTracker:
         """Mask of the object near `center`; None if it is too small, or another object touches it.
 
         The mask is cut off beyond the expected outline, and parts that are much thinner than the object are removed by
-        opening (background of the object's colour that touches it), unless they are much of the mask. Holes are filled.
-        Without a `backdrop` (the likelihood is a foreground mask) wider gaps are closed, where object and background
-        have the same colour.
+        opening (background of the object's colour that touches it), unless they are much of the mask. Gaps and holes
+        are filled, as object and background may have the same colour there, except with `backdrop`.
         """
         w, h = target.box
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
         if target.size >= 12:
-            gap = 1 if backdrop is not None else max(int(_GAP * target.size), 1)
-            hard = masks.closed(hard, masks.square(gap))
+            wide = masks.closed(hard, masks.square(max(int(_GAP * target.size), 1)))
+            hard = wide if backdrop is None else masks.closed(hard, masks.square(1)) | (wide & ~backdrop)
         component = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
         if component is None:
             return None

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -122,26 +123,44 @@ def test_the_sides_of_its_box_follow_by_three_tenths_an_image(scene):
     np.testing.assert_allclose(center, (149.5, 109.5), atol=0.1)
 
 
-def test_a_hoop_has_a_hole_where_its_background_shows(scene):
-    """By colours; in front of a known background holes are the object's."""
+@pytest.mark.parametrize("is_background_known", [False, True])
+def test_a_hoop_has_a_hole_where_its_background_shows(is_background_known, scene):
     hoop = scene.discs((150, 110, 25))
     hoop[np.hypot(U - 150, V - 110) < 15] = 120
-    for differs, inner in ((None, 15), (_is_blue, 0)):
-        scene.start(hoop, (125, 85, 51, 51))
-        area_px = np.pi * (25**2 - inner**2)
-        scene.target = replace(scene.target, angle_rad=angle_of(2 * np.sqrt(area_px / np.pi)))
-        scene.target = replace(scene.target, shape=(51 / scene.target.angle_rad,) * 2)
-        assert scene.step(hoop, 150, 110, differs=differs).outline.area_px == pytest.approx(area_px, rel=0.05)
+    scene.start(scene.discs((150, 110, 25)), (125, 85, 51, 51))
+    area_px = np.pi * (25**2 - 15**2)
+    angle_rad = angle_of(2 * np.sqrt(area_px / np.pi))
+    scene.target = replace(scene.target, angle_rad=angle_rad, shape=(51 / angle_rad, 51 / angle_rad))
+    detection = scene.step(hoop, 150, 110, differs=_is_blue if is_background_known else None)
+    assert detection.outline.area_px == pytest.approx(area_px, rel=0.05)
 
 
 def test_a_gap_of_a_twentieth_of_an_object_before_its_own_colour_is_closed(scene):
-    """A disc of 40 px that a bar of the background's colour crosses, 7 px wide; a wider bar parts it."""
+    """A disc of 40 px before a bar of its own colour, 7 px wide; a wider bar parts it."""
     image = scene.discs((150, 110, 40))
     for width, is_whole in ((7, True), (12, False)):
-        parted = image.copy()
-        parted[:, 155 : 155 + width] = 120
         scene.start(image, (110, 70, 81, 81))
-        assert (scene.step(parted, 150, 110, differs=_is_blue) is not None) == is_whole
+        detection = scene.step(image, 150, 110, differs=partial(_is_blue_beside, width))
+        assert (detection is not None) == is_whole
+
+
+def _is_blue_beside(width: int, image: Image, box: Box) -> Mask:
+    differs = _is_blue(image, box).copy()
+    differs[:, 155 - box[0] : 155 - box[0] + width] = False
+    return differs
+
+
+def test_background_between_its_arms_is_no_part_of_an_object(scene):
+    """Twelve arms around a disc, with gaps of up to a ninth of its size."""
+    angle = np.arctan2(V - 110, U - 150)
+    radius = np.hypot(U - 150, V - 110)
+    star = (radius < 25) | ((radius < 40) & (np.abs((12 * angle / (2 * np.pi)) % 1 - 0.5) < 0.25))
+    image = scene.discs()
+    image[star] = BLUE
+    scene.start(scene.discs((150, 110, 40)), (110, 70, 81, 81))
+    scene.target = replace(scene.target, angle_rad=angle_of(2 * np.sqrt(np.count_nonzero(star) / np.pi)))
+    detection = scene.step(image, 150, 110, differs=_is_blue)
+    assert detection.outline.area_px == pytest.approx(np.count_nonzero(star), rel=0.03)
 
 
 @pytest.mark.parametrize(("radius", "is_whole"), [(6, True), (14, False)])
