@@ -1,4 +1,4 @@
-"""Cameras: pinhole with OpenCV's lens distortion, a camera at a pose, a stereo pair, a stereo rig.
+"""Cameras: OpenCV's pinhole and fisheye lenses, a camera at a pose, a stereo pair, a stereo rig.
 
 `Camera` takes points in camera coordinates, `View` in the root frame.  Both project with the same compiled code:
 
@@ -15,6 +15,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.compiled import Lens, Linearised, Pose, Vector, projected, projected_from, projected_points
@@ -24,12 +25,21 @@ from pps_vision.types import Array, Image, StereoFrame
 _GRID = 17  # pixels a side at which `is_usable` tests a lens
 _INVERTED_PX = 1.0  # largest error of distorting an undistorted pixel
 _NARROWEST_RAD = 0.01  # smallest field of view of a camera
+_COEFFICIENTS = (5, 8, 12, 14)  # of OpenCV's models of a lens
+_FISHEYE_COEFFICIENTS = (4,)
+_FISHEYE_TESTED_RAD = np.deg2rad(80.0)  # from the axis, beyond which points are too far aside to be followed
+_FISHEYE_ITERATIONS = 20
+_FLAT = 1e-6  # smallest slope that Newton's method divides by
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics: focal lengths and principal point in pixels, distortion (k1, k2, p1, p2, k3)."""
+    """Intrinsics: focal lengths and principal point in pixels, and the lens.
+
+    `distortion`: OpenCV's 5, 8, 12 or 14 coefficients k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, τx, τy (radial,
+    tangential, rational, thin prism, tilted sensor); with `fisheye` its 4 of that model, k1 to k4.
+    """
 
     width: int
     height: int
@@ -37,9 +47,15 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    fisheye: bool = False
 
     def __post_init__(self) -> None:
+        lengths = _FISHEYE_COEFFICIENTS if self.fisheye else _COEFFICIENTS
+        if len(self.distortion) not in lengths:
+            raise ValueError(
+                f"{len(self.distortion)} distortion coefficients: expected {' or '.join(map(str, lengths))}"
+            )
         if not (self.fx > 0 and self.fy > 0 and self.width > 0 and self.height > 0):
             numbers = f"camera {self.width}×{self.height}, focal lengths {self.fx}, {self.fy}"
             raise ValueError(f"{numbers}: expected positive numbers")
@@ -51,23 +67,45 @@ class Camera:
 
     @cached_property
     def lens(self) -> Array:
-        """(5,) distortion, as OpenCV takes it."""
+        """(n,) distortion, as OpenCV takes it."""
         return np.array(self.distortion)
 
     @cached_property
     def numbers(self) -> Lens:
         """Intrinsics, distortion and `_r2_max` in plain floats, as the compiled functions take them."""
-        k1, k2, p1, p2, k3 = map(float, self.distortion)
-        return float(self.fx), float(self.fy), float(self.cx), float(self.cy), k1, k2, p1, p2, k3, self._r2_max
+        focal = float(self.fx), float(self.fy), float(self.cx), float(self.cy)
+        if self.fisheye:
+            k1, k2, k3, k4 = map(float, self.distortion)
+            return (*focal, k1, k2, 0.0, 0.0, k3, self._r2_max, k4, *[0.0] * 8, 1.0)
+        coefficients = (*focal, *map(float, self.distortion[:5]), self._r2_max)
+        if len(self.distortion) == _COEFFICIENTS[0]:
+            return coefficients
+        return (*coefficients, *map(float, self.distortion[5:]), *[0.0] * (15 - len(self.distortion)))
 
     @cached_property
     def _r2_max(self) -> float:
-        """Squared normalised radius up to which the distortion is one-to-one: the smallest positive root of
-        d(r·radial(r²))/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶."""
-        k1, k2, _, _, k3 = self.distortion
-        roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
-        real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real
-        return float(real.min()) if real.size else np.inf
+        """Squared normalised radius up to which the radial distortion is one-to-one: the smallest positive root of the
+        derivative by r of r·(1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶), or the pole before it."""
+        if self.fisheye:
+            angle2_max = _smallest_root(
+                Polynomial([1.0, *(n * k for n, k in zip((3, 5, 7, 9), self.distortion, strict=True))])
+            )
+            return float(np.tan(np.sqrt(angle2_max)) ** 2) if angle2_max < (np.pi / 2) ** 2 else np.inf
+        k1, k2, _, _, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
+        above, below = Polynomial([1.0, k1, k2, k3]), Polynomial([1.0, k4, k5, k6])
+        r2 = Polynomial([0.0, 2.0])
+        slope = (above + r2 * above.deriv()) * below - r2 * above * below.deriv()
+        return min(_smallest_root(slope), _smallest_root(below))
+
+    @cached_property
+    def _image_radius(self) -> Polynomial:
+        """Distance from the image's centre of a point at an angle from a fisheye's axis, in focal lengths."""
+        return Polynomial(np.insert([1.0, *self.distortion], range(5), 0.0))
+
+    @cached_property
+    def _largest_angle(self) -> float:
+        """Angle from a fisheye's axis at which its image folds back, at most π."""
+        return float(min(_smallest_root(Polynomial(self._image_radius.deriv().coef[::2])) ** 0.5, np.pi))
 
     def project(self, points: ArrayLike) -> Array:
         """Pixels (…, 2) of points (…, 3) in camera coordinates; NaN where they cannot be seen
@@ -83,10 +121,27 @@ class Camera:
         """Unit viewing directions (…, 3) in camera coordinates of pixels (…, 2)."""
         px = np.asarray(pixels, dtype=float)
         flat = px.reshape(-1, 1, 2)
-        xy = cv2.undistortPointsIter(flat, self.K, self.lens, np.eye(3), np.eye(3), _UNDISTORT)
-        rays = np.concatenate([xy.reshape(-1, 2), np.ones((len(flat), 1))], axis=1)
-        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        if self.fisheye:
+            rays = self._fisheye_bearings(flat[:, 0])
+        else:
+            xy = cv2.undistortPointsIter(flat, self.K, self.lens, np.eye(3), np.eye(3), _UNDISTORT)
+            rays = np.concatenate([xy.reshape(-1, 2), np.ones((len(flat), 1))], axis=1)
+            rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays.reshape(*px.shape[:-1], 3)
+
+    def _fisheye_bearings(self, pixels: Array) -> Array:
+        """Unit viewing directions (n, 3) of pixels (n, 2) at the angle θ from the axis where
+        |x| = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸), by Newton's method; beyond the lens's largest angle at that one."""
+        x = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        radius = np.hypot(x[:, 0], x[:, 1])
+        image_radius = self._image_radius
+        slope = image_radius.deriv()
+        angle = np.minimum(radius, self._largest_angle)
+        for _ in range(_FISHEYE_ITERATIONS):
+            step = (image_radius(angle) - radius) / np.maximum(slope(angle), _FLAT)
+            angle = np.clip(angle - step, 0.0, self._largest_angle)
+        aside = np.sin(angle) / np.where(radius > 0, radius, 1.0)
+        return np.column_stack([x * aside[:, None], np.cos(angle)])
 
     def bearing_map(self, top: int = 0, bottom: int | None = None) -> Array:
         """(n, width, 3) viewing direction of every pixel centre of the rows from `top` to `bottom`, by default all."""
@@ -99,13 +154,18 @@ class Camera:
 
     def is_usable(self) -> bool:
         """Whether, all over the image, a pixel's bearing projects back to it (within 1 px) and bearings
-        differ from each other, as they cannot with absurd intrinsics or a distortion that folds back."""
+        differ from each other, as they cannot with absurd intrinsics or a distortion that folds back.  Of a fisheye
+        lens, whose image may be a disc, the pixels within 80° of the axis count, if they are at least half of all."""
         grid = np.meshgrid(np.linspace(0, self.width - 1, _GRID), np.linspace(0, self.height - 1, _GRID))
         pixels = np.stack(grid, axis=-1)
         try:
             with np.errstate(all="ignore"):  # absurd numbers overflow
                 rays = self.bearings(pixels)
-                error_px = np.abs(self.project(rays) - pixels).max()
+                errors_px = np.abs(self.project(rays) - pixels).max(axis=-1)
+                is_tested = (
+                    rays[..., 2] > np.cos(_FISHEYE_TESTED_RAD) if self.fisheye else np.full(errors_px.shape, True)
+                )
+                error_px = errors_px[is_tested].max() if np.mean(is_tested) >= 0.5 else np.inf
                 across_rad, down_rad = np.linalg.norm([rays[0, -1] - rays[0, 0], rays[-1, 0] - rays[0, 0]], axis=1)
         except np.linalg.LinAlgError:  # coefficients beyond any number
             return False
@@ -115,7 +175,8 @@ class Camera:
         """The same camera with pixels `k` times as large: the first covers the `k` × `k` at the top left."""
         cx = (self.cx + 0.5) / k - 0.5
         cy = (self.cy + 0.5) / k - 0.5
-        return Camera(self.width // k, self.height // k, self.fx / k, self.fy / k, cx, cy, self.distortion)
+        width, height = self.width // k, self.height // k
+        return replace(self, width=width, height=height, fx=self.fx / k, fy=self.fy / k, cx=cx, cy=cy)
 
     def stretched(self, width: int) -> "Camera":
         """The same camera with another number of columns."""
@@ -132,6 +193,13 @@ class Camera:
         u, v = pixel
         m = margin_px - 0.5
         return bool(m <= u <= self.width - 1 - m and m <= v <= self.height - 1 - m)
+
+
+def _smallest_root(polynomial: Polynomial) -> float:
+    """The smallest positive real root, infinity where there is none."""
+    roots = polynomial.trim().roots()
+    real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real
+    return float(real.min()) if real.size else np.inf
 
 
 def reduced_image(image: Image, k: int) -> Image:

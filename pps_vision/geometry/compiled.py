@@ -15,8 +15,10 @@ Point = tuple[float, float]
 Vector = tuple[float, float, float]
 Symmetric = tuple[float, float, float, float, float, float]  # upper half of a matrix (3, 3), row by row
 Pull = tuple[float, float, float, float, float, float, float, float]
-Lens = tuple[float, float, float, float, float, float, float, float, float, float]
-"""fx, fy, cx, cy px; k1, k2, p1, p2, k3 as OpenCV's; the squared radius (of x = X/Z, y = Y/Z) where it folds back."""
+Lens = tuple[float, ...]
+"""fx, fy, cx, cy px; k1, k2, p1, p2, k3 as OpenCV's; the squared radius (of x = X/Z, y = Y/Z) where it folds back.
+With 20 numbers also k4, k5, k6, s1, s2, s3, s4, τx, τy, and 1 for a fisheye (its k3, k4 in their places) or 0.  The
+short form is compiled for itself: the usual lens pays nothing for the others."""
 Pose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """The first three rows of `T_root_camera`."""
 Linearised = tuple[float, float, Vector, Vector]  # a pixel u, v, and the gradients of u and v by the point (px/m)
@@ -27,21 +29,70 @@ _ITERATIONS = 20  # of Kanatani's correction: 2 are usual, a strong lens takes m
 _CONVERGED_RAD = 1e-5  # of one iteration; convergence is quadratic, so about 1e-11 is left
 PARALLEL = 1e-10  # squared sine of the angle between rays that count as parallel
 _UNDISTORT_ITERATIONS = 5  # the correction above finishes the inversion
+_WIDEST_RAD = math.radians(89)
+SHORT = 10
+"""Numbers of a lens of 5 coefficients."""
 
 
 @njit(cache=True, error_model="numpy")
 def distorted(lens: Lens, x: float, y: float) -> tuple[float, float, float, float, float, float]:
     """Pixel u, v of a normalised point (X/Z, Y/Z), and ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y (px); no test of the fold."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3, _ = lens
+    fx, fy, cx, cy, p1, p2 = lens[0], lens[1], lens[2], lens[3], lens[6], lens[7]
     x2, xy, y2 = x * x, x * y, y * y
     r2 = x2 + y2
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # ∂radial/∂x = slope·x
+    radial, slope = _radial(lens, r2)  # ∂radial/∂x = slope·x
     across = slope * xy + 2 * (p1 * x + p2 * y)  # ∂(distorted y)/∂x, and of x by y
-    u = fx * (x * radial + 2 * p1 * xy + p2 * (r2 + 2 * x2)) + cx
-    v = fy * (y * radial + 2 * p2 * xy + p1 * (r2 + 2 * y2)) + cy
-    along_x, along_y = radial + slope * x2 + 2 * p1 * y + 6 * p2 * x, radial + slope * y2 + 6 * p1 * y + 2 * p2 * x
-    return u, v, fx * along_x, fx * across, fy * across, fy * along_y
+    u, v = x * radial + 2 * p1 * xy + p2 * (r2 + 2 * x2), y * radial + 2 * p2 * xy + p1 * (r2 + 2 * y2)
+    ux, uy = radial + slope * x2 + 2 * p1 * y + 6 * p2 * x, across
+    vx, vy = across, radial + slope * y2 + 6 * p1 * y + 2 * p2 * x
+    if len(lens) > SHORT:
+        s1, s2, s3, s4 = _at(lens, 13), _at(lens, 14), _at(lens, 15), _at(lens, 16)
+        u, v = u + r2 * (s1 + r2 * s2), v + r2 * (s3 + r2 * s4)
+        of_u, of_v = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
+        ux, uy, vx, vy = ux + of_u * x, uy + of_u * y, vx + of_v * x, vy + of_v * y
+        sin_x, cos_x, sin_y, cos_y = _tilt(lens)
+        w = 1 / (sin_y * u - cos_y * sin_x * v + cos_x * cos_y)  # rows (cos τx, 0, 0), (-sin τx sin τy, cos τy, 0), 1/w
+        u, v = w * cos_x * u, w * (cos_y * v - sin_x * sin_y * u)
+        a, b = w * (cos_x - u * sin_y), w * u * cos_y * sin_x
+        c, d = -w * sin_y * (sin_x + v), w * cos_y * (1 + v * sin_x)
+        ux, uy, vx, vy = a * ux + b * vx, a * uy + b * vy, c * ux + d * vx, c * uy + d * vy
+    return fx * u + cx, fy * v + cy, fx * ux, fx * uy, fy * vx, fy * vy
+
+
+@njit(cache=True, error_model="numpy")
+def _radial(lens: Lens, r2: float) -> Point:
+    """The factor by which a point at the squared radius `r2` moves outwards, and twice its derivative by `r2`."""
+    k1, k2, k3 = lens[4], lens[5], lens[8]
+    if len(lens) > SHORT and _at(lens, 19) == 1:
+        if r2 < 1e-16:
+            return 1.0, 0.0
+        r = math.sqrt(r2)
+        angle = math.atan(r)
+        a2, k4 = angle * angle, _at(lens, 10)
+        factor = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4)))) / r
+        by_r = (1 + a2 * (3 * k1 + a2 * (5 * k2 + a2 * (7 * k3 + a2 * 9 * k4)))) / (1 + r2)
+        return factor, (by_r - factor) / r2
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+    if len(lens) > SHORT:
+        k4, k5, k6 = _at(lens, 10), _at(lens, 11), _at(lens, 12)
+        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = radial / below
+        slope = (slope - radial * 2 * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+    return radial, slope
+
+
+@njit(cache=True, error_model="numpy")
+def _at(lens: Lens, index: int) -> float:
+    """A number that the short form lacks; by a variable, because the compiler would check a constant there too."""
+    return lens[index]
+
+
+@njit(cache=True, error_model="numpy")
+def _tilt(lens: Lens) -> tuple[float, float, float, float]:
+    """Sine and cosine of the angles τx and τy of a tilted sensor (Scheimpflug)."""
+    x, y = _at(lens, 17), _at(lens, 18)
+    return math.sin(x), math.cos(x), math.sin(y), math.cos(y)
 
 
 @njit(cache=True, error_model="numpy")
@@ -115,17 +166,43 @@ def triangulated(left: Sighting, right: Sighting) -> tuple[bool, Vector, Symmetr
 @njit(cache=True, error_model="numpy")
 def _undistorted(eye: Sighting) -> Point:
     """Approximate normalised point of the pixel, by fixed-point iteration."""
-    (fx, fy, cx, cy, k1, k2, p1, p2, k3, _), u, v = eye[1], eye[2], eye[3]
-    u, v = (u - cx) / fx, (v - cy) / fy
+    lens = eye[1]
+    p1, p2 = lens[6], lens[7]
+    u, v = (eye[2] - lens[2]) / lens[0], (eye[3] - lens[3]) / lens[1]
+    s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0
+    if len(lens) > SHORT:
+        if _at(lens, 19) == 1:
+            return _fisheye_undistorted(lens, u, v)
+        s1, s2, s3, s4 = _at(lens, 13), _at(lens, 14), _at(lens, 15), _at(lens, 16)
+        sin_x, cos_x, sin_y, cos_y = _tilt(lens)
+        u = u / cos_x
+        v = (v + sin_x * sin_y * u) / cos_y
+        w = cos_x * cos_y / (1 - sin_y * u + cos_y * sin_x * v)
+        u, v = w * u, w * v
     x, y = u, v
     for _ in range(_UNDISTORT_ITERATIONS):
         r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        radial = _radial(lens, r2)[0]
         x, y = (
-            (u - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / radial,
-            (v - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / radial,
+            (u - 2 * p1 * x * y - p2 * (r2 + 2 * x * x) - r2 * (s1 + r2 * s2)) / radial,
+            (v - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y - r2 * (s3 + r2 * s4)) / radial,
         )
     return x, y
+
+
+@njit(cache=True, error_model="numpy")
+def _fisheye_undistorted(lens: Lens, u: float, v: float) -> Point:
+    """The same of a fisheye lens, by Newton's method for the angle from the axis; at most 89° from it."""
+    k1, k2, k3, k4 = lens[4], lens[5], lens[8], _at(lens, 10)
+    radius = math.hypot(u, v)
+    angle = min(radius, _WIDEST_RAD)
+    for _ in range(2 * _UNDISTORT_ITERATIONS):
+        a2 = angle * angle
+        slope = 1 + a2 * (3 * k1 + a2 * (5 * k2 + a2 * (7 * k3 + a2 * 9 * k4)))
+        image_radius = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+        angle = min(max(angle - (image_radius - radius) / slope, 0.0), _WIDEST_RAD)
+    outwards = math.tan(angle) / radius if radius > 0 else 1.0
+    return outwards * u, outwards * v
 
 
 @njit(cache=True, error_model="numpy")

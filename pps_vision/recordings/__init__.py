@@ -3,6 +3,7 @@
 This module holds the names that a user chooses from; importing them loads no other module.
 """
 
+from dataclasses import dataclass
 from typing import Literal
 
 SUMMARY = "summary.json"
@@ -16,3 +17,25 @@ Form = Literal["tum", "anipose", "mot", "coco", "ros2"]
 them."""
 Layout = Literal["lr", "rl", "tb", "bt"]
 """Where an image shows the views of the left and the right camera: left to right, or top to bottom."""
+Lens = Literal["radtan", "fisheye"]
+"""Models of a lens: radial and tangential distortion (OpenCV's 4 to 14 coefficients), or OpenCV's fisheye (4)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationOptions:
+    """What a calibration does not say of itself."""
+
+    unit_m: float = 1.0
+    """Metres per length unit of the calibration (0.01 if its board was measured in cm); 1: as its form states, else
+    m."""
+    cameras: tuple[str, str] | None = None
+    """Left and right camera by their names in the calibration, where it has more than two."""
+    lens: Lens | None = None
+    """The lens model, where the calibration does not state it: radtan (cv2.calibrateCamera) or fisheye (cv2.fisheye).
+    """
+    crop: tuple[int, int] | None = None
+    """X Y: the images are cut out of those of the calibration; the pixel there that is their top-left one."""
+    scaled: bool = False
+    """The images are those of the calibration at another resolution."""
+    rectified: bool = False
+    """The images are rectified: use the calibration's projections P1 and P2."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from pps_vision.recordings import MAX_SKEW_S, Layout
+from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Layout, Lens
 
 if TYPE_CHECKING:
     from pps_vision.robot.robot_setup import RobotSetup
@@ -18,8 +18,8 @@ Names = Sequence[Path | str] | Path | str
 
 
 @dataclass(frozen=True, kw_only=True)
-class SourceOptions:
-    """Where the images are, and how they are read."""
+class _Files:
+    """The images and their calibration."""
 
     left: tuple[str, ...] = ()
     """Left images: a folder, a pattern in quotes such as 'seq/left*.png', or the files themselves; or a video.
@@ -27,15 +27,19 @@ class SourceOptions:
     right: tuple[str, ...] = ()
     """Right images, paired with the left ones by stamp, or with --fps by the last number in their names; or a video."""
     calib: tuple[Path, ...] = ()
-    """Calibration of OpenCV (one file for all, or left, right and stereo), Kalibr, ROS (left and right), KITTI, EuRoC
-    (left and right) or aniposelib; for an iCub's REC without its own icubEyes.ini that file."""
+    """Calibration of OpenCV, Kalibr, ROS, KITTI, EuRoC, aniposelib, … or by hand, in one file or several (left, right
+    and stereo); for an iCub's REC without its own icubEyes.ini that file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions(CalibrationOptions, _Files):
+    """Where the images are, and how they are read."""
+
     times: Path | None = None
     """Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns."""
     fps: float | None = None
     """Frames per second; required where neither files nor names hold stamps.  It replaces those of images and videos,
     not those of an iCub, EuRoC or a ROS bag."""
-    unit_m: float = 1.0
-    """Metres per length unit of the calibration (0.01 if its board was measured in cm)."""
     joints: Path | None = None
     """Offsets to add to the encoders of REC, as `pps-vision joints` writes them."""
     max_skew_s: float = MAX_SKEW_S
@@ -58,6 +62,11 @@ class Options(TypedDict, total=False):
     times: Path | str | None
     fps: float | None
     unit_m: float
+    cameras: tuple[str, str] | None
+    lens: Lens | None
+    crop: tuple[int, int] | None
+    scaled: bool
+    rectified: bool
     joints: Path | str | None
     max_skew_s: float
     layout: Layout

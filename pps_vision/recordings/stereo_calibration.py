@@ -1,153 +1,195 @@
-"""Stereo calibrations: OpenCV's file storage (XML, YAML or JSON), and what `calibration_files` reads.
-
-| key | holds |
-|---|---|
-| `K1` or `M1`, `D1` | camera matrix (3×3) and distortion (k1, k2, p1, p2, k3) of the left camera |
-| `K2` or `M2`, `D2` | the same of the right camera |
-| `camera_matrix` or `intrinsic`, `distortion_coefficients` or `distortion` | the same in a file of one camera |
-| `R`, `T` | pose of the left camera's frame in the right camera's: p_right = R p_left + T |
-| `image_width`, `image_height` | optional: the image size that the camera matrices are for |
-
-These are the keys of OpenCV's samples stereo_calib and calibration; other keys are ignored.  Of the files of one
-camera the first is the left one.
-"""
+"""Stereo calibrations, whatever their form (`pps_vision.recordings.calibrations`), as the cameras of two images."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
 
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.files import read_bytes
 from pps_vision.geometry.camera import Camera
-from pps_vision.geometry.se3 import inverse, transform
-from pps_vision.recordings.calibration_files import numbers_of, read_matrices
-from pps_vision.recordings.file_storage import read_file_storage
+from pps_vision.geometry.se3 import inverse
+from pps_vision.recordings import CalibrationOptions, Lens, calibrations
+from pps_vision.recordings.calibrations import CalibratedCamera, names_of
+from pps_vision.recordings.documents import Document, read_document
 from pps_vision.recordings.icub_eyes import LARGEST_SIDE_PX, fit_to_images
 from pps_vision.types import Array
 
-_KEYS = {
-    **{f"{name}{side}": f"K{side}" for name in "KM" for side in "12"},
-    **{name: name for name in ("D1", "D2", "R", "T", "image_width", "image_height")},
-    **{"camera_matrix": "K", "intrinsic": "K", "distortion_coefficients": "D", "distortion": "D"},
-}
-_OF_ONE_CAMERA = ("K", "D", "image_width", "image_height", "pose")
-
-_NODE = re.compile(r"[\[{:]|-\s|<(?![/!?])")  # what may open one in YAML, JSON or XML
-_MOST_NODES = 2000
-_MOST_CHARACTERS = 2**22
-
-Entry = tuple[Path, Array]
-"""A matrix and the file that it is from."""
+_SIDES = ("left", "right")
+_COEFFICIENTS = (5, 8, 12, 14)  # of OpenCV's models of radial and tangential distortion
+_DEFAULT = CalibrationOptions()
 
 
 def read_stereo_calibration(
     paths: Sequence[Path],
     image_size: tuple[int, int],
-    unit_m: float = 1.0,
-    kitti: tuple[int, int] = (0, 1),
-    warnings: list[str] | None = None,
+    options: CalibrationOptions = _DEFAULT,
+    images: tuple[Sequence[str], Sequence[str]] = ((), ()),
 ) -> tuple[Camera, Camera, Array]:
     """Left camera, right camera and `T_left_right` of a calibration; the root frame is the left camera's.
 
-    InputError if a file cannot be read, or a matrix is missing or invalid.
+    InputError if a file cannot be read, or a matrix is missing or invalid, or `options` must say more.
 
     Args:
-        paths: The files, which together hold the keys above.
-        image_size: Width and height of the images, to which the cameras are scaled.
-        unit_m: Metres per length unit of the calibration.
-        kitti: Which of KITTI's cameras are left and right.
-        warnings: Here is noted that the cameras are scaled.
+        paths: The files of the calibration.
+        image_size: Width and height of the images.
+        options: What the calibration does not say.
+        images: Paths of the left and the right images, which may hold the names of two of the cameras.
     """
-    return cameras_of([(path, _read(path, kitti)) for path in paths], image_size, unit_m, warnings)
+    if not paths:
+        raise InputError("calibration", "no file; expected a calibration")
+    documents = [read_document(path) for path in paths]
+    names = sorted(module.name for module in iter_modules(calibrations.__path__))
+    modules = [import_module(f"{calibrations.__name__}.{name}") for name in names]
+    forms = [_form(document, modules) for document in documents]
+    for document, form in zip(documents, forms, strict=True):
+        if form is not forms[0]:
+            reason = f"is of another form than {paths[0]}, which is {forms[0].FORM}"
+            raise InputError(document.file, f"{reason}; expected one form for both cameras")
+    cameras: list[CalibratedCamera] = forms[0].read(documents)
+    return cameras_of(cameras, image_size, options, images)
 
 
 def cameras_of(
-    files: Sequence[tuple[Path, Mapping[str, Array]]],
+    cameras: Sequence[CalibratedCamera],
     image_size: tuple[int, int],
-    unit_m: float = 1.0,
-    warnings: list[str] | None = None,
+    options: CalibrationOptions = _DEFAULT,
+    images: tuple[Sequence[str], Sequence[str]] = ((), ()),
 ) -> tuple[Camera, Camera, Array]:
-    """The same of matrices that have been read, with the file that each is from."""
-    if not 0 < unit_m < float("inf"):
-        raise InputError("calibration", f"unit_m {unit_m}; expected the positive length of the unit in metres")
-    entries: dict[str, Entry] = {}
-    sides = ["1", "2"]
-    for path, entry in files:
-        if "K" in entry:
-            if not sides:
-                raise InputError(path, "is one camera more than two; expected a left and a right one")
-            side = sides.pop(0)
-            entry = {key + side * (key in _OF_ONE_CAMERA): value for key, value in entry.items()}
-        entries |= {key: (path, value) for key, value in entry.items()}
-    names = ", ".join(dict.fromkeys(str(path) for path, _ in files))
-    left, right = (_camera(names, entries, side, image_size, warnings) for side in ("1", "2"))
-    if "pose1" in entries and "pose2" in entries:
-        T_right_left = entries["pose2"][1] @ inverse(entries["pose1"][1])
-        file = entries["pose2"][0]
-        entries |= {"R": (file, T_right_left[:3, :3]), "T": (file, T_right_left[:3, 3])}
-    R, T = (_required(names, entries, key, shape) for key, shape in (("R", (3, 3)), ("T", (3,))))
-    if not np.allclose(R[1] @ R[1].T, np.eye(3), atol=1e-3) or np.linalg.det(R[1]) < 0:
-        raise InputError(R[0], f"R is {np.round(R[1], 3).tolist()}; expected a rotation matrix")
-    if not T[1].any():
-        raise InputError(T[0], "T is 0; expected the vector between two cameras")
-    T_left_right = inverse(transform(R[1], unit_m * T[1]))
+    """The same of cameras that have been read."""
+    if not 0 < options.unit_m < float("inf"):
+        raise InputError("calibration", f"unit_m {options.unit_m}; expected the positive length of the unit in metres")
+    pair = [_for_images(camera, image_size, options.rectified) for camera in _pair(cameras, options.cameras, images)]
+    left, right = (_camera(camera, image_size, options, side) for camera, side in zip(pair, "12", strict=True))
+    T_right_left = pair[1].pose @ inverse(pair[0].pose)
+    file = pair[1].file
+    if not T_right_left[:3, 3].any():
+        raise InputError(file, "T is 0; expected the vector between two cameras")
+    T_right_left[:3, 3] *= options.unit_m if options.unit_m != 1 else (pair[1].unit_m or 1.0)
+    T_left_right = inverse(T_right_left)
     baseline_m = np.abs(T_left_right[:3, 3]).max()
     if not 1e-5 <= baseline_m <= 1e4:  # products of larger or smaller numbers leave the range of doubles
-        raise InputError(T[0], f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
+        raise InputError(file, f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
     return left, right, T_left_right
 
 
-def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:
-    """The matrices of one file, by key."""
-    text = read_bytes(file, "a calibration").decode("utf-8-sig", errors="replace")
-    if (others := read_matrices(file, text[: _MOST_CHARACTERS + 1], kitti)) is not None:
-        return others
-    if len(text) > _MOST_CHARACTERS or len(_NODE.findall(text)) > _MOST_NODES:
-        too_much = f"has more than {_MOST_CHARACTERS} characters or {_MOST_NODES} nodes"
-        raise InputError(file, f"{too_much}; expected an OpenCV calibration")
-    content = read_file_storage(file, text, _KEYS)
-    entry = {_KEYS[name]: numbers_of(file, content, name) for name in content}
-    if not entry:
-        raise InputError(file, f"holds no calibration; expected one of the keys {', '.join(_KEYS)}")
-    return entry
+def _form(document: Document, modules: Sequence[ModuleType]) -> ModuleType:
+    """The form of a document."""
+    for module in modules:
+        if module.recognises(document):
+            return module
+    keys = ", ".join(list(document.content)[:8])
+    forms = ", ".join(module.FORM for module in modules)
+    raise InputError(document.file, f"holds no calibration, but {keys[:80] or 'nothing'}; expected one of: {forms}")
 
 
-def _required(names: str, entries: Mapping[str, Entry], key: str, shape: tuple[int, ...]) -> Entry:
-    """The matrix of a key, reshaped."""
-    if key not in entries:
-        raise InputError(names, f"no {key}; expected K1, D1, K2, D2, R and T, or two cameras with their poses")
-    file, matrix = entries[key]
-    if matrix.size != np.prod(shape):
-        raise InputError(file, f"{key} has {matrix.size} numbers; expected {np.prod(shape)}")
-    return file, matrix.reshape(shape)
+def _pair(
+    cameras: Sequence[CalibratedCamera], names: tuple[str, str] | None, images: tuple[Sequence[str], Sequence[str]]
+) -> list[CalibratedCamera]:
+    """The left and the right camera: by name, by the paths of the images, or the only two in their order."""
+    if names is not None:
+        by_name = {camera.name: camera for camera in cameras}
+        if missing := [name for name in names if name not in by_name]:
+            raise InputError(cameras[0].file, f"no camera {missing[0]}; expected two of {names_of(cameras)}")
+        return [by_name[name] for name in names]
+    in_paths = [_named_in(paths, cameras) for paths in images]
+    if in_paths[0] and in_paths[1] and in_paths[0] is not in_paths[1]:
+        return [camera for camera in in_paths if camera]
+    if len(cameras) == 2:
+        return list(cameras)
+    if len(cameras) < 2:
+        raise InputError(cameras[0].file, "holds 1 camera; expected two, or two files")
+    reason = f"holds {len(cameras)} cameras, {names_of(cameras)}; two are used"
+    example = f"{cameras[0].name} {cameras[1].name}"
+    raise InputError(cameras[0].file, f"{reason}; expected --cameras LEFT RIGHT, such as --cameras {example}")
 
 
-def _camera(
-    names: str, entries: Mapping[str, Entry], side: str, image_size: tuple[int, int], warnings: list[str] | None
-) -> Camera:
-    """One camera, scaled to the images; without D its lens has no distortion."""
-    file, K = _required(names, entries, f"K{side}", (3, 3))
+def _named_in(paths: Sequence[str], cameras: Sequence[CalibratedCamera]) -> CalibratedCamera | None:
+    """The only camera whose name is a word of the first path, of its last part that holds one's."""
+    for part in Path(paths[0]).absolute().parts[::-1] if paths else ():
+        named = [
+            camera
+            for camera in cameras
+            if camera.name and re.search(rf"(?<![^\W_]){re.escape(camera.name)}(?![^\W_])", part)
+        ]
+        if named:
+            return named[0] if len(named) == 1 else None
+    return None
+
+
+def _for_images(camera: CalibratedCamera, image_size: tuple[int, int], rectified: bool) -> CalibratedCamera:
+    """The camera, or that of rectified images, where these are or only its size is theirs."""
+    if rectified and camera.rectified is None:
+        raise InputError(camera.file, "holds no projection; expected P1 and P2 with --rectified")
+    if camera.rectified is None or not (rectified or image_size == camera.rectified.size != camera.size):
+        return camera
+    return camera.rectified
+
+
+def _camera(camera: CalibratedCamera, image_size: tuple[int, int], options: CalibrationOptions, side: str) -> Camera:
+    """One camera, for the images."""
+    file, K = camera.file, camera.K
     fx, fy, cx, cy = (float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
     if not (fx > 0 and fy > 0 and np.allclose(K, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), atol=1e-6 * fx)):
         entry = f"K{side} is {np.round(K, 3).tolist()}"
         raise InputError(file, f"{entry}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0")
-    coefficients = np.append(entries.get(f"D{side}", (file, np.zeros(0)))[1], np.zeros(5))
-    if np.any(coefficients[5:] != 0):
-        entry = f"D{side} is {str(coefficients[:-5].tolist())[:80]}"
-        raise InputError(entries[f"D{side}"][0], f"{entry}; expected none but k1, k2, p1, p2, k3 other than zero")
-    k1, k2, p1, p2, k3 = coefficients[:5].tolist()
-    width, height = (
-        entries.get(name + side, entries.get(name, (file, np.array(size))))[1].item()
-        for name, size in zip(("image_width", "image_height"), image_size, strict=True)
-    )
+    width, height = camera.size or image_size
     if not all(1 <= size <= LARGEST_SIDE_PX and float(size).is_integer() for size in (width, height)):
         entry = f"image_width {width}, image_height {height}"
         raise InputError(file, f"{entry}; expected whole numbers of pixels, at most {LARGEST_SIDE_PX}")
-    camera = Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3))
-    fitted = fit_to_images(camera, image_size, file)
-    entry = f"{file} is for {camera.width}×{camera.height} pixels, scaled to images of {fitted.width}×{fitted.height}"
-    if warnings is not None and fitted is not camera and entry not in warnings:
-        warnings.append(entry)
-    return fitted
+    lens = _lens(camera, options.lens, side)
+    distortion = _distortion(camera, lens, side)
+    calibrated = Camera(int(width), int(height), fx, fy, cx, cy, distortion, lens == "fisheye")
+    return _fitted(calibrated, image_size, options, file)
+
+
+def _lens(camera: CalibratedCamera, given: Lens | None, side: str) -> Lens:
+    """The model of the lens, as stated or given."""
+    if camera.lens and given not in (None, camera.lens):
+        raise InputError(camera.file, f"its lens model is {camera.lens}; expected no --lens {given}")
+    if (lens := camera.lens or given) is None:
+        reason = f"D{side} holds 4 coefficients of a lens model that is not stated"
+        expected = "--lens radtan (of cv2.calibrateCamera or stereoCalibrate) or --lens fisheye (of cv2.fisheye)"
+        raise InputError(camera.file, f"{reason}; expected {expected}")
+    return lens
+
+
+def _distortion(camera: CalibratedCamera, lens: Lens, side: str) -> tuple[float, ...]:
+    """As many coefficients as OpenCV's smallest model that holds them."""
+    D = np.trim_zeros(camera.D, "b").tolist()
+    lengths = (4,) if lens == "fisheye" else _COEFFICIENTS
+    if len(D) > lengths[-1]:
+        raise InputError(
+            camera.file, f"D{side} has {len(D)} coefficients; expected {lengths[-1]} or fewer of a {lens} lens"
+        )
+    length = next(length for length in lengths if length >= len(D))
+    return (*D, *[0.0] * (length - len(D)))
+
+
+def _fitted(camera: Camera, image_size: tuple[int, int], options: CalibrationOptions, file: Path) -> Camera:
+    """The camera for images of this size; InputError where it must be said how they come from those of the
+    calibration."""
+    if (camera.width, camera.height) == image_size:
+        return fit_to_images(camera, image_size, file)
+    width, height = image_size
+    if options.crop and options.scaled:
+        raise InputError("calibration", "crop and scaled; expected one of them")
+    if options.scaled:
+        return fit_to_images(camera, image_size, file)
+    reason = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
+    if options.crop:
+        x, y = options.crop
+        if not (0 <= x <= camera.width - width and 0 <= y <= camera.height - height):
+            raise InputError(file, f"{reason}; expected --crop X Y of a part of the former")
+        cropped = replace(camera, width=width, height=height, cx=camera.cx - x, cy=camera.cy - y)
+        return fit_to_images(cropped, image_size, file)
+    ways = []
+    if abs(width * camera.height - height * camera.width) <= camera.width:  # a pixel of rounding
+        ways.append("--scaled (the whole image at another resolution)")
+    if width <= camera.width and height <= camera.height:
+        ways.append("--crop X Y (a part of the image; the pixel there that is the top-left one here)")
+    raise InputError(file, f"{reason}; expected {' or '.join(ways) or 'images of the same camera'}")

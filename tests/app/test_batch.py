@@ -126,8 +126,8 @@ def test_a_row_s_own_options_go_before_those_for_all(tmp_path, calib, monkeypatc
     monkeypatch.chdir(tmp_path)
     main(["batch", "list.csv", "--calib", calib.name, "--fps", "5", "--unit-m", "2", "--out", "out"])
     a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
-    assert re.search(r"track /\S*/a.mp4 --calib /\S*/other.yml --fps 10.0 --unit-m 0.01", a)
-    assert re.search(r"track --left /\S*/a.mp4 --right /\S*/r.mp4 --calib /\S*/calib.yml --fps 5.0 --unit-m 2.0", b)
+    assert re.search(r"track /\S*/a.mp4 --calib /\S*/other.yml --unit-m 0.01 --fps 10.0", a)
+    assert re.search(r"track --left /\S*/a.mp4 --right /\S*/r.mp4 --calib /\S*/calib.yml --unit-m 2.0 --fps 5.0", b)
     with (tmp_path / "out" / "b" / "trajectory.csv").open() as file:
         assert [float(row["stamp_s"]) for row in csv.DictReader(file)] == pytest.approx([0, 0.2, 0.4, 0.6])
 

@@ -117,14 +117,18 @@ def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(ref
     assert f"mono.mp4: its whole frames are as large as the images of {calib}, not their halves; expected both" in line
     square = write_calibration(tmp_path / "other.yml", 80.0, (79.5, 79.5), (160, 160))
     line = refused("info", video, "--calib", square)
-    assert "other.yml: calibrated for 160×160 pixels, images are 80×120; expected the same proportions" in line
+    assert "other.yml: calibrated for 160×160 pixels, images are 80×120; expected --crop" in line
 
 
-def test_a_calibration_for_another_size_is_told(tmp_path, capsys):
+def test_how_a_calibration_for_another_size_is_meant_is_asked(tmp_path, capsys):
     calib = write_calibration(tmp_path / "calib.yml", 40.0, (40.0, 30.0), (80, 60))
     write_video(tmp_path / "both.mp4", [0.0, 0.05, 0.1], size=(320, 120))
-    main(["info", str(tmp_path / "both.mp4"), "--calib", str(calib)])
-    assert capsys.readouterr().out.count(f"warning: {calib} is for 80×60 pixels, scaled to images of 160×120\n") == 1
+    command = ["info", str(tmp_path / "both.mp4"), "--calib", str(calib)]
+    with pytest.raises(SystemExit):
+        main(command)
+    assert "calibrated for 80×60 pixels, images are 160×120; expected --scaled" in capsys.readouterr().err
+    main([*command, "--scaled"])
+    assert "focal length 80.0 px" in capsys.readouterr().out
 
 
 def test_versions_are_those_of_the_packages_themselves():

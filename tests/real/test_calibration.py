@@ -9,6 +9,7 @@ from data import shared_data
 
 from pps_vision.app.cli import main
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings import CalibrationOptions
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
@@ -26,7 +27,9 @@ def test_the_robots_own_file_holds_the_eyes_we_carry():
 
 
 def test_baseball_agrees_with_its_own_fundamental_matrix():
-    left, right, T_left_right = read_stereo_calibration(baseball(*BASEBALL), (640, 480), unit_m=0.01)
+    left, right, T_left_right = read_stereo_calibration(
+        baseball(*BASEBALL), (640, 480), CalibrationOptions(unit_m=0.01)
+    )
     storage = cv2.FileStorage(str(shared_data("baseball", BASEBALL[2])), cv2.FILE_STORAGE_READ)
     F = storage.getNode("F").mat()
     view = StereoRig.fixed(left, right, T_left_right).view()
@@ -77,7 +80,9 @@ def test_a_calibration_made_here_from_chessboards_is_read(tmp_path):
         storage.write(key, value)
     storage.release()
 
-    left, right, T_left_right = read_stereo_calibration([tmp_path / "stereo.xml"], size, unit_m=0.025)
+    left, right, T_left_right = read_stereo_calibration(
+        [tmp_path / "stereo.xml"], size, CalibrationOptions(unit_m=0.025)
+    )
     assert np.linalg.norm(T_left_right[:3, 3]) == pytest.approx(3.33 * 0.025, rel=0.01)  # squares, as others measured
     view = StereoRig.fixed(left, right, T_left_right).view()
     ok, rotation, shift = cv2.solvePnP(board * 0.025, left_px[0], K1, D1)

@@ -8,6 +8,7 @@ from data import shared_data
 from pps_vision.app.diagnosis import exchanged
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
+from pps_vision.recordings import CalibrationOptions
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.types import StereoFrame
@@ -27,7 +28,7 @@ def test_a_rectified_pair():
 def test_a_calibration_that_hardly_fits():
     folder = shared_data("baseball")
     files = [folder / f"calibration_{name}_final.xml" for name in ("left", "right", "stereo")]
-    rig = StereoRig.fixed(*read_stereo_calibration(files, (640, 480), 0.0254))
+    rig = StereoRig.fixed(*read_stereo_calibration(files, (640, 480), CalibrationOptions(unit_m=0.0254)))
     every = list(open_stereo_images([str(folder / "1L*.jpg")], [str(folder / "1R*.jpg")], fps=30.0))
     frames = [frame for frame in every[::7] if isinstance(frame, StereoFrame)]
     assert list(exchanged(frames, rig)) == []

@@ -8,6 +8,7 @@ import pytest
 from calibrations import write_calibration
 
 from pps_vision.errors import InputError
+from pps_vision.recordings import CalibrationOptions
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import stamp_in
 from pps_vision.recordings.open import open_recording
@@ -156,7 +157,8 @@ def test_kitti(tmp_path, colour):
         write(tmp_path / f"image_{k}", ["000000.png", "000001.png"], 50 * k)
     rows = [f"P{k}: 10 0 4 {-10 * baseline} 0 10 3 0 0 0 1 0\n" for k, baseline in enumerate((0, 0.5, 0.06, 0.66))]
     (tmp_path / "calib.txt").write_text("".join(rows) + "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
-    _, _, T_first_second = read_stereo_calibration([tmp_path / "calib.txt"], (8, 6))  # of the first two cameras
+    first_two = CalibrationOptions(cameras=("image_0", "image_1"))
+    _, _, T_first_second = read_stereo_calibration([tmp_path / "calib.txt"], (8, 6), first_two)
     np.testing.assert_allclose(T_first_second[:3, 3], [0.5, 0, 0], atol=1e-12)
     (tmp_path / "times.txt").write_text("0.000000e+00\n1.037359e-01\n")
     recording = open_recording(tmp_path)

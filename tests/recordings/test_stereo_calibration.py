@@ -9,6 +9,7 @@ import pytest
 from calibrations import store
 
 from pps_vision.errors import InputError
+from pps_vision.recordings import CalibrationOptions
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 
 SIZE = (640, 480)
@@ -28,7 +29,7 @@ def stereo(file: Path, **changes: np.ndarray | None) -> Path:
 
 def check(paths: list[Path], unit_m: float = CENTIMETRE) -> None:
     """The cameras and the place of the right one, against the definition p_right = R p_left + T."""
-    left, right, T_left_right = read_stereo_calibration(paths, SIZE, unit_m)
+    left, right, T_left_right = read_stereo_calibration(paths, SIZE, CalibrationOptions(unit_m=unit_m))
     np.testing.assert_allclose(left.K, K1)
     np.testing.assert_allclose(right.K, K2)
     np.testing.assert_allclose(left.distortion, D1[0])
@@ -64,20 +65,28 @@ def test_of_files_of_one_camera_the_first_is_the_left_one(tmp_path, matrix, dist
     check([store(tmp_path / "c.xml", R=R, T=T), first, second])
 
 
-def test_images_of_another_resolution_scale_the_camera(tmp_path):
+def test_how_images_of_another_size_come_from_those_of_the_calibration_is_asked(tmp_path):
+    """Truth: a point of the large image at pixel (u, v)."""
     sized = stereo(tmp_path / "a.yml", image_width=1280, image_height=960)
-    left, _, _ = read_stereo_calibration([sized], SIZE)
-    assert (left.width, left.height, left.fx, left.cx) == (640, 480, 250.0, (320 + 0.5) / 2 - 0.5)
-    files = [
-        store(tmp_path / f"{name}.yml", camera_matrix=K, distortion_coefficients=D, image_width=1280, image_height=960)
-        for name, K, D in (("left", K1, D1), ("right", K2, D2))
-    ]
-    assert read_stereo_calibration([*files, store(tmp_path / "c.yml", R=R, T=T)], SIZE)[0] == left
-    with pytest.raises(InputError, match=r"a\.yml: calibrated for 1280×960 pixels, images are 640×360"):
+    point = np.array([0.05, -0.03, 1.0])
+    u, v = cv2.projectPoints(point, np.zeros(3), np.zeros(3), K1, D1)[0].ravel()
+    message = r"a\.yml: calibrated for 1280×960 pixels, images are {}; expected {}"
+    with pytest.raises(InputError, match=message.format("640×480", r"--scaled \(.*\) or --crop X Y")):
+        read_stereo_calibration([sized], SIZE)
+    scaled, _, _ = read_stereo_calibration([sized], SIZE, CalibrationOptions(scaled=True))
+    np.testing.assert_allclose(scaled.project(point), [(u + 0.5) / 2 - 0.5, (v + 0.5) / 2 - 0.5])
+    cropped, _, _ = read_stereo_calibration([sized], SIZE, CalibrationOptions(crop=(100, 60)))
+    np.testing.assert_allclose(cropped.project(point), [u - 100, v - 60])
+    with pytest.raises(InputError, match=message.format("640×360", "--crop X Y")):
         read_stereo_calibration([sized], (640, 360))
+    with pytest.raises(InputError, match=message.format("640×480", "--crop X Y of a part of the former")):
+        read_stereo_calibration([sized], SIZE, CalibrationOptions(crop=(700, 0)))
+    with pytest.raises(InputError, match=message.format("1280×1000", "images of the same camera")):
+        read_stereo_calibration([sized], (1280, 1000))
+    with pytest.raises(InputError, match="crop and scaled; expected one of them"):
+        read_stereo_calibration([sized], SIZE, CalibrationOptions(crop=(0, 0), scaled=True))
 
 
-FISHY = np.array([[0.1, 0.1, 0, 0, 0.1, 0.7, 0, 0]])
 TRAILING_ZEROS = np.array([[*D1[0], 0, 0, 0]])
 
 
@@ -93,20 +102,24 @@ def test_trailing_zero_coefficients_are_none(tmp_path):
         ({"R": None}, "no R; expected"),
         ({"R": 2 * R}, "R is .* expected a rotation matrix"),
         ({"R": -R}, "R is .* expected a rotation matrix"),
-        ({"T": np.zeros((4, 1))}, "T has 4 numbers; expected 3"),
+        ({"T": np.zeros((4, 1))}, "T is .*; expected 3 numbers"),
         ({"K2": None}, "no K2; expected"),
         ({"K1": np.diag([0.0, 500, 1])}, "K1 is .* with fx, fy > 0"),
         ({"K1": np.diag([500.0, 0, 1])}, "K1 is .* with fx, fy > 0"),
         ({"R": 1.0006 * R}, "R is .* expected a rotation matrix"),
         ({"K1": K1 + np.array([[0, 6e-4, 0], [0, 0, 0], [0, 0, 0]])}, "K1 is .* expected"),
         ({"K1": K1 + np.array([[0, 9.0, 0], [0, 0, 0], [0, 0, 0]])}, "K1 is .* expected"),
-        ({"K1": K1 * np.nan}, "K1 is .*nan.* expected numbers"),
-        ({"D1": FISHY}, "D1 is .*0.7.*; expected none but k1, k2, p1, p2, k3"),
+        ({"K1": K1 * np.nan}, "K1 is .*Nan.* expected 3×3 numbers"),
+        ({"D1": np.ones((1, 15))}, "D1 has 15 coefficients; expected 14 or fewer of a radtan lens"),
+        (
+            {"D1": D1[:, :4]},
+            "D1 holds 4 coefficients of a lens model that is not stated; expected --lens radtan",
+        ),
         ({"image_width": 0, "image_height": 480}, "image_width 0.0, image_height 480.0; expected whole"),
-        ({"image_width": 640.5}, "image_width 640.5, image_height 480; expected whole"),
-        ({"K1": np.diag([1e300, 1e300, 1])}, r"K1 is .*1e\+300.*; expected numbers"),
-        ({"K2": K2 + np.array([[0, 0, 1e9], [0, 0, 0], [0, 0, 0]])}, r"K2 is .*1000000310.*; expected numbers"),
-        ({"D1": np.array([[-5.0, 0, 0, 0]])}, r".*\(-5\.0.*; expected a camera whose pixels"),
+        ({"image_width": 640.5, "image_height": 480}, "image_width 640.5, image_height 480.0; expected whole"),
+        ({"K1": np.diag([1e300, 1e300, 1])}, r"K1 is .*1e\+300.*; expected 3×3 numbers"),
+        ({"K2": K2 + np.array([[0, 0, 1e9], [0, 0, 0], [0, 0, 0]])}, r"K2 is .*1000000310.*; expected 3×3 numbers"),
+        ({"D1": np.array([[-5.0, 0, 0, 0, 0]])}, r".*\(-5\.0.*; expected a camera whose pixels"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, changes, message):
@@ -129,7 +142,7 @@ def test_what_is_wrong_is_named(tmp_path, changes, message):
         (
             "c.yml",
             "%YAML:1.0\n---\nK1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [1]\n",
-            "K1 has 1 numbers; expected 9",
+            "no K2; expected K1, D1, K2, D2, R and T",
         ),
         ("d.yml", "%YAML:1.0\n---\nK1: unknown\n", r"d\.yml.*: "),
         ("e.yml", "%YAML:1.0\n---\nother: 1\n", "holds no calibration"),
@@ -154,11 +167,11 @@ def test_a_missing_file_and_too_many_cameras_are_named(tmp_path):
 
 
 def test_no_file_or_no_unit_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no K1"):
+    with pytest.raises(InputError, match="no file; expected a calibration"):
         read_stereo_calibration([], SIZE)
     for unit_m in (0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match=f"unit_m {unit_m}"):
-            read_stereo_calibration([stereo(tmp_path / "a.xml")], SIZE, unit_m=unit_m)
+            read_stereo_calibration([stereo(tmp_path / "a.xml")], SIZE, CalibrationOptions(unit_m=unit_m))
 
 
 def test_a_long_file_is_read_up_to_a_limit(tmp_path):

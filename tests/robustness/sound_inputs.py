@@ -25,6 +25,7 @@ from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
 from pps_vision.app.report.tracking import report_folder
 from pps_vision.app.versions import versions
 from pps_vision.errors import InputError
+from pps_vision.recordings import CalibrationOptions
 from pps_vision.recordings.atomic_write import write_json
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
@@ -195,7 +196,8 @@ def _calibration_of(tool: str) -> Reader:
             (folder / str(k)).write_text(text)
         return sorted(folder.iterdir())
 
-    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
+    cameras = CalibrationOptions(cameras=("image_0", "image_1") if tool == "kitti" else None)
+    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240), cameras))
 
 
 def _write_images(folder: Path, names: Sequence[str]) -> None:

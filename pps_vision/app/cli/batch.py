@@ -10,22 +10,23 @@ from tyro.conf import Positional
 
 from pps_vision.app.cli.options import TrackOptions, command_line, print_skipped, words_of
 from pps_vision.errors import InputError
-from pps_vision.recordings import MAX_SKEW_S
+from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions
 from pps_vision.recordings.source import SourceOptions
 
 LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urdf", "skin")
+_TRACK_COLUMNS = ["rec", *(field.name for field in fields(SourceOptions) if field.default is not False)]
 _OF_BATCH = ("recordings", "out", "workers", "scheduler", "tls", "stalled_s", "learn", "parquet")
 _OF_LEARN = ("calib", "max_skew_s", "mode", "seed")
 
 
 @dataclass(frozen=True)
-class Batch(TrackOptions):
+class Batch(TrackOptions, CalibrationOptions):
     """Track many recordings, or learn from them, each in its own process, into OUT/NAME; batch.csv has a row for each.
 
     A second run keeps finished recordings and retries failed ones.  A manifest is a CSV file with a column `name` and
-    any of the columns rec, left, right, calib, times, fps, unit_m, joints, max_skew_s (with --learn: rec, calib,
-    taxels, joints, max_skew_s, robot, urdf, skin).  Several files in a field are separated by ';', paths start at the
-    manifest's folder, and a row's values override the options.
+    any of the columns rec, left, right, calib, cameras, lens, crop, times, fps, unit_m, joints, max_skew_s (with
+    --learn: rec, calib, taxels, joints, max_skew_s, robot, urdf, skin).  Several files in a field are separated by ';',
+    paths start at the manifest's folder, and a row's values override the options.
     """
 
     recordings: Positional[tuple[str, ...]]
@@ -46,8 +47,6 @@ class Batch(TrackOptions):
     """Calibration for all, as for `track`."""
     fps: float | None = None
     """Frames per second of all, as for `track`."""
-    unit_m: float = 1.0
-    """Metres per length unit of the calibration."""
     max_skew_s: float = MAX_SKEW_S
     """Left and right images further apart in time are no pair."""
     learn: bool = False
@@ -65,7 +64,7 @@ class Batch(TrackOptions):
 
         started = datetime.now(UTC).isoformat(timespec="seconds")
         start_s = time.monotonic()
-        columns = LEARN_COLUMNS if self.learn else ["rec", *(field.name for field in fields(SourceOptions))]
+        columns = LEARN_COLUMNS if self.learn else _TRACK_COLUMNS
         jobs = jobs_of(self.recordings, columns)
         if not jobs:
             raise InputError("batch", "no recording given; expected one or more")

@@ -33,4 +33,4 @@ def open_source(source: Source) -> Recording:
     recording = replace(recording, name=str(folder), warnings=(*recording.warnings, *replaced))
     if not (source.calib or own.exists()):
         return replace(recording, calibration_at=f"{own}, or one by --calib")
-    return with_calibration(recording, source.calib or [own], source, cameras)
+    return with_calibration(recording, source.calib or [own], source, (left, right))

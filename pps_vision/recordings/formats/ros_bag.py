@@ -13,7 +13,8 @@ import numpy as np
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.calibration_files import Matrices, ros_matrices
+from pps_vision.recordings.calibrations import CalibratedCamera, ros
+from pps_vision.recordings.documents import Document
 from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.formats.yarp import with_joints
 from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, Pixels, decode_bytes
@@ -76,9 +77,8 @@ def open_source(source: Source) -> Recording:
         place = f"{missing[0].rsplit('/', 1)[0]}/camera_info, or one by --calib"
         recording = replace(recording, calibration_at=place)
     else:
-        warnings = list[str]()
-        cameras = cameras_of([(file, bag.camera_info(topic)) for topic in topics], size, warnings=warnings)
-        recording = replace(recording, rig=StereoRig.fixed(*cameras), warnings=tuple(warnings))
+        cameras = cameras_of([bag.camera_info(topic) for topic in topics], size, source)
+        recording = replace(recording, rig=StereoRig.fixed(*cameras))
     if source.robot is None:
         refuse_robot_options(source)
         return recording
@@ -147,25 +147,16 @@ class Bag:
         infos = self.topics(("sensor_msgs/msg/CameraInfo",))
         return next((infos[place] for place in places if place in infos), None)
 
-    def camera_info(self, topic: str) -> Matrices:
+    def camera_info(self, topic: str) -> CalibratedCamera:
         """The calibration in the CameraInfo beside an image topic, which is there."""
         message = self.first(self.info_topic(topic))
-        keys = "kdrp" if self.reader.is2 else "KDRP"
-        K, D, R, P = (np.asarray(getattr(message, key), dtype=float).ravel().tolist() for key in keys)
-        if any("rect" in re.split(r"[_\W]", part) for part in topic.lower().split("/")[-2:]):
-            K = [*P[:3], *P[4:7], *P[8:11]]
-            D = []
-            R = np.eye(3).ravel().tolist()
-        content = {
-            "image_width": message.width,
-            "image_height": message.height,
-            "camera_matrix": K,
-            "distortion_model": message.distortion_model or "none",
-            "distortion_coefficients": D,
-            "rectification_matrix": R,
-            "projection_matrix": P,
-        }
-        return ros_matrices(self.file, content)
+        names = [*("kdrp" if self.reader.is2 else "KDRP"), "width", "height", "binning_x", "binning_y"]
+        content = {name: getattr(message, name) for name in names}
+        content["distortion_model"] = message.distortion_model or "none"
+        content["roi"] = {name: getattr(message.roi, name) for name in ("x_offset", "y_offset", "width", "height")}
+        camera = ros.camera_of(Document(self.file, content))
+        is_rectified = any("rect" in re.split(r"[_\W]", part) for part in topic.lower().split("/")[-2:])
+        return (is_rectified and camera.rectified) or camera
 
     def first(self, connection: Any) -> Any:
         """The first message of a connection."""

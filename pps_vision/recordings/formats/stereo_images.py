@@ -52,9 +52,13 @@ def open_source(source: Source) -> Recording:
 
 
 def with_calibration(
-    recording: Recording, calib: Sequence[Path], source: Source, kitti: tuple[int, int] = (0, 1)
+    recording: Recording,
+    calib: Sequence[Path],
+    source: Source,
+    images: tuple[Sequence[str], Sequence[str]] | None = None,
 ) -> Recording:
-    """The recording with the cameras of a calibration, if one is given; a warning where it is for another size.
+    """The recording with the cameras of a calibration, if one is given; `images`: the paths of both sides, by default
+    as given.
 
     Where the files' pixels are not square, the calibration is for their images or for the same with square pixels.
     """
@@ -65,14 +69,15 @@ def with_calibration(
     sizes = [square, (width, height)] if source.squeezed else list(dict.fromkeys([(width, height), square]))
     errors: list[InputError] = []
     for size in sizes:
-        warnings = list(recording.warnings)
         try:
-            left, right, T_left_right = read_stereo_calibration(calib, size, source.unit_m, kitti, warnings)
+            left, right, T_left_right = read_stereo_calibration(
+                calib, size, source, images or (source.left, source.right)
+            )
         except InputError as error:
             errors.append(error)
             continue
         rig = StereoRig.fixed(left.stretched(width), right.stretched(width), T_left_right)
-        return replace(recording, rig=rig, warnings=tuple(warnings))
+        return replace(recording, rig=rig)
     raise errors[0]
 
 

@@ -81,7 +81,7 @@ def _notes(frame: VideoFrame) -> Iterator[str]:
 def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
     """Raise InputError for a video whose calibration is for its whole frames of this size: that of one camera."""
     try:
-        read_stereo_calibration(source.calib, size, source.unit_m)
+        read_stereo_calibration(source.calib, size, source)
     except InputError:
         return
     reason = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
