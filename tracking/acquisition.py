@@ -21,11 +21,10 @@ from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
-from tracking.ego_motion import Box, BoxPx
 from tracking.foreground import Background, Foreground
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
-from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
-from tracking.optical_flow import Flow2D
+from tracking.masks import Box, BoxPx
+from tracking.motion_trigger import Flow2D, MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline, fit_outline, fit_visible_disc
 from tracking.stereo import Association, CameraFrame, CameraFrames
 

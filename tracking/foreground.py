@@ -17,7 +17,8 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.ego_motion import ROOM_M, Box, BoxPx, EgoMotion, channel_maximum, color_difference
+from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum, color_difference
+from tracking.masks import Box, BoxPx
 
 _SAMPLES = 20  # per row and column, of brightness, noise and distance
 _UNCOVERED = 0.35  # share of an edge across which the background changes more than the image, of a place left

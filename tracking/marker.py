@@ -15,8 +15,9 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoView
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.ego_motion import Box, color_difference
+from tracking.camera_pose import color_difference
 from tracking.foreground import Background
+from tracking.masks import Box
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
 

@@ -19,7 +19,7 @@ from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.ego_motion import Box
+from tracking.masks import Box
 
 _SHADE_STD = 0.4  # relative standard deviation of the rim's brightness from that of the object just inside it
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain

@@ -20,7 +20,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Array, Mask
 from tracking import masks
-from tracking.ego_motion import Box
+from tracking.masks import Box
 
 Map = NDArray[np.float32]
 _INSIDE = 150  # points of a template within the object, about

@@ -10,8 +10,8 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Array, Image
-from tracking.ego_motion import BoxPx
 from tracking.image_tracker import MIN_SCORE, ImageTracker
+from tracking.masks import BoxPx
 from tracking.outline import Optics
 from tracking.particle_filter import BESIDE_PX, Evidence, ParticleFilterParams, disc, posterior, scores
 

@@ -18,14 +18,12 @@ from tracking import FollowedBy, Mode, frame_checks, kalman
 from tracking.acquisition import Acquisition, Candidate, FollowedBoxes, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
-from tracking.camera_tracker import CameraState, CameraTracker, Prior
 from tracking.foreground import ForegroundParams
 from tracking.frame_checks import Fingerprints, Stamps
-from tracking.image_tracker import SIZE_FRAMES, Examined, ImageDetection
+from tracking.image_tracker import SIZE_FRAMES, CameraState, CameraTracker, Examined, ImageDetection, Prior
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
-from tracking.motion_trigger import TriggerParams
-from tracking.optical_flow import velocity
+from tracking.motion_trigger import TriggerParams, velocity
 from tracking.outline import Optics, Outline
 from tracking.particle_filter import Located, ParticleFilterParams, Prediction, Silhouette, locate
 from tracking.stereo import (

@@ -14,8 +14,7 @@ import pytest
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image, StereoFrame
-from tracking.camera_pose import PoseEstimator, exact_or_late
-from tracking.image_rotation import Reference, _fitted_rotation
+from tracking.camera_pose import PoseEstimator, Reference, _fitted_rotation, exact_or_late
 
 PRIOR_S = 0.02
 CAMERA = Camera(320, 240, 280.0, 280.0, 159.5, 119.5)

@@ -11,9 +11,8 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
 from tracking.appearance import ColorModel
-from tracking.camera_tracker import CameraState, CameraTracker, Prior
 from tracking.foreground import ForegroundParams
-from tracking.image_tracker import ImageDetection
+from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, Prior
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams
 from tracking.outline import Optics, Outline

@@ -14,9 +14,8 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
-from tracking.ego_motion import EgoMotion
-from tracking.motion_trigger import TriggerParams
-from tracking.optical_flow import Flow2D, GreyImage, Match, match, velocity
+from tracking.camera_pose import EgoMotion
+from tracking.motion_trigger import Flow2D, GreyImage, Match, TriggerParams, match, velocity
 from tracking.tracker import Tracker, TrackerParams
 
 VIEW = View(LEFT_EYE, transform())

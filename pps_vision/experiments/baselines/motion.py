@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Image
-from tracking.ego_motion import EgoMotion
+from tracking.camera_pose import EgoMotion
 
 BoxPx = tuple[int, int, int, int]  # x, y of the top-left corner, width, height
 MotionTrigger = Callable[[Image, View], list[BoxPx]]  # the next image of one camera to its moving regions
