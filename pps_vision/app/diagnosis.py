@@ -30,6 +30,9 @@ _EXPLAINED = 0.8  # median change after motion compensation, relative to before:
 _UNITS_M = (0.001, 0.01, 0.0254, 1.0)  # mm, cm, inch and m, in which boards are measured
 _USUAL_BASELINE_M = (0.02, 1.0)  # within which a unit is proposed
 _RESIDUAL_PX = 1.0  # median reprojection error; up to 0.07 px in rendered and independent recordings, 2.1 in baseball
+_SLOWEST = 1.0  # pairs a second, below which no motion is followed from one to the next
+_MOVED = 30.0  # change of a pixel between successive frames where something moves, grey levels of 255
+_MOVED_SHARE = 2e-4  # of such pixels in the image: a disc of 5 px in 320×240
 _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
 
 
@@ -82,6 +85,11 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
     frames = list(replace(recording, pairs=tuple(recording.pairs[k] for k in chosen)))
     if not frames:
         return
+    if len(recording) > 1 and recording.fps < _SLOWEST:
+        yield (
+            f"--times-unit, --fps or other stamps: there are {recording.fps:.2g} pairs/s, too few to follow a motion "
+            "from one to the next, if the stamps are right"
+        )
     if all(np.array_equal(frame.left, frame.right) for frame in frames):
         yield "other images: left and right are the same in every frame (the patterns --left and --right?)"
     elif isinstance(image := recording.pairs[0][0], Half) and _one_image(frames, image):
@@ -197,8 +205,12 @@ def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> I
     elif mode == "marker" and not in_both:
         yield "--mode generic: no blob of the marker's green is in both images"
     elif mode == "generic" and not counts.get("motion_left"):
-        if not _image_shift_px(recording):  # else it was not searched, and the cameras' motion is a fault
+        if _image_shift_px(recording):
+            pass  # it was not searched, and the cameras' motion is a fault
+        elif _moved_share(recording) < _MOVED_SHARE:
             yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
+        elif recording.fps >= _SLOWEST:
+            yield "a larger object, nearer or of more contrast: what changes in the images is too little to be followed"
     elif mode == "generic" and not counts.get("motion_right"):
         yield (
             "the calibration and the order of the images: what moves in the left image does not in the right one; "
@@ -254,3 +266,13 @@ def _change(recording: Recording) -> float:
     """Median change of the left image's pixels from a frame to the next, grey levels of 255."""
     changes = [np.median(np.abs(b.left.astype(float) - a.left)) for a, b in _successive_frames(recording)]
     return float(np.median(changes)) if changes else 0.0
+
+
+def _moved_share(recording: Recording) -> float:
+    """Largest share of the pixels of either image that change from a frame to the next."""
+    changes = [
+        np.mean(np.abs(getattr(b, side).astype(np.int16) - getattr(a, side)).max(axis=2) > _MOVED)
+        for a, b in _successive_frames(recording)
+        for side in ("left", "right")
+    ]
+    return float(max(changes, default=0.0))

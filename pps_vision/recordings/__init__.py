@@ -15,6 +15,8 @@ MAX_SKEW_S = 0.02
 Form = Literal["tum", "anipose", "mot", "coco", "ros2"]
 """Forms of other tools in which tracks and detections are written; `pps_vision.recordings.exchange` says what is in
 them."""
+TimeUnit = Literal["s", "ms", "us", "ns"]
+"""Units of stamps."""
 Layout = Literal["lr", "rl", "tb", "bt"]
 """Where an image shows the views of the left and the right camera: left to right, or top to bottom."""
 Lens = Literal["radtan", "fisheye"]

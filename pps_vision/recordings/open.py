@@ -47,7 +47,7 @@ def open_recording(folder: Path | str | None = None, **options: Unpack[Options])
         reason = "an empty folder" if is_empty else "no recording"
         raise InputError(str(source.folder), f"{reason}; expected {'; or '.join(module.FORMAT for module in modules)}")
     recording: Recording = module.open_source(source)
-    unused = [f"--{name}" for name in ("fps", "times") if getattr(source, name) is not None]
+    unused = [f"--{name}" for name in ("fps", "times") if getattr(source, name)]
     if unused and getattr(module, "HAS_STAMPS", False):
         warning = f"{' and '.join(unused)} not used: {source.folder} has stamps of its own"
         recording = replace(recording, warnings=(*recording.warnings, warning))

@@ -1,12 +1,11 @@
 """A stereo recording, however it is stored: pairs of images with their stamps and joints."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -15,7 +14,6 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.parent import tell_progress
 from pps_vision.recordings.image_file import ImageFile, decode, used_bits
-from pps_vision.recordings.text import finite, read_lines
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import StereoFrame, Truth
 
@@ -138,10 +136,29 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
     return usual
 
 
-def replaced_rate(fps: float, stamps_s: Sequence[float]) -> tuple[str, ...]:
-    """A warning where a rate is given instead of the files' own stamps, and differs from these."""
-    own = 1 / usual_step_s(stamps_s) if len(stamps_s) > 1 else fps
-    return (f"--fps {fps:g} replaces the files' own {own:.2f}",) if abs(fps / own - 1) > _SAME_RATE else ()
+def replaced_rate(option: str, fps: float, stamps_s: Sequence[float]) -> tuple[str, ...]:
+    """A warning where the rate of an option replaces the files' own stamps, and differs from these."""
+    steps_s = np.diff(stamps_s)
+    usual = np.abs(steps_s - usual_step_s(stamps_s)) < 0.1 * usual_step_s(stamps_s)  # of stamps in whole ms the mean
+    own = 1 / float(np.mean(steps_s[usual])) if np.any(usual) else fps
+    return (f"{option} replaces the files' own {own:.2f}",) if abs(fps / own - 1) > _SAME_RATE else ()
+
+
+def clocks_apart(left: Sequence[ImageFile], right: Sequence[ImageFile], pairs: int, max_skew_s: float) -> Iterator[str]:
+    """A warning where as many images of both sides begin and end equally far apart, as those of two clocks do;
+    InputError where that leaves no pair."""
+    begin_s, end_s = (right[k].stamp_s - left[k].stamp_s for k in (0, -1))
+    step_s = usual_step_s([file.stamp_s for file in left])
+    if not pairs:
+        reason = f"{len(left)} left and {len(right)} right images, which begin {begin_s:+.3f} s from the left ones"
+        way_out = "stamps of one clock; or --fps, which pairs images and frames by number"
+        message = f"{reason}: no two are within {1000 * max_skew_s:g} ms (--max-skew-s); expected {way_out}"
+        raise InputError(right[0].cited, message, right[0].line)
+    if len(left) == len(right) and abs(begin_s) > max(max_skew_s, 2 * step_s) and abs(end_s - begin_s) < step_s:
+        yield (
+            f"the right images begin and end {begin_s:+.3f} s from the left ones: if both cameras began together, "
+            "their clocks did not, and --fps pairs the images by number"
+        )
 
 
 def usual_step_s(stamps_s: Sequence[float]) -> float:
@@ -215,62 +232,3 @@ def _match(left: list[float], right: list[float], max_skew_s: float) -> list[tup
         i, j, link = link
         matches.append((i, j))
     return matches[::-1]
-
-
-@dataclass(frozen=True, slots=True)
-class Times:
-    """A file of stamps, in the order of its rows, and the names of their images, if given.
-
-    A row is a stamp in seconds, "stamp name" as TUM writes it, or EuRoC's CSV in nanoseconds.
-    """
-
-    file: Path
-    stamps_s: tuple[float, ...]
-    names: tuple[str, ...]
-
-    def stamp(self, files: list[FileT], problems: list[Problem]) -> list[FileT]:
-        """The files with their stamps: by name, an image without a row being noted, or by place.
-
-        InputError if the rows have no names and are not as many as the files.
-        """
-        if self.names:
-            by_name = dict(zip(self.names, self.stamps_s, strict=True))
-            problems += [
-                Problem(ProblemKind.STAMP, file.path, None, f"has no row in {self.file}; expected its stamp there")
-                for file in files
-                if file.path.name not in by_name
-            ]
-            return [replace(file, stamp_s=by_name[file.path.name]) for file in files if file.path.name in by_name]
-        if len(files) != len(self.stamps_s):
-            where = f"{files[0].path.parent}" if files and type(files[0]) is ImageFile else "the video"
-            reason = f"{len(self.stamps_s)} stamps for {len(files)} images of {where}"
-            raise InputError(self.file, f"{reason}; expected one for each, or rows of stamp and name")
-        return [replace(file, stamp_s=stamp_s) for file, stamp_s in zip(files, self.stamps_s, strict=True)]
-
-
-def read_times(file: Path) -> Times:
-    """Read the stamps; InputError for a row that is none, or is not later than the one before."""
-    stamps: list[float] = []
-    names: list[str] = []
-    for line, row in enumerate(read_lines(file, _STAMPS_EXPECTED), start=1):
-        words = re.split(r"[\s,]+", row.partition("#")[0].strip())
-        if words == [""]:
-            continue
-        try:
-            stamp_s = _seconds(words[0])
-        except ValueError as error:
-            raise InputError(file, f"{error}; expected {_STAMPS_EXPECTED}", line) from None
-        if stamps and stamp_s <= stamps[-1]:
-            raise InputError(file, f"{words[0]} after {stamps[-1]} s; expected {_STAMPS_EXPECTED}", line)
-        stamps.append(stamp_s)
-        names += [PurePath(word).name for word in words[1:2]]
-    if not stamps or (names and len(names) != len(stamps)):
-        reason = f"{len(stamps)} stamps, {len(names)} names"
-        raise InputError(file, f"{reason}; expected {_STAMPS_EXPECTED}, all with a name or none")
-    return Times(file, tuple(stamps), tuple(names))
-
-
-def _seconds(word: str) -> float:
-    if word.isascii() and word.isdecimal() and len(word) in (13, 16, 19):
-        return int(word) / 10 ** (len(word) - 10)
-    return finite(word)

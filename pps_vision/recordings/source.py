@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Layout, Lens
+from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Layout, Lens, TimeUnit
 
 if TYPE_CHECKING:
     from pps_vision.robot.robot_setup import RobotSetup
 
-_SEVERAL = {"left", "right", "calib"}
-_FILES = {"times", "joints", "taxels"}
+_SEVERAL = {"left", "right", "calib", "times"}
+_FILES = {"joints", "taxels"}
 Names = Sequence[Path | str] | Path | str
 """A name of a file, or several."""
 
@@ -35,8 +35,11 @@ class _Files:
 class SourceOptions(CalibrationOptions, _Files):
     """Where the images are, and how they are read."""
 
-    times: Path | None = None
-    """Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns."""
+    times: tuple[Path, ...] = ()
+    """Stamps of the images, a row each, in one file or in one for the left and one for the right images: numbers or
+    dates, alone or with the image's name (TUM, EuRoC's CSV)."""
+    times_unit: TimeUnit | None = None
+    """Unit of the stamps of --times; default: as their digits, their header or the video's own rate say."""
     fps: float | None = None
     """Frames per second; required where neither files nor names hold stamps.  It replaces those of images and videos,
     not those of an iCub, EuRoC or a ROS bag."""
@@ -59,7 +62,8 @@ class Options(TypedDict, total=False):
     left: Names
     right: Names
     calib: Names
-    times: Path | str | None
+    times: Names
+    times_unit: TimeUnit | None
     fps: float | None
     unit_m: float
     cameras: tuple[str, str] | None
@@ -96,5 +100,5 @@ def make_source(folder: Path | str | None, options: Options) -> Source:
         given[name] = Path(given[name])
     for name in _SEVERAL & given.keys():
         names = (given[name],) if isinstance(given[name], Path | str) else given[name]
-        given[name] = tuple(map(Path if name == "calib" else str, names))
+        given[name] = tuple(map(str if name in ("left", "right") else Path, names))
     return Source(folder=None if folder is None else Path(folder), **given)

@@ -14,7 +14,8 @@ from av.video.frame import VideoFrame as Decoded
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import check_regular
 from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode, images_in, images_of, used_bits
-from pps_vision.recordings.recording import Times, usual_step_s
+from pps_vision.recordings.recording import usual_step_s
+from pps_vision.recordings.times import Times
 from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Image
 
@@ -209,7 +210,9 @@ def open_video(
             stamps_s = [start_s + stamp_s for stamp_s in stamps_s]
         first = len(frames)
         frames += [VideoFrame(file, t, index=k, video=video, first=first) for k, t in enumerate(stamps_s)]
-    frames = times.stamp(frames, []) if times else frames
+    if times:
+        has_rate = frames[0].video.has_stamps and not fps
+        frames = times.stamp(frames, [], usual_step_s([frame.stamp_s for frame in frames]) if has_rate else 0.0)
     if not (by_field and frames[0].video.fields == 2):
         return frames
     half_s = 0.5 * usual_step_s([frame.stamp_s for frame in frames])

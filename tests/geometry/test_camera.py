@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pps_vision.geometry.camera import Camera, StereoRig, View, reduced_image
 from pps_vision.geometry.se3 import transform
+from pps_vision.geometry.triangulation import triangulate
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 from pps_vision.types import Array, StereoFrame
 
@@ -191,3 +192,56 @@ def test_a_camera_looks_at_more_than_a_hundredth_of_a_radian():
 )
 def test_a_camera_that_cannot_be_is_not(change):
     assert not replace(PINHOLE, **change).is_usable()
+
+
+LENSES = {
+    "rational": (0.1, 0.01, 0.001, 0.002, 0.006, 0.2, 0.03, 0.01),
+    "thin prism": (-0.2, 0.1, 0.001, 0.002, 0.006, 0.2, 0.0, 0.0, 0.01, 0.002, -0.01, 0.003),
+    "tilted": (0.1, 0.01, 0.001, 0.002, 0.006, 0.2, 0.0, 0.0, 0.01, 0.002, -0.01, 0.003, 0.05, -0.03),
+    "fisheye": (0.05, -0.01, 0.003, -0.001),
+    "equidistant": (0.0, 0.0, 0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("distortion", LENSES.values(), ids=LENSES)
+def test_each_lens_projects_and_triangulates_as_opencv_projects(distortion):
+    """Also from its image back to the ray, with gradients as central differences have them."""
+    camera = Camera(640, 480, 400.0, 405.0, 320.0, 238.0, distortion, fisheye=len(distortion) == 4)
+    points = np.random.default_rng(0).uniform((-0.5, -0.4, 0.6), (0.5, 0.4, 1.5), (100, 3))
+    project = cv2.fisheye.projectPoints if camera.fisheye else cv2.projectPoints
+    T_left_right = np.eye(4)
+    T_left_right[0, 3] = 0.1
+    pixels = [
+        project((points - x).reshape(-1, 1, 3), np.zeros(3), np.zeros(3), camera.K, np.array(distortion))[0].reshape(
+            -1, 2
+        )
+        for x in ((0, 0, 0), T_left_right[:3, 3])
+    ]
+    np.testing.assert_allclose(camera.project(points), pixels[0], atol=1e-9)
+    rays = points / np.linalg.norm(points, axis=1, keepdims=True)
+    np.testing.assert_allclose(camera.bearings(pixels[0]), rays, atol=1e-9)
+    assert camera.is_usable()
+    view = StereoRig.fixed(camera, camera, T_left_right).view()
+    for point, left_px, right_px in zip(points, *pixels, strict=True):
+        found = triangulate(view, left_px, right_px, np.eye(2), np.eye(2))
+        assert found is not None
+        np.testing.assert_allclose(found.p_root, point, atol=1e-8)
+        step = 1e-6 * np.eye(3)
+        central = (camera.project(point + step) - camera.project(point - step)).T / 2e-6
+        np.testing.assert_allclose(view.left.project_jacobian(point), central, atol=1e-5)
+
+
+def test_a_fisheye_s_image_may_be_a_disc_of_more_than_180_degrees():
+    """What lies beside or behind the camera has a bearing, and no projection."""
+    camera = Camera(800, 800, 250.0, 250.0, 399.5, 399.5, (0.0, 0.0, 0.0, 0.0), fisheye=True)
+    assert camera.is_usable()
+    angle = np.linalg.norm([399.5, 0]) / 250
+    np.testing.assert_allclose(camera.bearings([799.0, 399.5]), [np.sin(angle), 0, np.cos(angle)], atol=1e-9)
+    assert np.isnan(camera.project([1.0, 0.0, -0.01])).all()
+
+
+def test_a_lens_has_as_many_coefficients_as_a_model_of_opencv():
+    with pytest.raises(ValueError, match=r"6 distortion coefficients: expected one of the numbers \(5, 8, 12, 14\)"):
+        Camera(640, 480, 400.0, 400.0, 320.0, 240.0, (0.0,) * 6)
+    with pytest.raises(ValueError, match="5 distortion coefficients"):
+        Camera(640, 480, 400.0, 400.0, 320.0, 240.0, (0.0,) * 5, fisheye=True)

@@ -10,7 +10,7 @@ import pytest
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import ImageFile, decode, natural_order, number_in
-from pps_vision.recordings.recording import read_times
+from pps_vision.recordings.times import read_times
 from pps_vision.recordings.video import open_frames
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
@@ -170,7 +170,7 @@ def test_the_pages_of_a_stack_are_its_images(tmp_path, depth):
         assert frame.stamp_s == pytest.approx(0.1 * k)
     (tmp_path / "times.txt").write_text("1\n2\n3\n4\n5.5\n")
     times = read_times(tmp_path / "times.txt")
-    recording = open_stereo_images([str(tmp_path / "L*.tif")], [str(tmp_path / "R.tif")], times=times)
+    recording = open_stereo_images([str(tmp_path / "L*.tif")], [str(tmp_path / "R.tif")], times=(times, times))
     assert [left.stamp_s for left, _ in recording.pairs] == [1, 2, 3, 4, 5.5]
     with pytest.raises(InputError, match=r"is a stack without stamps; expected --fps, --times"):
         open_stereo_images([str(tmp_path / "L*.tif")], [str(tmp_path / "R.tif")])

@@ -12,8 +12,9 @@ from pps_vision.recordings import CalibrationOptions
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import stamp_in
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.recording import Recording, read_times
+from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+from pps_vision.recordings.times import read_times
 from pps_vision.recordings.warnings import ProblemKind
 
 NS = [1403636579763555584 + 50_000_000 * k for k in range(4)]
@@ -31,7 +32,9 @@ def own(folder: Path, left: list[str], right: list[str], times: str | None = Non
     if times is not None:
         (folder / "times.txt").write_text(times)
     return open_stereo_images(
-        [str(folder / "left")], [str(folder / "right")], times=read_times(folder / "times.txt") if times else None
+        [str(folder / "left")],
+        [str(folder / "right")],
+        times=(read_times(folder / "times.txt"),) * 2 if times else (None, None),
     )
 
 
@@ -94,7 +97,7 @@ def test_stamps_in_digits_are_ns_us_or_ms_and_a_third_word_is_none(tmp_path, uni
     ("times", "message"),
     [
         ("1\n2\n", r"2 stamps for 3 images of .*left; expected one for each"),
-        ("1\n1\n2\n", r"times\.txt:2: 1 after 1\.0 s"),
+        ("1\n1\n2\n", r"times\.txt:2: 1 after 1;"),
         ("1\nx\n2\n", r"times\.txt:2: "),
         ("1\nnan\n2\n", r"times\.txt:2: 'nan' is not finite"),
         ("1 a.png\n2\n", "2 stamps, 1 names"),

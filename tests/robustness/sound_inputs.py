@@ -30,11 +30,11 @@ from pps_vision.recordings.atomic_write import write_json
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.recording import read_times
 from pps_vision.recordings.robot_file import read_robot
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets, write_table
 from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
+from pps_vision.recordings.times import read_times
 from pps_vision.recordings.video import open_video
 from pps_vision.recordings.warnings import Problem
 from pps_vision.recordings.yarp_writer import YarpWriter

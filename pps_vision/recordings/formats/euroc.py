@@ -6,8 +6,9 @@ from pathlib import Path
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.recording import Recording, pair_by_stamp, read_times, usual_size
+from pps_vision.recordings.recording import Recording, pair_by_stamp, usual_size
 from pps_vision.recordings.source import Source
+from pps_vision.recordings.times import read_times
 from pps_vision.recordings.warnings import Problem
 
 FORMAT = "a EuRoC folder, mav0/cam0 and cam1 with a data.csv each"
@@ -46,5 +47,5 @@ def _images(camera: Path) -> list[ImageFile]:
     times = read_times(camera / "data.csv")
     if not times.names:
         raise InputError(times.file, "names no image; expected rows of stamp and the name of an image")
-    entries = zip(times.names, times.stamps_s, strict=True)
+    entries = zip(times.names, times.seconds(), strict=True)
     return [ImageFile(camera / "data" / name, stamp_s) for name, stamp_s in entries]

@@ -22,16 +22,16 @@ from pps_vision.recordings.image_file import (
 from pps_vision.recordings.recording import (
     Pair,
     Recording,
-    Times,
+    clocks_apart,
     distinct_stamps,
     note_unpaired,
     pair_by_stamp,
-    read_times,
     replaced_rate,
     usual_size,
 )
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+from pps_vision.recordings.times import Times, read_times
 from pps_vision.recordings.video import is_video
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
@@ -46,7 +46,7 @@ def recognises(source: Source) -> bool:
 def open_source(source: Source) -> Recording:
     """Open the images `source.left` and `source.right`; InputError if they or the calibration cannot be used."""
     check_options(source)
-    times = read_times(source.times) if source.times else None
+    times = times_of_sides(source)
     recording = open_stereo_images(source.left, source.right, source.fps, times, source.max_skew_s)
     return with_calibration(recording, source.calib, source)
 
@@ -102,11 +102,19 @@ def check_options(source: Source) -> None:
         raise InputError("recording", f"fps {source.fps}; expected a positive number of frames a second")
 
 
+def times_of_sides(source: Source) -> tuple[Times | None, Times | None]:
+    """The stamps of `--times` for the left and the right images; InputError for more than two files."""
+    if len(source.times) > 2:
+        raise InputError("recording", f"{len(source.times)} files of times; expected one, or one for each side")
+    times = [read_times(file, source.times_unit) for file in source.times]
+    return (times[0], times[-1]) if times else (None, None)
+
+
 def open_stereo_images(
     left_globs: Sequence[str],
     right_globs: Sequence[str],
     fps: float | None = None,
-    times: Times | None = None,
+    times: tuple[Times | None, Times | None] = (None, None),
     max_skew_s: float = MAX_SKEW_S,
 ) -> Recording:
     """Two sequences of one stereo camera.
@@ -120,13 +128,13 @@ def open_stereo_images(
     name = _briefly(left_globs)
     left, right = (images_of(matched(patterns)) for patterns in (left_globs, right_globs))
     if fps is None:
-        sides = [_stamped(images, times, problems) for images in (left, right)]
+        sides = [_stamped(*side, problems) for side in zip((left, right), times, strict=True)]
         pairs = pair_by_stamp(sides[0], sides[1], max_skew_s, problems)
-        warnings = tuple[str, ...]()
+        warnings = tuple(clocks_apart(sides[0], sides[1], len(pairs), max_skew_s)) if all(sides) else ()
     else:
         pairs = _by_frame(left, right, fps, problems)
         stamps_s = [stamp_in(image.path) for image, _ in pairs]
-        warnings = replaced_rate(fps, sorted(filter(None, stamps_s))) if None not in stamps_s else ()
+        warnings = replaced_rate(f"--fps {fps:g}", fps, sorted(filter(None, stamps_s))) if None not in stamps_s else ()
     turned = orientation_of(left[0].path) != 1
     notes = (f"{left[0].path}: its orientation (EXIF) is ignored: images are as recorded",) if turned else ()
     size = usual_size(name, pairs, problems)

@@ -6,9 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import check_options, matched, with_calibration
+from pps_vision.recordings.formats.stereo_images import check_options, matched, times_of_sides, with_calibration
 from pps_vision.recordings.image_file import ImageFile, halves
-from pps_vision.recordings.recording import Recording, pair_by_stamp, read_times, replaced_rate, usual_size
+from pps_vision.recordings.recording import (
+    Recording,
+    clocks_apart,
+    pair_by_stamp,
+    replaced_rate,
+    usual_size,
+    usual_step_s,
+)
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.video import VideoFrame, is_video, open_video
@@ -28,9 +35,12 @@ def recognises(source: Source) -> bool:
 def open_source(source: Source) -> Recording:
     """Open the videos, their frames paired by stamp; InputError if they or the calibration cannot be used."""
     check_options(source)
-    times = read_times(source.times) if source.times else None
+    times = times_of_sides(source)
     names = [(str(source.folder),)] if source.folder else [source.left, source.right]
-    sides = [open_video(matched(side), source.fps, times, not source.no_rotate, by_field=True) for side in names]
+    sides = [
+        open_video(matched(side), source.fps, side_times, not source.no_rotate, by_field=True)
+        for side, side_times in zip(names, times, strict=False)
+    ]
     left: Sequence[ImageFile] = sides[0]
     right: Sequence[ImageFile] = sides[-1]
     video = sides[0][0].video
@@ -46,9 +56,14 @@ def open_source(source: Source) -> Recording:
             aspect *= 2.0 if is_beside else 0.5
     problems: list[Problem] = []
     warnings = list(_ends_early(sides[0], sides[-1], source.max_skew_s))
-    if source.fps and video.has_stamps:
-        warnings += replaced_rate(source.fps, [video.time_base_s * pts for pts in video.pts])
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
+    if (source.fps or source.times) and video.has_stamps:
+        own_s = [video.time_base_s * pts for pts in video.pts]
+        fps = source.fps or 1 / (sides[0][0].fields * usual_step_s([frame.stamp_s for frame in sides[0]]) or 1.0)
+        option = f"--times {source.times[0]} ({fps:.4g} frames/s)" if source.times else f"--fps {fps:g}"
+        warnings += replaced_rate(option, fps, own_s)
+    if not source.fps:
+        warnings += clocks_apart(left, right, len(pairs), source.max_skew_s)
     size = usual_size(names[0][0], pairs, problems)
     notes = tuple(dict.fromkeys(note for side in sides for note in _notes(side[0])))
     recording = Recording(
