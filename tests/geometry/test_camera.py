@@ -241,7 +241,7 @@ def test_a_fisheye_s_image_may_be_a_disc_of_more_than_180_degrees():
 
 
 def test_a_lens_has_as_many_coefficients_as_a_model_of_opencv():
-    with pytest.raises(ValueError, match=r"6 distortion coefficients: expected one of the numbers \(5, 8, 12, 14\)"):
+    with pytest.raises(ValueError, match=r"6 distortion coefficients: expected 5 or 8 or 12 or 14"):
         Camera(640, 480, 400.0, 400.0, 320.0, 240.0, (0.0,) * 6)
     with pytest.raises(ValueError, match="5 distortion coefficients"):
         Camera(640, 480, 400.0, 400.0, 320.0, 240.0, (0.0,) * 5, fisheye=True)
