@@ -63,7 +63,9 @@ def cameras_of(
     """The same of cameras that have been read."""
     if not 0 < options.unit_m < float("inf"):
         raise InputError("calibration", f"unit_m {options.unit_m}; expected the positive length of the unit in metres")
-    pair = [_for_images(camera, image_size, options.rectified) for camera in _pair(cameras, options.cameras, images)]
+    sized = [camera for camera in cameras if camera.size == image_size]
+    chosen = sized if len(sized) == 2 and options.cameras is None else cameras
+    pair = [_for_images(camera, image_size, options.rectified) for camera in _pair(chosen, options.cameras, images)]
     left, right = (_camera(camera, image_size, options, side) for camera, side in zip(pair, "12", strict=True))
     T_right_left = pair[1].pose @ inverse(pair[0].pose)
     file = pair[1].file

@@ -1,9 +1,40 @@
 """Calibrations as OpenCV and Kalibr write them."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.triangulation import triangulate
+from pps_vision.recordings import CalibrationOptions
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+
+
+@dataclass(frozen=True)
+class StereoCamera:
+    """The true camera matrices, distortions and pose of a stereo camera; its points are projected by OpenCV."""
+
+    size: tuple[int, int]
+    K: tuple[np.ndarray, np.ndarray]
+    D: tuple[np.ndarray, np.ndarray]
+    T_right_left: np.ndarray
+    fisheye: bool = False
+
+    def error_m(self, files: Sequence[Path], options: CalibrationOptions | None = None) -> float:
+        """Largest distance of 50 points in the left camera's frame, as they are triangulated by a calibration."""
+        points = np.random.default_rng(1).uniform((-0.3, -0.2, 0.8), (0.3, 0.2, 2.0), (50, 3))
+        project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
+        pixels = [
+            project((points @ T[:3, :3].T + T[:3, 3])[:, None], np.zeros(3), np.zeros(3), K, D)[0].reshape(-1, 2)
+            for T, K, D in zip((np.eye(4), self.T_right_left), self.K, self.D, strict=True)
+        ]
+        view = StereoRig.fixed(*read_stereo_calibration(files, self.size, options or CalibrationOptions())).view()
+        found = [triangulate(view, left, right, np.eye(2), np.eye(2)) for left, right in zip(*pixels, strict=True)]
+        assert all(found)
+        return float(np.max(np.abs([point.p_root for point in found if point] - points)))
 
 
 def store(file: Path, flags: int = 0, **entries: np.ndarray | float) -> Path:
