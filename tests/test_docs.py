@@ -86,6 +86,13 @@ def test_own_camera(workdir):
 
 
 @pytest.mark.long
+def test_a_calibration_by_hand(workdir, capsys):
+    run("docs/howto/calibration.md")
+    assert "cameras: 120.1 mm apart" in capsys.readouterr().out
+    assert np.median(errors_mm(workdir / "by_hand" / "trajectory.csv")) < 10
+
+
+@pytest.mark.long
 def test_own_tracker_and_its_evaluation(workdir, capsys):
     run("docs/howto/tracker.md")
     said = capsys.readouterr().out
