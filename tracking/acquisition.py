@@ -60,6 +60,7 @@ _MAX_SHARE = 0.25  # share of the image
 _MIN_LIKENESS = 0.7  # Bhattacharyya coefficient of an object's colours in both images
 _MAX_RATIO = 1.2  # largest ratio of an object's angular radii in both images
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours suffice without the foreground
+_ALIGNED_PX = 1.0  # standard deviation of the centre of an aligned silhouette
 _LOW_SATURATION = 0.4  # share of the object's mean squared saturation below which a colour is the surroundings'
 
 
@@ -80,6 +81,7 @@ class Candidate:
     box: Box  # region of the image of `mask` (h, w)
     is_partly_occluded: bool = False  # whether it appears from behind an occluder, possibly still partly hidden
     is_part: bool = False  # whether it is a vivid part of a moving region, such as an object in a hand
+    silhouette: tuple[Mask, Box] | None = None  # of the whole object, where the image's border cuts `mask` off
 
 
 class Acquisition:
@@ -229,41 +231,70 @@ class Acquisition:
             if likeness < _MIN_LIKENESS:
                 self._counts["rejected by colour"] += 1
                 continue
-            outline_a = self._whole_outline(0, cameras, a, b)
-            outline_b = self._whole_outline(1, cameras, b, a)
+            whole_a = self._whole(0, cameras, a, b)
+            whole_b = self._whole(1, cameras, b, a)
             neither_is_whole = a.is_partly_occluded and b.is_partly_occluded
-            if outline_a is None or outline_b is None or neither_is_whole:
+            if whole_a is None or whole_b is None or neither_is_whole:
                 self._counts["rejected since half hidden"] += 1
                 continue
-            ratio = outline_a.angular_radius_rad / outline_b.angular_radius_rad
+            outlines = whole_a.outline, whole_b.outline
+            ratio = outlines[0].angular_radius_rad / outlines[1].angular_radius_rad
             rank = a.is_part and b.is_part, likeness * float(np.sqrt(a.evidence * b.evidence))
             if max(ratio, 1 / ratio) > _MAX_RATIO:
                 self._counts["rejected by size"] += 1
-            elif rank > best_rank and association.observe(view, outline_a, outline_b, stamp_s):
-                best = replace(a, outline=outline_a), replace(b, outline=outline_b)
+            elif rank > best_rank and association.observe(view, *outlines, stamp_s):
+                best = whole_a, whole_b
                 best_rank = rank
             elif rank > best_rank:
-                self._counts[f"rejected by {association.refusal(view, outline_a, outline_b)}"] += 1
+                self._counts[f"rejected by {association.refusal(view, *outlines)}"] += 1
         return best
 
-    def _whole_outline(
-        self, eye: int, cameras: CameraFrames, candidate: Candidate, partner: Candidate
-    ) -> Outline | None:
-        """Outline of the whole object: if the other image shows a larger disc that fits, a disc of that size; else the
-        candidate's own outline, None if it is partly occluded."""
-        own = None if candidate.is_partly_occluded else candidate.outline
+    def _whole(self, eye: int, cameras: CameraFrames, candidate: Candidate, partner: Candidate) -> Candidate | None:
+        """The candidate with the outline of the whole object, if the other image shows more of it: a disc of that size,
+        or the silhouette in the other image, where the image's border cuts it off; None if it is partly occluded."""
+        own = None if candidate.is_partly_occluded else candidate
         ratio = partner.outline.angular_radius_rad / candidate.outline.angular_radius_rad
         if ratio < (1.0 if candidate.outline.is_partial or candidate.is_partly_occluded else _MAX_RATIO):
-            return candidate.outline
+            return candidate
         if not partner.outline.is_disc:
-            return own
+            is_cut = candidate.outline.is_cut and not partner.outline.is_partial
+            return _aligned(candidate, partner, self._optics[eye]) if is_cut else own
         view = cameras[eye].view
         other_view = cameras[1 - eye].view
         baseline = other_view.center - view.center
         sine = _sine(baseline, view.rays(candidate.outline.center_px))
         nearer = sine / _sine(baseline, other_view.rays(partner.outline.center_px))  # by the law of sines
         area_px = candidate.outline.area_px * (nearer * ratio) ** 2
-        return fit_outline(cameras[eye].image, candidate.mask, candidate.box, self._optics[eye], area_px) or own
+        image = cameras[eye].image
+        outline = fit_outline(image, candidate.mask, candidate.box, self._optics[eye], area_px)
+        return own if outline is None else replace(candidate, outline=outline)
+
+
+def _aligned(candidate: Candidate, partner: Candidate, optics: Optics) -> Candidate:
+    """A candidate that the image's border cuts off, as a whole: its partner's silhouette where it covers most of the
+    candidate and least of the rest of the image."""
+    x, y, w, h = cv2.boundingRect(partner.mask.view(np.uint8))
+    silhouette = partner.mask[y : y + h, x : x + w]
+    camera = optics.camera
+    evidence = np.zeros((camera.height + 2 * h, camera.width + 2 * w), np.float32)
+    evidence[h:-h, w:-w] = -1
+    x0, y0, x1, y1 = candidate.box
+    evidence[h + y0 : h + y1, w + x0 : w + x1][candidate.mask] = 1
+    overlap = cv2.matchTemplate(evidence, silhouette.astype(np.float32), cv2.TM_CCORR)
+    left, top = cv2.minMaxLoc(overlap)[3]
+    box = left - w, top - h, left, top
+    shift_px = np.array([box[0] - partner.box[0] - x, box[1] - partner.box[1] - y])
+    sides = partner.outline.box_px[2:]
+    outline = replace(
+        partner.outline,
+        center_px=partner.outline.center_px + shift_px,
+        cov_px=_ALIGNED_PX**2 * np.eye(2),
+        box_px=(float(box[0]), float(box[1]), *sides),
+        is_partial=True,
+        is_cut=True,
+        is_edge=True,
+    )
+    return replace(candidate, outline=outline, silhouette=(silhouette, box))
 
 
 def segment(image: Image, region: Region2D, optics: Optics, foreground: Foreground | None = None) -> Candidate | None:

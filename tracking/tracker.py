@@ -411,6 +411,11 @@ class Tracker:
                     states[k], detections[k] = result
             state = state._replace(cameras=(states[0], states[1]), score=_WHOLE_SCORE)
             return state, (detections[0], detections[1]), None
+        silhouette = next((found[0].target.silhouette for found in whole.values() if found and found[0].target), None)
+        for k in regions:
+            target = states[k].target
+            if whole[k] is None and target is not None and silhouette is not None:  # newer, from the other eye
+                states[k] = states[k]._replace(target=replace(target, silhouette=silhouette))
         eyes = [
             self._cameras[k].eye(states[k], cameras[k], predicted, region.evidence) for k, region in regions.items()
         ]
@@ -477,11 +482,15 @@ class Tracker:
                 outline = candidate.outline
                 if by_color:
                     tracker.background.invalidate_mask(camera.image, camera.view, candidate.mask, candidate.box)
-                box = _whole_box(outline) if outline.is_partial else outline.box_px
+                silhouette = candidate.silhouette
+                if silhouette is None and not outline.is_partial and not outline.is_disc:
+                    silhouette = candidate.mask, candidate.box
+                box = _whole_box(outline) if outline.is_partial and silhouette is None else outline.box_px
                 seen = None
-                if not outline.is_partial and not outline.is_disc and observation is not None:
-                    shape = candidate.mask, candidate.box, camera.view, observation.p_root
-                    seen = Silhouette(*shape, outline.center_px, observation.radius_m)
+                if silhouette is not None and observation is not None:
+                    mask, region = silhouette
+                    at = camera.view, observation.p_root, outline.center_px
+                    seen = Silhouette(mask, region, *at, observation.radius_m)
                 appearance = outline.angular_radius_rad, candidate.model, seen
                 target = tracker.image_tracker.start(camera.image, box, *appearance)
                 if candidate.is_part:  # a disc of known size, partly hidden
