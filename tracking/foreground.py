@@ -21,6 +21,7 @@ from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum, color_diffe
 from tracking.masks import Box, BoxPx
 
 _SAMPLES = 20  # per row and column, of brightness, noise and distance
+_STRIP = 64  # rows of the background that are updated together
 _UNCOVERED = 0.35  # share of an edge across which the background changes more than the image, of a place left
 _INVERSE_DISTANCES = np.linspace(0, 2, 11)  # of the static scene, 1/m
 
@@ -163,7 +164,8 @@ class Background:
         """Update the background every `memory_s`, except around the boxes of the followed objects."""
         if self.is_known and stamp_s - self._stamp_s <= self.params.memory_s - 1e-6:
             return
-        current = np.maximum(smoothed(image, (0, 0, image.shape[1], len(image))), np.uint8(1))
+        current = smoothed(image, (0, 0, image.shape[1], len(image)))
+        np.maximum(current, np.uint8(1), out=current)
         excluded = np.zeros(image.shape[:2], bool)
         for x, y, w, h in objects_px:
             excluded[
@@ -203,10 +205,18 @@ class Background:
             self._fit_distance(current, view)
         gain, threshold = self._brightness(image, view)
         saturated = channel_maximum(current) == 255
-        current = np.maximum(cv2.convertScaleAbs(current, alpha=1 / gain), np.uint8(1))
+        cv2.convertScaleAbs(current, current, alpha=1 / gain)
+        np.maximum(current, np.uint8(1), out=current)
         whole = (0, 0, current.shape[1], current.shape[0])
         mean = self._warped(self._mean, view, whole)
-        differs = self._difference(current, self._mean, 1.0, view, whole) > int(threshold)
+        rows = _STRIP if self.rests(view) else len(current)  # strips take less memory
+        differs = np.concatenate(
+            [
+                self._difference(strip, self._mean, 1.0, view, (0, y, whole[2], y + len(strip))) > int(threshold)
+                for y in range(0, len(current), rows)
+                for strip in [current[y : y + rows]]
+            ]
+        )
         moved = differs & (mean[..., 0] > 0) & ~excluded
         x, y, w, h = cv2.boundingRect(moved.view(np.uint8))
         if w:
@@ -243,13 +253,15 @@ class Background:
         expected = self._warped(reference, view, wide)
         inside = np.s_[top : top + y1 - y0, left : left + x1 - x0]
         low = cv2.erode(expected, masks.square(m))[inside]
+        is_unknown = low[..., 0] == 0
+        below = channel_maximum(cv2.subtract(cv2.convertScaleAbs(low, alpha=gain), current))
+        del low  # large
         high = cv2.dilate(expected, masks.square(m))[inside]
-        above = cv2.subtract(current, cv2.convertScaleAbs(high, alpha=gain))
-        below = cv2.subtract(cv2.convertScaleAbs(low, alpha=gain), current)
-        difference = channel_maximum(cv2.max(above, below))
+        above = channel_maximum(cv2.subtract(current, cv2.convertScaleAbs(high, alpha=gain)))
+        difference = np.asarray(cv2.max(above, below), np.uint8)
         if is_moving:  # gaps that the tolerance leaves along edges
             difference = np.asarray(cv2.morphologyEx(difference, cv2.MORPH_CLOSE, masks.square(m + 1)), np.uint8)
-        difference[low[..., 0] == 0] = 255
+        difference[is_unknown] = 255
         return difference
 
     def _warped(self, image: Pixels, view: View, box: Box) -> Pixels:

@@ -414,7 +414,7 @@ class Tracker:
         silhouette = next((found[0].target.silhouette for found in whole.values() if found and found[0].target), None)
         for k in regions:
             target = states[k].target
-            if whole[k] is None and target is not None and silhouette is not None:  # newer, from the other eye
+            if whole[k] is None and target and target.silhouette and silhouette:  # the other eye's is newer
                 states[k] = states[k]._replace(target=replace(target, silhouette=silhouette))
         eyes = [
             self._cameras[k].eye(states[k], cameras[k], predicted, region.evidence) for k, region in regions.items()
