@@ -76,12 +76,11 @@ class Reference:
         self._scale = max(1, round(camera.width / _WIDTH_PX))
         self._camera = camera.reduced(self._scale)
         self.T_root_camera = T_root_camera
-        self._image = image
         self._grey = self._reduced(image)
         features = cv2.goodFeaturesToTrack(self._grey, _MAX_POINTS, _QUALITY, _APART_PX)
         corners = np.empty((0, 1, 2), np.float32) if features is None else np.asarray(features, np.float32)
         for patch in _PATCHES:
-            self._keep_sharp(corners, patch)
+            self._keep_sharp(image, corners, patch)
             if self.has_corners:
                 break
         self._bearings = self._camera.bearings(self._points[:, 0]) if len(self._points) else np.empty((0, 3))
@@ -164,7 +163,7 @@ class Reference:
         inside: Mask = (u >= 0) & (v >= 0) & (u <= self._camera.width - 1) & (v <= self._camera.height - 1)
         return inside  # False for NaN
 
-    def _keep_sharp(self, points: NDArray[np.float32], patch: int) -> None:
+    def _keep_sharp(self, image: Image, points: NDArray[np.float32], patch: int) -> None:
         """Keep the corners (n, 1, 2) whose patch of ± `patch` px determines a shift, and prepare `is_still`.
 
         `_pixels`: rows and columns (n, m) of the patches in the full image; `_before` (n, m): their grey levels;
@@ -172,14 +171,14 @@ class Reference:
         """
         k = self._scale
         m = patch + 1
-        height, width = self._image.shape[:2]
+        height, width = image.shape[:2]
         x, y = np.rint((points[:, 0] + 0.5) * k - 0.5).astype(int).T
         inside = (x >= m) & (y >= m) & (x < width - m) & (y < height - m)
         points, x, y = points[inside], x[inside], y[inside]
         down, across = np.mgrid[-m : m + 1, -m : m + 1]
         rows = y[:, None, None] + down
         columns = x[:, None, None] + across
-        grey = self._image[rows, columns].mean(axis=3)
+        grey = image[rows, columns].mean(axis=3)
         slopes = 0.5 * np.stack(
             [grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2], grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]], axis=1
         )
@@ -441,7 +440,7 @@ class _FixedRig:
         """Make the current images the last reference."""
         view = _turned(nominal, self.rotation)
         left, right = (
-            Reference(eye.camera, image.copy(), eye.T_root_camera)
+            Reference(eye.camera, image, eye.T_root_camera)
             for eye, image in zip((view.left, view.right), images, strict=True)
         )
         self._references[1:] = [(left, right)]
@@ -564,7 +563,7 @@ class _LateJoints:
         is_sure = self.std_s * math.hypot(*rate) * view.camera.focal_px < _SURE_PX
         if is_sure and stamp_s - self._measured_s < _SELDOM_S:
             return
-        self._reference = (Reference(view.camera, image.copy(), view.T_root_camera), rate, stamp_s)
+        self._reference = (Reference(view.camera, image, view.T_root_camera), rate, stamp_s)
 
     def _update(self, measured: Misalignment, change: Array, stamp_s: float) -> None:
         """Update the delay by a rotation: the delay times a `change` (3,) of angular velocity, plus parallax."""

@@ -53,7 +53,7 @@ LIMITS = {  # of cases that miss the usual ones at this size; `bench independent
     "marker, 1 m/s, instant reversal": Limits(right=80),  # coasts past each reversal
     "1 m/s, instant reversal": Limits(right=95, median_mm=3),  # 100, 100, 98 % with three seeds
     "hand takes": Limits(right=95, median_mm=3),
-    "turning stick": Limits(right=85, false=3, median_mm=15),  # found once it is wholly in view
+    "turning stick": Limits(right=95, median_mm=15),
     "2 cm/s": Limits(right=75, median_mm=30),  # at first joined with the place that it leaves
     "moves, stops for 2 s, moves on": Limits(false=4),  # at first joined with the place that it left
     LARGE.name: Limits(right=70, false=15),  # cut by the image's border as it enters
