@@ -46,7 +46,7 @@ SETTINGS = "settings.json"
 MEMORY = "memory.npz"
 _OWN = (SETTINGS, MEMORY, SUMMARY, BATCH, "batch.parquet", REPORT)
 _POSITIVE = "a positive number"
-_WORDS = ("cameras", "lens", "crop")
+_PATHS = ("rec", "left", "right", "calib", "times", "joints", "taxels", "robot", "urdf", "skin")  # columns
 _NUMBERS = {"fps": _POSITIVE, "unit_m": _POSITIVE, "max_skew_s": "a number of at least 0"}  # columns of a manifest
 _BUSY_S = 0.5  # before another try where another run is writing the result
 _ENDS_S = 5.0  # in which a process that is told to end removes its unfinished files
@@ -181,7 +181,7 @@ def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
                 raise InputError(file, f"{key} {text!r}; expected {_NUMBERS[key]}", line)
         values = {key: tuple(value.split(";")) for key, value in row.items()}
         are_topics = ("left", "right") if "rec" in values else ()
-        for key in values.keys() - {*_NUMBERS, *_WORDS, *are_topics}:
+        for key in values.keys() & {*_PATHS} - {*are_topics}:
             values[key] = tuple(os.path.abspath(file.parent / path) for path in values[key])
         rec = values.pop("rec", ())
         options = [word for key, words in values.items() for word in (f"--{key.replace('_', '-')}", *words)]

@@ -31,7 +31,7 @@ class RecordingInfo:
     cameras_turn_deg: float  # largest turn of the left camera from its first pose by the joints, 0 where there are none
     baseline_m: float  # distance of the cameras; NaN without a calibration
     focal_px: float
-    field_of_view_deg: float  # horizontal, of the left camera without its distortion
+    field_of_view_deg: float  # horizontal, of the left camera without its distortion, of a fisheye lens with it
     touches: int
     truth_rows: int
     skipped: dict[str, int]
@@ -73,7 +73,11 @@ def info(recording: Recording) -> RecordingInfo:
         view = recording.rig.view(recording.pairs[0][0].joints_rad, recording.pairs[0][1].joints_rad)
         baseline_m = float(np.linalg.norm(view.right.center - view.left.center))
         focal_px = recording.rig.left.fx
-        field_deg = float(np.rad2deg(2 * np.arctan(recording.rig.left.width / (2 * focal_px))))
+        left_camera = recording.rig.left
+        field_deg = float(np.rad2deg(2 * np.arctan(left_camera.width / (2 * focal_px))))
+        if left_camera.fisheye:
+            edges = [(x, left_camera.cy) for x in (-0.5, left_camera.width - 0.5)]
+            field_deg = float(np.rad2deg(np.arccos(left_camera.bearings(edges)[:, 2]).sum()))
     gaps = int(np.sum(steps > _GAP * usual_s))
     advice = tuple(_advice(recording, float(np.median(skews_ms)), usual_s, gaps))
     return RecordingInfo(

@@ -42,9 +42,11 @@ def write_icub_eyes(file: Path, left: Camera, right: Camera) -> None:
     """Write an icubEyes.ini; ValueError for a k3, which the form has no place for."""
     sections = []
     for side, camera in (("left", left), ("right", right)):
-        *coefficients, k3 = camera.distortion
-        if k3 != 0:
-            raise ValueError(f"{side} camera has k3 = {k3}; expected 0, icubEyes.ini holds k1, k2, p1, p2")
+        coefficients = camera.distortion[:4]
+        if camera.fisheye or any(camera.distortion[4:]):
+            raise ValueError(
+                f"{side} camera has {camera.distortion}; expected k1, k2, p1, p2, which icubEyes.ini holds"
+            )
         values = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, *coefficients)
         rows = [f"{key} {value!r}" for key, value in zip(_KEYS, values, strict=True)]
         sections.append("\n".join([f"[{_SECTIONS[side]}]", "projection pinhole", *rows, ""]))

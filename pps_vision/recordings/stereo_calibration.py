@@ -96,7 +96,8 @@ def _pair(
     if names is not None:
         by_name = {camera.name: camera for camera in cameras}
         if missing := [name for name in names if name not in by_name]:
-            raise InputError(cameras[0].file, f"no camera {missing[0]}; expected two of {names_of(cameras)}")
+            expected = f"two of {names_of(cameras)}" if any(by_name) else "no --cameras: it holds two, without names"
+            raise InputError(cameras[0].file, f"no camera {missing[0]}; expected {expected}")
         return [by_name[name] for name in names]
     in_paths = [_named_in(paths, cameras) for paths in images]
     if in_paths[0] and in_paths[1] and in_paths[0] is not in_paths[1]:

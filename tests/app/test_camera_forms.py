@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from calibrations import store
-from filmed import SIZE, calibration, film, track_error_mm, write_video, write_videos
+from filmed import SCENE, SIZE, calibration, film, track_error_mm, write_video, write_videos
 
 from pps_vision.app.cli import main
 from pps_vision.geometry.camera import Camera
@@ -120,3 +120,22 @@ def test_rectified_images_with_the_projections_of_stereo_rectify(tmp_path):
     path = np.column_stack([table[f"{axis}_m"] for axis in "xyz"])
     truth = np.array([row.position for row in shown.truth]) @ R1.T
     assert 1000 * np.median(np.linalg.norm(path - truth, axis=1)[known]) < 1
+
+
+def test_stamps_are_read_in_the_unit_that_fits_the_video(tmp_path, capsys):
+    """Milliseconds, of other numbers of rows; a wrong unit is told, by `info` and by `track`."""
+    shown, words = write_videos(tmp_path)
+    n = len(film()[1][0])
+    for side, began_ms in (("left", 1000.0), ("right", 1000.4)):
+        rows = (f"{began_ms + 1000 * k / SCENE.fps:.3f}\n" for k in range(n))
+        (tmp_path / f"{side}.txt").write_text("".join(rows))
+    words += ["--times", str(tmp_path / "left.txt"), str(tmp_path / "right.txt")]
+    assert track_error_mm(words, shown, tmp_path / "path", start_s=1.0) < 1
+    main(["info", *words, "--times-unit", "s", "--max-skew-s", "1"])
+    told = capsys.readouterr().out
+    assert "(0.025 frames/s) replaces the files' own 25.00" in told
+    assert "try --times-unit, --fps or other stamps: there are 0.025 pairs/s" in told
+    main(["track", *words, "--times-unit", "s", "--max-skew-s", "1", "--out", str(tmp_path / "wrong")])
+    told = capsys.readouterr().out
+    assert "try --times-unit, --fps or other stamps: there are 0.025 pairs/s" in told
+    assert "nothing moves" not in told

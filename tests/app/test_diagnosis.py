@@ -212,13 +212,31 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered, tmp_path, cap
         assert any("continue each other" in warning for warning in warnings) == (name == "one")
 
 
-def plain_pairs() -> Recording:
-    """Plain pairs, a second apart, whose images differ by a pixel."""
+@pytest.mark.parametrize(
+    ("step_s", "moving", "advice"),
+    [
+        (0.05, 0, "--mode marker for a green marker, or a faster object: nothing moves against the scene"),
+        (0.05, 3, "a larger object, nearer or of more contrast: what changes in the images is too little"),
+        (33.3, 3, "--times-unit, --fps or other stamps: there are 0.03 pairs/s, too few to follow a motion"),
+    ],
+)
+def test_that_nothing_moves_is_said_only_where_nothing_moves(step_s, moving, advice):
+    diagnosis = diagnose(plain_pairs(step_s, moving), "generic", {"frames": 20}, 0.0, (0.0, 0.0), 0.0)
+    assert diagnosis is not None
+    assert [line[: len(advice)] for line in diagnosis.advice] == [advice]
+
+
+def plain_pairs(step_s: float = 1.0, moving: int = 0) -> Recording:
+    """Plain pairs, whose images differ by a pixel, and by a square of `moving` pixels."""
     camera = Camera(40, 30, 30.0, 30.0, 19.5, 14.5)
     images = np.full((2, 30, 40, 3), 90, np.uint8)
     images[1, 0, 0] += 1
+    images[1, 10 : 10 + moving, 10 : 10 + moving] = 250
     pairs = [
-        tuple(MadeUp(Path(f"{side}.png"), float(k), pixels=images[i]) for i, side in enumerate(("left", "right")))
+        tuple(
+            MadeUp(Path(f"{side}.png"), k * step_s, pixels=images[k] + np.uint8(i) if moving else images[i])
+            for i, side in enumerate(("left", "right"))
+        )
         for k in range(2)
     ]
     rig = StereoRig.fixed(camera, camera, transform(translation=(0.1, 0.0, 0.0)))

@@ -289,3 +289,25 @@ def test_of_more_cameras_two_are_chosen(tmp_path):
     np.testing.assert_allclose(by_path[2], T_RIGHT_LEFT, atol=1e-9)
     with pytest.raises(InputError, match="no camera top; expected two of cam_0, cam_1, cam_2"):
         read_stereo_calibration([file], SIZE, CalibrationOptions(cameras=("cam_0", "top")))
+    (file,) = matlab(tmp_path)
+    with pytest.raises(InputError, match="no camera left; expected no --cameras: it holds two, without names"):
+        read_stereo_calibration([file], SIZE, CalibrationOptions(cameras=("left", "right")))
+
+
+def test_the_raw_file_of_kitti_serves_rectified_and_original_images(tmp_path):
+    """By the images' size; rectified by OpenCV, whose left camera is turned by R1."""
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, RADTAN[0], K2, RADTAN[1], SIZE, R, T, newImageSize=(1242, 375))
+    text = "calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.950000e-02\n"
+    poses = np.eye(4), T_RIGHT_LEFT
+    for k, (K, D, pose, R_rect, P) in enumerate(zip((K1, K2), RADTAN, poses, (R1, R2), (P1, P2), strict=True)):
+        rows = {"S": SIZE, "K": K, "D": D, "R": pose[:3, :3], "T": pose[:3, 3], "S_rect": (1242, 375), "R_rect": R_rect}
+        for key, numbers in (rows | {"P_rect": P}).items():
+            text += f"{key}_0{k}: " + " ".join(repr(float(x)) for x in np.ravel(numbers)) + "\n"
+    files = write(tmp_path / "calib_cam_to_cam.txt", text)
+    assert PINHOLE_CAMERA.error_m(files) < 1e-6
+    rectified = StereoCamera((1242, 375), (P1[:, :3], P2[:, :3]), (np.zeros(5),) * 2, np.eye(4))
+    rectified.T_right_left[0, 3] = P2[0, 3] / P2[0, 0]
+    assert rectified.error_m(files) < 1e-6
+    (folder := tmp_path / "p").mkdir()
+    with pytest.raises(InputError, match="holds no projection; expected P1 and P2 with --rectified"):
+        read_stereo_calibration(matlab(folder), SIZE, CalibrationOptions(rectified=True))

@@ -14,6 +14,7 @@ import trimesh
 from bags import BagWriter
 from calibrations import store
 from results import write_results
+from scipy.io import savemat
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
 from learning.reach.labels import Labels
@@ -183,11 +184,50 @@ _CALIBRATIONS: Mapping[str, Sequence[str]] = {  # the files of one stereo camera
         + f"projection_matrix:\n  data: [220, 0, 160, {x}, 0, 220, 120, 0, 0, 0, 1, 0]\n"
         for x in (0, -22)
     ],
+    "zed": [
+        "".join(
+            f"[{side}_CAM_HD]\nfx=700.0\nfy=700.0\ncx=640.0\ncy=360.0\nk1=-0.17\nk2=0.02\n"
+            for side in ("LEFT", "RIGHT")
+        )
+        + "[STEREO]\nBaseline=120\nTY=0.1\nTZ=-0.2\nCV_HD=0.01\nRX_HD=0.002\nRZ_HD=-0.001\n"
+    ],
+    "multical": [
+        '{"cameras": {"a": {"model": "standard", "image_size": [320, 240], '
+        '"K": [[220, 0, 160], [0, 220, 120], [0, 0, 1]], "dist": [[0.1, 0, 0, 0, 0]]}, '
+        '"b": {"image_size": [320, 240], "K": [[220, 0, 160], [0, 220, 120], [0, 0, 1]], '
+        '"dist": [0.1]}}, "camera_poses": {"a": {"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [0, 0, 0]}, "b_to_a": '
+        '{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [-0.1, 0, 0]}}}'
+    ],
+    "orb_slam3": [
+        '%YAML:1.0\nCamera.type: "KannalaBrandt8"\nCamera.width: 320\nCamera.height: 240\n'
+        + "".join(
+            f"Camera{k}.{key}: {x}\n"
+            for k in (1, 2)
+            for key, x in {"fx": 99, "fy": 99, "cx": 160, "cy": 120, "k1": 0.1}.items()
+        )
+        + "Stereo.T_c1_c2: !!opencv-matrix\n  rows: 4\n  cols: 4\n  dt: f\n"
+        + "  data: [1,0,0,0.1,0,1,0,0,0,0,1,0,0,0,0,1]\n"
+    ],
     "kitti": ["".join(f"P{k}: 220 0 160 {-22 * k} 0 220 120 0 0 0 1 0\n" for k in range(4))],
     "anipose": [
         "".join(f"[cam_{k}]\n{_ANIPOSE}translation = [{k}, 0, 0.5]\ndistortions = [0.0, 0.1]\n" for k in range(2))
     ],
 }
+
+
+def _arrays(suffix: str) -> Reader:
+    """The matrices as arrays of NumPy or variables of MATLAB."""
+
+    def write(folder: Path) -> list[Path]:
+        K = np.array([[220.0, 0, 160], [0, 221, 120], [0, 0, 1]])
+        arrays = {"K1": K, "D1": np.full(5, 0.01), "K2": K, "D2": np.zeros(5), "R": np.eye(3), "T": [-0.1, 0, 0]}
+        if suffix == "npz":
+            np.savez(folder / "stereo.npz", **arrays)
+        else:
+            savemat(folder / "stereo.mat", arrays | {"imageSize": [[320, 240]]})
+        return [folder / f"stereo.{suffix}"]
+
+    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
 
 
 def _calibration_of(tool: str) -> Reader:
@@ -197,7 +237,8 @@ def _calibration_of(tool: str) -> Reader:
         return sorted(folder.iterdir())
 
     cameras = CalibrationOptions(cameras=("image_0", "image_1") if tool == "kitti" else None)
-    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240), cameras))
+    size = (1280, 720) if tool == "zed" else (320, 240)
+    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), size, cameras))
 
 
 def _write_images(folder: Path, names: Sequence[str]) -> None:
@@ -433,6 +474,7 @@ READERS: Mapping[str, Reader] = {
         _of_recording("icubEyes.ini"), lambda folder: read_icub_eyes(folder / "rec/icubEyes.ini", (640, 480))
     ),
     **{f"calibration_{suffix}": _calibration(suffix) for suffix in ("xml", "yml", "json")},
+    **{f"calibration_{suffix}": _arrays(suffix) for suffix in ("npz", "mat")},
     **{f"calibration_{tool}": _calibration_of(tool) for tool in _CALIBRATIONS},
     **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},
     "video_mp4": _video("mp4", "libx264"),
