@@ -39,14 +39,14 @@ def _camera(section: Section) -> Camera:
 
 
 def write_icub_eyes(file: Path, left: Camera, right: Camera) -> None:
-    """Write an icubEyes.ini; ValueError for a k3, which the form has no place for."""
+    """Write an icubEyes.ini; ValueError for another lens, which the form has no place for."""
     sections = []
     for side, camera in (("left", left), ("right", right)):
-        coefficients = camera.distortion[:4]
         if camera.fisheye or any(camera.distortion[4:]):
             raise ValueError(
-                f"{side} camera has {camera.distortion}; expected k1, k2, p1, p2, which icubEyes.ini holds"
+                f"{side} camera has a k3 or is a fisheye; expected k1, k2, p1, p2 as icubEyes.ini holds them"
             )
+        coefficients = camera.distortion[:4]
         values = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, *coefficients)
         rows = [f"{key} {value!r}" for key, value in zip(_KEYS, values, strict=True)]
         sections.append("\n".join([f"[{_SECTIONS[side]}]", "projection pinhole", *rows, ""]))
