@@ -1,22 +1,29 @@
 """Calibrate a stereo camera from images of a chessboard or charuco board: `pps-vision calibrate`."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.app.progress import progress
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
-from pps_vision.recordings.image_file import decode
+from pps_vision.recordings.image_file import decode, used_bits
 from pps_vision.recordings.recording import Pair, pair_by_stamp, usual_size
 from pps_vision.recordings.video import is_video, open_video
 from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Array, Image
 
 _FEWEST_VIEWS = 3  # that a planar board needs for four intrinsics and a lens (Zhang 2000)
+WARNED_RMS_PX = 1.0
+REFUSED_RMS_PX = 5.0
+"""RMS reprojection errors: a good calibration has below 0.3 px, corners numbered or paired wrongly 10 and more."""
+_GUESSED_FROM = 5  # pairs
 _LEAST_TURN_DEG = 10.0  # between two boards; with ±5°, 40 % of the calibrations fail (Zhang 2000)
 _FEWEST_CORNERS = 6  # in common, for the pose of a board in a view
 _MOST_VIEWS = 60  # per video; more add time and no accuracy
@@ -34,6 +41,7 @@ class Board:
     square_m: float  # side of a square
     marker_m: float | None = None  # side of a charuco board's markers
     dictionary: str = "5X5_100"  # name of the markers' dictionary in OpenCV, without DICT_
+    legacy: bool = False  # a charuco board of OpenCV before 4.6: with an even number of rows it begins with a marker
 
     def __post_init__(self) -> None:
         if not all(3 <= n <= _MOST_SQUARES for n in (self.columns, self.rows)):
@@ -77,7 +85,9 @@ class Board:
         n_markers = self.columns * self.rows // 2
         if n_markers > (n := len(markers.bytesList)):
             raise InputError("board", f"{n_markers} markers, and {self.dictionary} has {n}; expected a larger one")
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, float(self.marker_m or 0), markers)
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, float(self.marker_m or 0), markers)
+        board.setLegacyPattern(self.legacy)
+        return board
 
 
 @dataclass(frozen=True)
@@ -182,12 +192,17 @@ def board_pairs(
 
 
 def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], list[BoardView], list[str]]:
-    """Return the images' width and height, the views of the board, and the reasons for skipping other pairs."""
+    """Return the images' width and height, the views of the board, and the reasons for skipping other pairs.
+
+    A charuco board that is not found is looked for as OpenCV drew it before 4.6.  InputError where no image shows the
+    board but some show another one.
+    """
     size = usual_size("calibrate", tuple(pairs), [])
+    bits = used_bits([file for pair in pairs for file in pair])
     views: list[BoardView] = []
     skipped: list[str] = []
-    for pair in pairs:
-        images = [decode(file, size) for file in pair]
+    for pair in progress(pairs, desc="calibrate", unit="pair"):
+        images = [decode(file, size, bits) for file in pair]
         if bad := [str(image) for image in images if isinstance(image, Problem)]:
             skipped += bad
             continue
@@ -201,16 +216,46 @@ def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], li
             skipped.append(f"{pair[0].title}: {len(common)} corners in both images; expected {_FEWEST_CORNERS}")
             continue
         left_px, right_px = (np.array([corners[k] for k in common], np.float32) for corners in detections)
-        if board.marker_m is None and (left_px[-1] - left_px[0]) @ (right_px[-1] - right_px[0]) < 0:
-            right_px = right_px[::-1].copy()  # a board with as many dark as light corners looks the same upside down
         views.append(BoardView(pair[0].title, board.corners[common], left_px, right_px))
+    if not views and board.marker_m is not None and not board.legacy:
+        older = find_views(replace(board, legacy=True), pairs)
+        if older[1]:
+            return older
+    if not views and not board.legacy and (other := _other_board(board, pairs, size)):
+        raise InputError("calibrate", f"no pair of images shows a board of {board.columns}×{board.rows}; {other}")
     return size, views, skipped
+
+
+def _other_board(board: Board, pairs: Sequence[Pair], size: tuple[int, int]) -> str:
+    """What the images show instead of the board, "" where that is not known."""
+    images = [image for pair in pairs[:_GUESSED_FROM] for image in (decode(file, size) for file in pair)]
+    greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images if not isinstance(image, Problem)]
+    if board.marker_m is not None:
+        counts = Counter[str]()
+        for name in (name for name in dir(cv2.aruco) if name.startswith("DICT_")):
+            markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+            detector = cv2.aruco.ArucoDetector(markers)
+            counts[name.removeprefix("DICT_")] = sum(len(detector.detectMarkers(grey)[0]) for grey in greys)
+        name, n = counts.most_common(1)[0]
+        return f"{n} markers of {name} are there: expected --dictionary {name}, or another --board" if n else ""
+    sizes = Counter[tuple[int, int]]()
+    for grey in greys:
+        is_found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, (3, 3), cv2.CALIB_CB_LARGER)
+        if is_found:
+            rows, columns = sorted(np.shape(meta)[:2])
+            sizes[columns, rows] += 1
+    if not sizes:
+        return ""
+    columns, rows = sizes.most_common(1)[0][0]
+    return f"they seem to show {columns}×{rows} inner corners: expected --board {columns} {rows}"
 
 
 def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> StereoCalibration:
     """Calibrate each camera by itself (Zhang 2000), then both together with OpenCV's stereoCalibrate.
 
-    InputError for fewer than three views, or views that do not determine the cameras: boards that hardly turn.
+    The corners of a chessboard, which OpenCV numbers from either end, are numbered so that all views give the same pose
+    of the cameras.  InputError for fewer than three views, views that do not determine the cameras (boards that hardly
+    turn), or an RMS reprojection error of 5 px or more.
     """
     if len(views) < _FEWEST_VIEWS:
         expected = f"at least {_FEWEST_VIEWS}, better 10 or more"
@@ -227,6 +272,9 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
             problem = f"the board has nearly the same direction in all {len(views)} views (within {turn_deg:.1f}°)"
             raise InputError("calibrate", f"{problem}; expected some tilted by 20° or more to different sides")
         (_, K1, D1, *_), (_, K2, D2, *_) = singles
+        is_reversed = _reversed_views([[_rotation(r) for r in single[3]] for single in singles])
+        views = [_reversed(view) if turned else view for view, turned in zip(views, is_reversed, strict=True)]
+        right_px = [view.right_px for view in views]
         flags = cv2.CALIB_USE_INTRINSIC_GUESS
         _, *matrices, _, _, rotations, shifts, _ = cv2.stereoCalibrateExtended(
             corners, left_px, right_px, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
@@ -241,15 +289,42 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
         in_left = view.corners @ np.array(cv2.Rodrigues(turn)[0], dtype=float).T + np.array(shift, dtype=float).ravel()
         in_right = in_left @ R.T + T.ravel()
         residuals.append((view.left_px - _projected(in_left, KL, DL), view.right_px - _projected(in_right, KR, DR)))
+    rms_px = _rms(np.concatenate([px for view in residuals for px in view]))
+    if rms_px >= REFUSED_RMS_PX:
+        worst = max(zip(views, residuals, strict=True), key=lambda item: _rms(np.concatenate(item[1])))[0].name
+        expected = f"sharp views of one board by cameras that do not move to each other; {worst} fits worst"
+        raise InputError("calibrate", f"the RMS reprojection error is {rms_px:.1f} px; expected below 1 px: {expected}")
     D = np.stack([DL.ravel()[:5], DR.ravel()[:5]])
     focal_std_px = np.array([single[5].ravel()[0] for single in singles])
     K = np.stack([KL, KR])
     return StereoCalibration(image_size, K, D, R, T.ravel(), focal_std_px, tuple(views), tuple(residuals))
 
 
+def _reversed_views(turns: Sequence[Sequence[Array]]) -> list[bool]:
+    """Whether the right corners of each view are numbered from the other end than the left ones.
+
+    `turns`: rotations (3, 3) of the board in each view, of the left and of the right camera.  A board that is numbered
+    from the other end is turned by 180°.  Of the two poses of the cameras by the first view that one is right which
+    the other views agree with.
+    """
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    poses = [[right @ turn @ left.T for turn in (np.eye(3), half_turn)] for left, right in zip(*turns, strict=True)]
+    agreement = [np.array([[np.trace(pose.T @ first) for pose in both] for both in poses]) for first in poses[0]]
+    best = max(agreement, key=lambda traces: traces.max(axis=1).sum())
+    return [bool(kept < turned) for kept, turned in best]
+
+
+def _rotation(vector: Any) -> Array:
+    return np.array(cv2.Rodrigues(vector)[0], dtype=float)
+
+
+def _reversed(view: BoardView) -> BoardView:
+    return replace(view, right_px=view.right_px[::-1].copy())
+
+
 def _largest_turn_deg(rotations: Array) -> float:
     """Largest angle between the normals of two boards with rotation vectors (n, 3)."""
-    normals = np.array([cv2.Rodrigues(rotation)[0][:, 2] for rotation in rotations])
+    normals = np.array([_rotation(vector)[:, 2] for vector in rotations])
     return float(np.rad2deg(np.arccos(np.clip(np.min(normals @ normals.T), -1, 1))))
 
 

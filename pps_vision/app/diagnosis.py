@@ -7,29 +7,24 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.app.scene_points import faults_by_points, faults_of_joints, length, match
 from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Recording
-from pps_vision.types import Array, Image, StereoFrame
+from pps_vision.types import StereoFrame
 from tracking import Mode
 
 _ENOUGH_TRACKED = 0.1  # share of pairs
 _SAMPLED = 5  # frames, spread over the recording
 _DARK = 12.0  # mean grey level of 255, below which colours are noise
 _BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
+_WIDEST_DEG = 150.0  # field of view that a pinhole with distortion describes
 _RADIANS = np.pi  # largest reading in degrees that is suspected to be in radians
-_FEATURES = 500  # per image
-_DISTINCT = 0.8  # Lowe's ratio: distance of the best match relative to the second best
-_MATCHES = 50  # fewest that tell left from right
-_FITS_PX = 3.0  # median misfit; 0.4–0.7 px in rendered recordings and independent films, 1.8 in baseball
-_CLEARLY = 0.4  # misfit after an exchange relative to before; at least 4.7 if the order was right
-_OFFSET_PX = 8.0  # between the cameras, in poor calibrations (baseball: 5–8 px)
 _CONTINUES = 4.0  # times the usual step between columns; 0.4–3.1 within 80 images, 5.7–32 between stereo images
-_IN_COMMON = 0.08  # share of features; 0.02–0.04 in the halves of an image, at least 0.2 in stereo images of boards
+_IN_COMMON = 40  # features; 0.02–0.04 of 500 in the halves of an image, at least 0.2 in stereo images of boards
 _EXPLAINED = 0.8  # median change after motion compensation, relative to before: 0.1–0.5 for a shift, else at least 1
 _UNITS_M = (0.001, 0.01, 0.0254, 1.0)  # mm, cm, inch and m, in which boards are measured
 _USUAL_BASELINE_M = (0.02, 1.0)  # within which a unit is proposed
-_RESIDUAL_PX = 1.0  # median reprojection error; up to 0.07 px in rendered and independent recordings, 2.1 in baseball
+_RESIDUAL_PX = 0.5  # median reprojection error; up to 0.07 px in rendered and independent recordings, 2.1 in baseball
 _SLOWEST = 1.0  # pairs a second, below which no motion is followed from one to the next
 _MOVED = 30.0  # change of a pixel between successive frames where something moves, grey levels of 255
 _MOVED_SHARE = 2e-4  # of such pixels in the image: a disc of 5 px in 320×240
@@ -103,7 +98,14 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
     if recording.rig is not None:
         view = recording.rig.view_of(frames[0])
         baseline = float(np.linalg.norm(view.right.center - view.left.center))
-        yield from exchanged(frames, recording.rig)
+        by_joints = recording.robot is not None
+        of_joints = list(faults_of_joints(frames, recording.rig)) if by_joints else []
+        yield from of_joints or faults_by_points(frames[::2], recording.rig, by_joints)
+        left = recording.rig.left
+        edges = left.bearings([[0, left.cy], [left.width, left.cy]])
+        field_deg = float(np.rad2deg(np.arccos(np.clip(edges[0] @ edges[1], -1, 1))))
+        if field_deg > _WIDEST_DEG and not left.fisheye:
+            yield f"another calibration: the left camera's field of view is {field_deg:.0f}°"
         if not _BASELINE_M[0] <= baseline <= _BASELINE_M[1]:
             low, high = _USUAL_BASELINE_M
             apart_m = {unit: baseline / recording.unit_m * unit for unit in _UNITS_M}
@@ -124,75 +126,13 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         yield "joints in degrees: no joint in the logs is beyond ±3.14, as if they were in radians"
 
 
-def length(metres: float) -> str:
-    """A length in words, in m or mm, without an exponent."""
-    value, unit = (metres, "m") if metres >= 1 else (1000 * metres, "mm")
-    return f"{np.format_float_positional(value, 4, fractional=False, trim='-')} {unit}"
-
-
-def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
-    """Reports exchanged left and right images: matched points fit the epipolar geometry far better if exchanged."""
-    in_order: list[Array] = []
-    swapped: list[Array] = []
-    for frame in frames:
-        view = rig.view_of(frame)
-        left_px, right_px = _matches(frame.left, frame.right)
-        if len(left_px):
-            in_order.append(_epipolar(view.left, view.right, left_px, right_px))
-            swapped.append(_epipolar(view.left, view.right, right_px, left_px))
-    n = sum(errors.shape[1] for errors in in_order)
-    if n < _MATCHES:
-        return
-    misfit_px = _misfit_px(np.hstack(in_order))
-    swapped_px = _misfit_px(np.hstack(swapped))
-    if swapped_px < min(_FITS_PX, _CLEARLY * misfit_px):
-        as_is = f"within {misfit_px:.1f} px" if misfit_px < np.inf else "most lie behind the cameras"
-        yield (
-            f"--left and --right exchanged, or the folders cam/left and cam/right: {n} points that both images show "
-            f"then fit the cameras within {swapped_px:.1f} px (median), as they are {as_is}"
-        )
-
-
 def _one_image(frames: Sequence[StereoFrame], half: Half) -> bool:
     """Whether left and right images are the halves of one image rather than two views of a scene."""
     wholes = [np.concatenate([f.right, f.left] if half.is_second else [f.left, f.right], half.axis) for f in frames]
     steps = [np.abs(np.diff(w.astype(float), axis=half.axis)).mean(axis=(1 - half.axis, 2)) for w in wholes]
     seams = [step[len(step) // 2] / max(np.median(step), 1.0) for step in steps]
-    matches = [len(_matches(frame.left, frame.right)[0]) for frame in frames]
-    return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON * _FEATURES)
-
-
-def _matches(left: Image, right: Image) -> tuple[Array, Array]:
-    """Pixels (n, 2) of matching ORB features in the left and the right image."""
-    orb = cv2.ORB.create(nfeatures=_FEATURES, fastThreshold=8)
-    left_points, left_features = orb.detectAndCompute(left, None)
-    right_points, right_features = orb.detectAndCompute(right, None)
-    if left_features is None or right_features is None:
-        return np.empty((0, 2)), np.empty((0, 2))
-    nearest = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(left_features, right_features, k=2)
-    matches = [pair[0] for pair in nearest if len(pair) == 2 and pair[0].distance < _DISTINCT * pair[1].distance]
-    left_px = [left_points[match.queryIdx].pt for match in matches]
-    right_px = [right_points[match.trainIdx].pt for match in matches]
-    return np.reshape(left_px, (-1, 2)), np.reshape(right_px, (-1, 2))
-
-
-def _epipolar(left: View, right: View, left_px: Array, right_px: Array) -> Array:
-    """(2, n) px: signed epipolar distances of matched pixels (n, 2), and parallaxes (positive in front)."""
-    left_rays = left.rays(left_px)
-    right_rays = right.rays(right_px)
-    baseline = right.center - left.center
-    along = baseline / np.linalg.norm(baseline)
-    normal = np.cross(along, left_rays)
-    aside = np.sum(normal * right_rays, axis=1) / np.linalg.norm(normal, axis=1)
-    parallax = np.arccos(np.clip(right_rays @ along, -1, 1)) - np.arccos(np.clip(left_rays @ along, -1, 1))
-    return left.camera.focal_px * np.array([np.arcsin(np.clip(aside, -1, 1)), parallax])
-
-
-def _misfit_px(errors: Array) -> float:
-    """Median epipolar distance after removing a small common offset; infinite if most points are behind the cameras."""
-    aside, parallax = errors
-    offset = np.clip(np.median(aside), -_OFFSET_PX, _OFFSET_PX)
-    return float(np.median(np.where(parallax > -1.0, np.abs(aside - offset), np.inf)))
+    matches = [len(match(frame.left, frame.right)[0]) for frame in frames]
+    return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON)
 
 
 def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pps_vision.app.diagnosis import faults_of, length
+from pps_vision.app.diagnosis import faults_of
+from pps_vision.app.scene_points import length, side_of
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.warnings import count_by_kind
 
@@ -30,6 +31,7 @@ class RecordingInfo:
     robot: bool  # whether it holds the joints of a robot
     cameras_turn_deg: float  # largest turn of the left camera from its first pose by the joints, 0 where there are none
     baseline_m: float  # distance of the cameras; NaN without a calibration
+    right_camera: str  # where it lies from the left one: "to the right of", "below", …
     focal_px: float
     field_of_view_deg: float  # horizontal, of the left camera without its distortion, of a fisheye lens with it
     touches: int
@@ -50,7 +52,8 @@ class RecordingInfo:
         ]
         if np.isfinite(self.baseline_m):
             rows.append(
-                f"cameras: {length(self.baseline_m)} apart (measure it: all lengths scale with it), "
+                f"cameras: the right one lies {length(self.baseline_m)} {self.right_camera} the left one (measure it: "
+                "all lengths scale with it), "
                 f"focal length {self.focal_px:.1f} px, field of view {self.field_of_view_deg:.0f}°"
             )
         else:
@@ -69,9 +72,11 @@ def info(recording: Recording) -> RecordingInfo:
     skews_ms = 1000 * (right - left)
     usual_s = float(np.median(steps)) if len(steps) else np.nan
     baseline_m = focal_px = field_deg = np.nan
+    right_camera = ""
     if recording.rig is not None:
         view = recording.rig.view(recording.pairs[0][0].joints_rad, recording.pairs[0][1].joints_rad)
         baseline_m = float(np.linalg.norm(view.right.center - view.left.center))
+        right_camera = side_of(view)
         focal_px = recording.rig.left.fx
         left_camera = recording.rig.left
         field_deg = float(np.rad2deg(2 * np.arctan(left_camera.width / (2 * focal_px))))
@@ -93,6 +98,7 @@ def info(recording: Recording) -> RecordingInfo:
         robot=recording.robot is not None,
         cameras_turn_deg=_turn_deg(recording),
         baseline_m=baseline_m,
+        right_camera=right_camera,
         focal_px=focal_px,
         field_of_view_deg=field_deg,
         touches=sum(bool(touch.taxel_ids) for touch in recording.touches),

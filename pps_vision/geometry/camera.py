@@ -178,10 +178,11 @@ class Camera:
         width, height = self.width // k, self.height // k
         return replace(self, width=width, height=height, fx=self.fx / k, fy=self.fy / k, cx=cx, cy=cy)
 
-    def stretched(self, width: int) -> "Camera":
-        """The same camera with another number of columns."""
-        scale = width / self.width
-        return replace(self, width=width, fx=self.fx * scale, cx=(self.cx + 0.5) * scale - 0.5)
+    def stretched(self, width: int, height: int) -> "Camera":
+        """The same camera with another number of columns and rows."""
+        across, down = width / self.width, height / self.height
+        cx, cy = (self.cx + 0.5) * across - 0.5, (self.cy + 0.5) * down - 0.5
+        return replace(self, width=width, height=height, fx=self.fx * across, fy=self.fy * down, cx=cx, cy=cy)
 
     @cached_property
     def focal_px(self) -> float:

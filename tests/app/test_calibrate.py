@@ -2,6 +2,8 @@
 
 import json
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,10 +13,9 @@ from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
 from videos import write_video
 
-from pps_vision.app.calibrate import Board, BoardView, board_pairs, calibrate, find_views
+from pps_vision.app.calibrate import REFUSED_RMS_PX, WARNED_RMS_PX, Board, BoardView, board_pairs, calibrate
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
-from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.warnings import Problem
 
@@ -173,15 +174,100 @@ def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path):
             board_pairs(lefts, [str(right)], None, 0.01, problems)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_chessboard_upside_down_in_one_image_is_numbered_alike(tmp_path, turned):
-    """OpenCV numbers a board of 8×5 inner corners from either end; the same corner has the same number here."""
-    corners = np.array([[x, y] for y in range(2, 7) for x in range(3, 11)], np.float32)
-    file = tmp_path / "a.png"
-    cv2.imwrite(str(file), np.zeros((48, 64, 3), np.uint8))
-    pixels = iter([10 * corners, 10 * corners[::-1] if turned else 10 * corners])
+@pytest.mark.parametrize("roll_deg", [0.0, 90.0, 180.0, -90.0, 45.0])
+@pytest.mark.parametrize("both", [False, True])
+def test_cameras_that_are_rolled(tmp_path, capsys, roll_deg, both):
+    """The right camera alone, or both; OpenCV numbers a board of 8×5 inner corners from either end."""
+    rng = np.random.default_rng(SEED)
+    board = pattern(False)
+    turned = cv2.getRotationMatrix2D(((SIZE[0] - 1) / 2, (SIZE[0] - 1) / 2), roll_deg, 1.0)
+    for k in range(8):
+        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
+        at = np.array([*rng.uniform(-0.03, 0.03, 2), rng.uniform(0.5, 0.6)]) + np.array([0.05, 0, 0])
+        for side, name in enumerate(("left", "right")):
+            square = np.full((SIZE[0], SIZE[0]), 90, np.uint8)
+            square[80 : 80 + SIZE[1]] = seen(board, SQUARE_M / SQUARE_PX, turn, at, side)
+            if side or both:
+                square = cv2.warpAffine(square, turned, (SIZE[0], SIZE[0]), borderValue=90)
+            cv2.imwrite(str(tmp_path / f"{name}{k}.png"), square)
+    images = ["--left", str(tmp_path / "left*.png"), "--right", str(tmp_path / "right*.png")]
+    main(["calibrate", *images, "--board", "8", "5", "--square-mm", "30", "--out", str(tmp_path / "out")])
+    assert capsys.readouterr().err == ""
+    storage = cv2.FileStorage(str(tmp_path / "out" / "calibration.yml"), cv2.FILE_STORAGE_READ)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["rms_px"]["stereo"] < 0.3
+    assert summary["baseline_mm"] == pytest.approx(1000 * np.linalg.norm(T), abs=1.5)
+    roll = np.eye(4)
+    roll[:2, :2] = turned[:, :2]
+    true = roll[:3, :3] @ R @ (roll[:3, :3].T if both else np.eye(3))
+    error = Rotation.from_matrix(storage.getNode("R").mat() @ true.T)
+    assert np.rad2deg(error.magnitude()) < 3
+
+
+def test_a_poor_calibration_is_warned_of_or_refused(tmp_path, capsys, refused):
+    """Corners with 1.5 px of noise; views of one camera in another order."""
+    rng = np.random.default_rng(SEED)
+    views = corners_seen(20.0, (0.5, 0.2, 0.0), rng)
+    noisy = [replace(v, left_px=np.float32(v.left_px + rng.normal(0, 1.5, v.left_px.shape))) for v in views]
+    assert WARNED_RMS_PX < calibrate(SIZE, noisy).rms_px < REFUSED_RMS_PX
+    shuffled = [replace(v, right_px=views[k - 1].right_px) for k, v in enumerate(views)]
+    with pytest.raises(InputError, match=r"the RMS reprojection error is \d+\.\d px; expected below 1 px: sharp views"):
+        calibrate(SIZE, shuffled)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Board, "find", lambda self, image: dict(enumerate(next(pixels))))
-        _, (view,), skipped = find_views(Board(8, 5, SQUARE_M), [(ImageFile(file, 0.0), ImageFile(file, 0.0))])
-    assert skipped == []
-    np.testing.assert_array_equal(view.left_px, view.right_px)
+        patch.setattr("pps_vision.app.calibrate.find_views", lambda *_: (SIZE, noisy, []))
+        patch.setattr("pps_vision.app.calibrate.board_pairs", lambda *_: ())
+        words = ["--left", "l", "--right", "r", "--board", "8", "5", "--square-mm", "30"]
+        main(["calibrate", *words, "--out", str(tmp_path / "out")])
+    assert re.search(r"warning: the RMS reprojection error is 1\.\d px; expected below 1:", capsys.readouterr().err)
+
+
+def write_views(folder: Path, board: np.ndarray) -> tuple[object, ...]:
+    rng = np.random.default_rng(SEED)
+    for k in range(4):
+        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
+        at = np.array([0.05, 0, rng.uniform(0.45, 0.6)])
+        for side, name in enumerate(("left", "right")):
+            cv2.imwrite(str(folder / f"{name}{k}.png"), seen(board, SQUARE_M / SQUARE_PX, turn, at, side))
+    images = "--left", folder / "left*.png", "--right", folder / "right*.png"
+    return "calibrate", *images, "--square-mm", 30, "--out", folder / "out"
+
+
+def test_the_number_of_corners_is_guessed(tmp_path, refused):
+    words = write_views(tmp_path, pattern(False))
+    line = refused(*words, "--board", 9, 6)
+    assert line.endswith(
+        "no pair of images shows a board of 9×6; they seem to show 8×5 inner corners: expected --board 8 5"
+    )
+    main([str(word) for word in (*words, "--board", 8, 5)])
+
+
+def test_markers_of_another_dictionary_are_named(tmp_path, refused):
+    words = write_views(tmp_path, pattern(True))
+    line = refused(*words, "--board", 9, 6, "--marker-mm", 22, "--dictionary", "4X4_50")
+    assert re.search(r"\d+ markers of 5X5_\d+ are there: expected --dictionary 5X5_\d+, or another --board", line)
+    main(
+        [
+            str(word)
+            for word in (
+                *words,
+                "--board",
+                9,
+                6,
+                "--marker-mm",
+                22,
+                "--dictionary",
+                line.split("markers of ")[1].split()[0],
+            )
+        ]
+    )
+
+
+def test_a_charuco_board_of_older_opencv(tmp_path):
+    markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    board = cv2.aruco.CharucoBoard((9, 6), SQUARE_M, 0.022, markers)
+    board.setLegacyPattern(True)
+    drawn = board.generateImage((9 * SQUARE_PX, 6 * SQUARE_PX))
+    drawn = cv2.copyMakeBorder(drawn, *[SQUARE_PX] * 4, cv2.BORDER_CONSTANT, value=255)
+    main([str(word) for word in (*write_views(tmp_path, drawn), "--board", 9, 6, "--marker-mm", 22)])
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["baseline_mm"] == pytest.approx(1000 * np.linalg.norm(T), abs=2.0)

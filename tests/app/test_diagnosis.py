@@ -81,7 +81,7 @@ def diagnosis(tmp_path: Path, capsys, *words: object) -> dict:
     ("damage", "advice"),
     [
         (in_radians, "joints in degrees"),
-        (exchanged_eyes, "--left and --right exchanged, or the folders cam/left and cam/right: "),
+        (exchanged_eyes, "--left and --right exchanged, or the folders cam/left and cam/right"),
         (same_in_both_eyes, "left and right are the same in every frame"),
         (lambda rec: every_image(rec, lambda image: image // 24), "more light or exposure: the mean grey level is 3."),
         (lambda rec: every_image(rec, lambda image: np.full_like(image, 90)), "every frame is dark, plain or the same"),
@@ -268,5 +268,8 @@ def test_left_and_right_of_different_moments_or_a_wrong_calibration(crossing, la
     assert (numbers.residual_px > 1.0) == warned == (diagnosis is not None)
     assert summary(run, numbers)["residual_px"] == numbers.residual_px
     if diagnosis:
-        (advice,) = diagnosis.advice
+        *by_points, advice = diagnosis.advice
         assert advice.startswith("another calibration, or left and right images of the same moment: what is tracked")
+        assert len(by_points) == (off_px > 0)
+        for line in by_points:
+            assert float(line.split("fit the cameras only within ")[1].split()[0]) == pytest.approx(8.0, abs=0.5)

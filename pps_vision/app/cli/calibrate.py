@@ -36,8 +36,7 @@ class Calibrate:
 
     def run(self) -> None:
         """Find the board, calibrate, write the results, and print the residuals."""
-        from pps_vision.app.calibrate import Board, board_pairs, calibrate, find_views
-        from pps_vision.app.progress import progress
+        from pps_vision.app.calibrate import WARNED_RMS_PX, Board, board_pairs, calibrate, find_views
         from pps_vision.app.versions import versions
         from pps_vision.recordings.atomic_write import whole_folder, write_json
         from pps_vision.recordings.warnings import Problem
@@ -47,9 +46,12 @@ class Calibrate:
             board = Board(*self.board, self.square_mm / 1000, marker_m, self.dictionary)
             problems: list[Problem] = []
             pairs = board_pairs(self.left, self.right, self.fps, self.max_skew_s, problems)
-            size, views, skipped = find_views(board, progress(pairs, desc="calibrate", unit="pair"))
+            size, views, skipped = find_views(board, pairs)
             print_skipped([*problems, *skipped])
             result = calibrate(size, views)
+            if result.rms_px >= WARNED_RMS_PX:
+                reason = f"the RMS reprojection error is {result.rms_px:.1f} px; expected below {WARNED_RMS_PX:g}"
+                print_skipped((), [f"{reason}: see reprojection.png for views to leave out"])
             result.write(folder / "calibration.yml")
             result.figure().savefig(folder / "reprojection.png", dpi=130)
             write_json(folder / SUMMARY, result.summary() | {"skipped": skipped, "versions": versions()})

@@ -201,7 +201,9 @@ class RayCaster:
     A static background is cast once for each pose.
     """
 
-    def __init__(self, lens: FilmLens, photo: int, data: Path, ahead_m: float = 1.6) -> None:
+    def __init__(
+        self, lens: FilmLens, photo: int, data: Path, ahead_m: float = 1.6, texel_m: float | None = None
+    ) -> None:
         self.lens = lens
         self._data = data
         self._focal = float(lens.K[0, 0])
@@ -209,7 +211,7 @@ class RayCaster:
         self._walls = cv2.GaussianBlur(photograph(data, photo, lens.width), (0, 0), 0.5)
         self._texture_px: dict[int, int] = {}
         half = np.array([1.25 * ahead_m, 1.0 * ahead_m, ahead_m])
-        self._room = np.array([*-half, *half, ahead_m / self._focal])  # the last: size of a texel
+        self._room = np.array([*-half, *half, texel_m or ahead_m / self._focal])  # the last: size of a texel
         self._background: tuple[Array, Solids, NDArray[np.float32]] | None = None
 
     def light(self, poses: list[Array], moving: Sequence[Solids], static: Solids = ()) -> NDArray[np.float32]:

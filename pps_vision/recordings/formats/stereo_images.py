@@ -65,7 +65,8 @@ def with_calibration(
     if not calib:
         return recording
     width, height = recording.image_size
-    square = round(width * recording.pixel_aspect), height
+    aspect = recording.pixel_aspect
+    square = (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
     sizes = [square, (width, height)] if source.squeezed else list(dict.fromkeys([(width, height), square]))
     errors: list[InputError] = []
     for size in sizes:
@@ -76,7 +77,7 @@ def with_calibration(
         except InputError as error:
             errors.append(error)
             continue
-        rig = StereoRig.fixed(left.stretched(width), right.stretched(width), T_left_right)
+        rig = StereoRig.fixed(left.stretched(width, height), right.stretched(width, height), T_left_right)
         return replace(recording, rig=rig)
     raise errors[0]
 

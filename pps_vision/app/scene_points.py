@@ -1,0 +1,298 @@
+"""Points of the scene that both images show, or images of two moments, against the cameras: a wrong calibration, wrong
+images and wrong joints, in words."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
+from pps_vision.geometry.se3 import inverse, transform
+from pps_vision.types import Array, Image, Mask, StereoFrame
+
+_FEATURES = 800  # per image
+_DISTINCT = 0.8  # Lowe's ratio: distance of the best match relative to the second best
+_SAME_SCENE_PX = 3.0  # from an epipolar line of the fundamental matrix that most matches fit
+_FEWEST = 40  # such matches that tell anything
+_MOST = 0.5  # of the matches: fewer fit a fundamental matrix by chance
+_FITS_PX = 0.5  # median misfit of a calibration in images of up to 1280 columns; sound ones here up to 0.2
+_COLUMNS = 1280
+_FLATTEST = 0.1  # cosine of the angle from the axis to which the rays of a fisheye reach in a plane
+_BEHIND_PX = -1.0  # parallax of a point behind the cameras; that of a far point is 0
+_CLEARLY = 0.4  # misfit after a remedy relative to before
+_AS_GOOD = 1.3  # misfit after a remedy relative to that after the best
+_TURNED_DEG = 2.0  # by which joints and images may differ: nearby points shift as the head moves
+_TURNED_SHARE = 0.5  # of the turn
+_STILL_DEG = 0.1
+_LEFT = "to the LEFT of"
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Pixels (n, 2) of the same points in the left and the right image of a frame."""
+
+    view: StereoView
+    left_px: Array
+    right_px: Array
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How matches fit the cameras."""
+
+    n: int
+    misfit_px: float  # median distance from the epipolar line
+    behind: float  # share of the points behind the cameras
+
+    @property
+    def cost_px(self) -> float:
+        """The misfit; infinite where most points lie behind the cameras."""
+        return np.inf if self.behind > _MOST else self.misfit_px
+
+    def __str__(self) -> str:
+        return "most matches lie behind the cameras" if self.behind > _MOST else f"within {self.misfit_px:.1f} px"
+
+
+def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: bool = False) -> Iterator[str]:
+    """A calibration or images that points which both images show do not fit; `by_joints`: the cameras' pose is not the
+    calibration's."""
+    view = rig.view_of(frames[0])
+    side = side_of(view)
+    baseline = length(float(np.linalg.norm(view.right.center - view.left.center)))
+    lies = f"the right camera lies {baseline} {side} the left one"
+    kept = matches(frames, rig)
+    if not kept:
+        for name in ("left", "right"):
+            mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
+            if found := matches(mirrored, rig):
+                n = sum(len(m.left_px) for m in found)
+                yield f"the {name} image not mirrored: {n} points match once it is mirrored back, none before"
+                return
+        if side == _LEFT:
+            yield f"--left and --right exchanged, or another calibration: by it {lies}"
+        return
+    as_is = fit(kept)
+    fits_px = _FITS_PX * max(1.0, rig.left.width / _COLUMNS)
+    if as_is.cost_px <= fits_px:
+        return
+    possible = _OF_IMAGES if by_joints else _OF_IMAGES | _OF_POSE
+    remedies = {name: fit([remedy(m) for m in kept]).cost_px for name, remedy in possible.items()}
+    best_px = min(remedies.values())
+    shown = f"{as_is.n} points that both images show"
+    if best_px <= min(fits_px, _CLEARLY * as_is.cost_px):
+        as_good = [name for name, cost_px in remedies.items() if cost_px <= _AS_GOOD * best_px + 0.1]
+        names = ", or ".join(as_good[:3])
+        message = f"{names}: {shown} then fit the cameras within {best_px:.1f} px (median), as they are {as_is}"
+    elif as_is.cost_px == np.inf:
+        message = (
+            f"another calibration, or --left and --right exchanged: of {shown} {as_is}{_turn_that_fits(kept, fits_px)}"
+        )
+    else:
+        message = f"another calibration: {shown} fit the cameras only {as_is} (median){_turn_that_fits(kept, fits_px)}"
+    yield message + (f"; by the calibration {lies}" if side == _LEFT else "")
+
+
+def length(metres: float) -> str:
+    """A length in words, in m or mm, without an exponent."""
+    value, unit = (metres, "m") if metres >= 1 else (1000 * metres, "mm")
+    return f"{np.format_float_positional(value, 4, fractional=False, trim='-')} {unit}"
+
+
+def side_of(view: StereoView) -> str:
+    """Where the right camera lies from the left one, in the left one's image: "to the right of" it, and so on."""
+    x, y, z = view.left.T_camera_root[:3, :3] @ (view.right.center - view.left.center)
+    sides = {"to the right of": x, _LEFT: -x, "below": y, "above": -y, "ahead of": z, "behind": -z}
+    return max(sides, key=sides.__getitem__)
+
+
+def matches(frames: Sequence[StereoFrame], rig: StereoRig) -> list[Matches]:
+    """Matched points of each frame that fit one fundamental matrix; none of a frame where few do."""
+    kept = []
+    for frame in frames:
+        view = rig.view_of(frame)
+        left_px, right_px = match(frame.left, frame.right)
+        if len(left_px) < _FEWEST:
+            continue
+        same = _of_one_scene(_plane(view.left, left_px), _plane(view.right, right_px))
+        if same.sum() >= _FEWEST:
+            kept.append(Matches(view, left_px[same], right_px[same]))
+    return kept
+
+
+def match(left: Image, right: Image) -> tuple[Array, Array]:
+    """Pixels (n, 2) of SIFT features in two images that are each other's best match."""
+    sift = cv2.SIFT.create(nfeatures=_FEATURES)
+    points, features = zip(
+        *(sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in (left, right)), strict=True
+    )
+    if min(0 if found is None else len(found) for found in features) < _FEWEST:
+        return np.empty((0, 2)), np.empty((0, 2))
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    back = {(m.trainIdx, m.queryIdx) for m in matcher.match(features[1], features[0])}
+    forth = matcher.knnMatch(features[0], features[1], k=2)
+    pairs = [(a.queryIdx, a.trainIdx) for a, b in forth if a.distance < _DISTINCT * b.distance]
+    mutual = [pair for pair in pairs if pair in back]
+    left_px, right_px = (np.reshape([points[side][pair[side]].pt for pair in mutual], (-1, 2)) for side in (0, 1))
+    return left_px, right_px
+
+
+def fit(found: Sequence[Matches]) -> Fit:
+    """How matches fit the cameras."""
+    aside, parallax = np.hstack([_epipolar(m.view.left, m.view.right, m.left_px, m.right_px) for m in found])
+    return Fit(len(aside), float(np.median(np.abs(aside))), float(np.mean(parallax < _BEHIND_PX)))
+
+
+def _epipolar(left: View, right: View, left_px: Array, right_px: Array) -> Array:
+    """(2, n) px: signed epipolar distances of matched pixels (n, 2), and parallaxes (positive in front)."""
+    left_rays = left.rays(left_px)
+    right_rays = right.rays(right_px)
+    baseline = right.center - left.center
+    along = baseline / np.linalg.norm(baseline)
+    normal = np.cross(along, left_rays)
+    aside = np.sum(normal * right_rays, axis=1) / np.linalg.norm(normal, axis=1)
+    parallax = np.arccos(np.clip(right_rays @ along, -1, 1)) - np.arccos(np.clip(left_rays @ along, -1, 1))
+    return left.camera.focal_px * np.array([np.arcsin(np.clip(aside, -1, 1)), parallax])
+
+
+def _plane(view: View, px: Array) -> Array:
+    """(n, 2) px from the principal point, where a camera without a lens would see them."""
+    rays = view.camera.bearings(px)
+    return np.asarray(view.camera.focal_px * rays[:, :2] / np.maximum(rays[:, 2:], _FLATTEST))
+
+
+def _of_one_scene(left: Array, right: Array) -> Mask:
+    """(n,) whether a match fits the fundamental matrix of most; of none where less than half do."""
+    nowhere = np.zeros(len(left), bool)
+    try:
+        _, mask = cv2.findFundamentalMat(left, right, cv2.USAC_MAGSAC, _SAME_SCENE_PX, 0.999, 2000)
+    except cv2.error:  # of matches that determine none
+        return nowhere
+    return nowhere if mask is None or np.mean(mask) < _MOST else np.asarray(mask).ravel() > 0
+
+
+def _turn_that_fits(kept: Sequence[Matches], fits_px: float) -> str:
+    """By how much another rotation between the cameras would have to differ for the matches to fit, if one does."""
+    m = max(kept, key=lambda found: len(found.left_px))
+    left, right = m.view.left.camera.bearings(m.left_px), m.view.right.camera.bearings(m.right_px)
+    T_right_left = m.view.right.T_camera_root @ m.view.left.T_root_camera
+
+    def misfits_px(rotation: Array) -> Array:
+        rays = left @ (Rotation.from_rotvec(rotation).as_matrix() @ T_right_left[:3, :3]).T
+        normals = np.cross(T_right_left[:3, 3], rays)
+        aside = np.sum(normals * right, axis=1) / np.linalg.norm(normals, axis=1)
+        return np.asarray(m.view.left.camera.focal_px * aside)
+
+    rotation = least_squares(misfits_px, np.zeros(3), loss="soft_l1").x
+    misfit_px = float(np.median(np.abs(misfits_px(rotation))))
+    if misfit_px > fits_px:
+        return ""
+    degrees = np.rad2deg(np.linalg.norm(rotation))
+    return f"; with the cameras turned by another {degrees:.1f}° to each other, within {misfit_px:.1f} px"
+
+
+def _angle_deg(R: Array) -> float:
+    return float(np.rad2deg(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1))))
+
+
+def _posed(change: Callable[[Array, Array], tuple[Array, Array]]) -> Callable[[Matches], Matches]:
+    """Another R and t of p_right = R p_left + t."""
+
+    def remedy(m: Matches) -> Matches:
+        T_right_left = m.view.right.T_camera_root @ m.view.left.T_root_camera
+        R, t = change(T_right_left[:3, :3], T_right_left[:3, 3])
+        T_root_right = m.view.left.T_root_camera @ inverse(transform(R, t))
+        return replace(m, view=StereoView(m.view.left, View(m.view.right.camera, T_root_right)))
+
+    return remedy
+
+
+def _lenses(change: Callable[[Camera, Camera], tuple[Camera, Camera]]) -> Callable[[Matches], Matches]:
+    """Other cameras at the same poses."""
+
+    def remedy(m: Matches) -> Matches:
+        left, right = change(m.view.left.camera, m.view.right.camera)
+        return replace(m, view=StereoView(replace(m.view.left, camera=left), replace(m.view.right, camera=right)))
+
+    return remedy
+
+
+def _other_lens(camera: Camera) -> Camera:
+    turned = replace(camera, distortion=tuple(-k for k in camera.distortion))
+    return turned if turned.is_usable() else camera
+
+
+def _flipped(left: bool, right: bool, rows: bool) -> Callable[[Matches], Matches]:
+    """Images that are mirrored, or with `rows` upside down."""
+
+    def px(camera: Camera, pixels: Array) -> Array:
+        far = np.array([camera.width - 1, camera.height - 1 if rows else 0])
+        return far + pixels * (-1, -1 if rows else 1)
+
+    def remedy(m: Matches) -> Matches:
+        left_px = px(m.view.left.camera, m.left_px) if left else m.left_px
+        return replace(m, left_px=left_px, right_px=px(m.view.right.camera, m.right_px) if right else m.right_px)
+
+    return remedy
+
+
+_GL = np.diag([1.0, -1.0, -1.0])  # from OpenGL's axes to OpenCV's
+_Remedies = dict[str, Callable[[Matches], Matches]]
+_OF_IMAGES: _Remedies = {
+    "--left and --right exchanged, or the folders cam/left and cam/right": lambda m: replace(
+        m, left_px=m.right_px, right_px=m.left_px
+    ),
+    "the cameras of the calibration exchanged": _lenses(lambda left, right: (right, left)),
+    "the distortion of the calibration with the other sign": _lenses(lambda a, b: (_other_lens(a), _other_lens(b))),
+    "both images not mirrored": _flipped(True, True, rows=False),
+    "the right image not mirrored": _flipped(False, True, rows=False),
+    "the left image not mirrored": _flipped(True, False, rows=False),
+    "both images turned by 180°": _flipped(True, True, rows=True),
+    "the right image turned by 180°": _flipped(False, True, rows=True),
+    "the left image turned by 180°": _flipped(True, False, rows=True),
+}
+_OF_POSE: _Remedies = {
+    "R of the calibration transposed, as MATLAB needs it": _posed(lambda R, t: (R.T, t)),
+    "R and T of the calibration inverted: they seem to lead from right to left": _posed(lambda R, t: (R.T, -R.T @ t)),
+    "T of the calibration with the other sign": _posed(lambda R, t: (R, -t)),
+    "T of the calibration as -R T: it seems to be the right camera's place": _posed(lambda R, t: (R, -R @ t)),
+    "R and T of the calibration with OpenCV's axes, not OpenGL's": _posed(lambda R, t: (_GL @ R @ _GL, _GL @ t)),
+}
+"""What to try: matches as they would be after it."""
+
+
+def faults_of_joints(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
+    """Joints by which the left camera turns otherwise than its images do."""
+    for first, second in pairwise(frames):
+        views = [rig.view_of(frame).left for frame in (first, second)]
+        joints_R = views[1].T_camera_root[:3, :3] @ views[0].T_root_camera[:3, :3]
+        R = _turn_by_images(views[0], first.left, second.left)
+        if R is None:
+            continue
+        images_deg, joints_deg = _angle_deg(R), _angle_deg(joints_R)
+        if _angle_deg(R @ joints_R.T) <= max(_TURNED_DEG, _TURNED_SHARE * max(images_deg, joints_deg)):
+            continue
+        reason = "as if it were in radians" if 40 < images_deg / max(joints_deg, 1e-9) < 80 else "other than the images"
+        if joints_deg < _STILL_DEG:
+            reason = "as if it stood still"
+        yield (
+            f"another log of the head, or one in degrees: from {first.stamp_left_s:.2f} s to {second.stamp_left_s:.2f} "
+            f"s the left camera turns by {images_deg:.1f}° by its images, by {joints_deg:.1f}° by the joints, {reason}"
+        )
+        return
+
+
+def _turn_by_images(view: View, first: Image, second: Image) -> Array | None:
+    """R (3, 3) that turns the rays of one image into those of a later one (Kabsch 1976), None where few match."""
+    before_px, after_px = match(first, second)
+    if len(before_px) < _FEWEST:
+        return None
+    _, mask = cv2.findHomography(before_px, after_px, cv2.USAC_MAGSAC, _SAME_SCENE_PX)
+    if mask is None or mask.sum() < _FEWEST or mask.mean() < _MOST:
+        return None
+    same = np.asarray(mask).ravel() > 0
+    U, _, Vt = np.linalg.svd(view.camera.bearings(after_px[same]).T @ view.camera.bearings(before_px[same]))
+    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
