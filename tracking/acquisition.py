@@ -54,6 +54,7 @@ _TRIPLES = 24  # from which circles are drawn
 _MARGIN = 1.0  # around a motion region, relative to its size
 _MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of region and surroundings above which no object stands out
 _ROUNDS = 4  # largest number of alternating estimates of colours and mask
+_GROWN_PX = 10_000  # pixels that grow to an object
 _MIN_AREA_PX = 16  # area of an object
 _MIN_FILL = 0.35  # share of its box
 _MAX_SHARE = 0.25  # share of the image
@@ -473,21 +474,35 @@ def _object_outline(image: Image, mask: Mask, box: Box, optics: Optics) -> Outli
 def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
     """Mask (h, w) and colours of the object at a seed (h, w), from colour bins (h, w); None where no object stands out.
 
-    Mask and colours are estimated alternately. Background in the seed drops out, as it surrounds the seed as well.
+    Mask and colours are estimated alternately, in a large region from some of its pixels. Background in the seed drops
+    out, as it surrounds the seed as well.
     """
-    mask: Mask = seed
+    step = max(int(math.sqrt(seed.size / _GROWN_PX)), 1)
+    every = np.s_[::step, ::step]
+    some_bins = np.ascontiguousarray(bins[every])
+    some_seed = np.ascontiguousarray(seed[every])
+    mask: Mask = some_seed
     for _ in range(_ROUNDS):
-        model = _model(bins, mask)
+        model = _model(some_bins, mask)
         if model.similarity(model.background) > _MAX_LIKENESS:
             return None, None
-        hard: Mask = np.asarray(cv2.GaussianBlur(model.table()[bins], (3, 3), 0)) > 0.5
-        grown = masks.closed_component(hard, seed, model.backdrop()[bins])
+        grown = _grown(some_bins, some_seed, model)
         if grown is None:
             return None, None
         if np.count_nonzero(grown != mask) < 0.02 * np.count_nonzero(grown):
             break
         mask = grown
-    return mask, _model(bins, mask)
+    model = _model(some_bins, mask)
+    if step == 1:
+        return mask, model
+    whole = _grown(bins, seed, model)
+    return (None, None) if whole is None else (whole, _model(bins, whole))
+
+
+def _grown(bins: NDArray[np.uint8], seed: Mask, model: ColorModel) -> Mask | None:
+    """Mask (h, w) of pixels in an object's colours at a seed (h, w)."""
+    likely: Mask = np.asarray(cv2.GaussianBlur(model.table()[bins], (3, 3), 0)) > 0.5
+    return masks.closed_component(likely, seed, model.backdrop()[bins])
 
 
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
