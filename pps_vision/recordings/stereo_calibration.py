@@ -45,6 +45,7 @@ def read_stereo_calibration(
     documents = [read_document(path) for path in paths]
     names = sorted(module.name for module in iter_modules(calibrations.__path__))
     modules = [import_module(f"{calibrations.__name__}.{name}") for name in names]
+    modules.sort(key=lambda module: getattr(module, "IS_LAST", False))
     forms = [_form(document, modules) for document in documents]
     for document, form in zip(documents, forms, strict=True):
         if form is not forms[0]:
@@ -94,7 +95,7 @@ def _pair(
 ) -> list[CalibratedCamera]:
     """The left and the right camera: by name, by the paths of the images, or the only two in their order."""
     if names is not None:
-        by_name = {camera.name: camera for camera in cameras}
+        by_name = {camera.other_name: camera for camera in cameras} | {camera.name: camera for camera in cameras}
         if missing := [name for name in names if name not in by_name]:
             expected = f"two of {names_of(cameras)}" if any(by_name) else "no --cameras: it holds two, without names"
             raise InputError(cameras[0].file, f"no camera {missing[0]}; expected {expected}")
@@ -114,11 +115,9 @@ def _pair(
 def _named_in(paths: Sequence[str], cameras: Sequence[CalibratedCamera]) -> CalibratedCamera | None:
     """The only camera whose name is a word of the first path, of its last part that holds one's."""
     for part in Path(paths[0]).absolute().parts[::-1] if paths else ():
-        named = [
-            camera
-            for camera in cameras
-            if camera.name and re.search(rf"(?<![^\W_]){re.escape(camera.name)}(?![^\W_])", part)
-        ]
+        words = "|".join(re.escape(name) for camera in cameras for name in (camera.name, camera.other_name) if name)
+        found = set(re.findall(rf"(?<![^\W_])(?:{words})(?![^\W_])", part)) if words else set()
+        named = [camera for camera in cameras if {camera.name, camera.other_name} & found]
         if named:
             return named[0] if len(named) == 1 else None
     return None

@@ -25,7 +25,10 @@ _EXPECTED = "a stamp a row (s, ms, µs, ns or a date), each later than the last"
 _EXPONENTS: dict[TimeUnit, int] = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 _SINCE_1970: dict[int, TimeUnit] = {13: "ms", 16: "us", 19: "ns"}  # by the number of digits
 _UNITS: dict[str, TimeUnit] = {"s": "s", "ms": "ms", "us": "us", "µs": "us", "ns": "ns"}
-_IN_HEADER = re.compile(r"(?:time|stamp|\bt)[a-z]*[\s_\[(]+(ns|us|µs|ms|s)(?:ec\w*)?\b", re.IGNORECASE)
+_UNITS |= {"milli": "ms", "micro": "us", "nano": "ns"}
+_IN_HEADER = re.compile(
+    r"(?:time|stamp|\bt)[a-z]*[\s_\[(]+(?:in[\s_]+)?(?:(ns|us|µs|ms|s)|(milli|micro|nano)s)(?:ec\w*)?\b", re.IGNORECASE
+)
 _DATE = re.compile(
     r"(?:([0-9]{4})-([0-9]{2})-([0-9]{2})[T ])?([0-9]{2}):([0-9]{2}):([0-9]{2})([.,][0-9]+)?"
     r"(Z|[+-][0-9]{2}:?[0-9]{2})?(?![^\s,;])"
@@ -120,7 +123,7 @@ def read_times(file: Path, unit: TimeUnit | None = None) -> Times:
         raise InputError(file, f"{reason}; expected {_EXPECTED}, all with a name or none")
     if unit is None:
         stated = _IN_HEADER.search(header)
-        unit = _UNITS[stated[1].lower()] if stated else _unit_of(values, rows[0][1][column])
+        unit = _UNITS[(stated[1] or stated[2]).lower()] if stated else _unit_of(values, rows[0][1][column])
     return Times(file, tuple(values), tuple(names), unit)
 
 

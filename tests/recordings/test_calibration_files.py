@@ -1,5 +1,6 @@
 """One stereo camera in the calibration of every tool, as its documentation says, and the iCub's own file."""
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -158,9 +159,22 @@ def samples(folder: Path) -> list[Path]:
     return [intrinsics, store(folder / "extrinsics.yml", R=R, T=T, R1=R1, R2=R2, P1=P1, P2=P2, Q=Q)]
 
 
+def nested(folder: Path) -> list[Path]:
+    """A table for each side and one for the pose."""
+    sides = {
+        side: {"camera_matrix": K.tolist(), "dist_coeffs": [*D, 0.0]}
+        for side, K, D in (("left", K1, D1), ("right", K2, D2))
+    }
+    pose = {"R": T_RIGHT_LEFT[:3, :3].tolist(), "T": T_RIGHT_LEFT[:3, 3].tolist()}
+    (folder / "calibration.json").write_text(json.dumps(sides | {"stereo": pose}))
+    return [folder / "calibration.json"]
+
+
 FORMS = {
     **{write.__name__: write for write in (kalibr, euroc, ros, rostopic, anipose, caliscope, caliscope_2, pose2sim)},
     "samples": samples,
+    "nested": nested,
+    "cameras": named("cam{}_K", "cam{}_distortion_coeffs", "rot_mat", "tvec", ("1", "2"), "yml"),
     "documentation": named("cameraMatrix{}", "distCoeffs{}", "R", "T", ("1", "2"), "yml"),
     "npz": named("K{}", "D{}", "R", "T", ("1", "2"), "npz"),
     "npz from 0": named("K{}", "dist_{}", "rotation_matrix", "translation_vector", ("0", "1"), "npz"),
@@ -207,7 +221,7 @@ def test_kitti(tmp_path, form, name):
     ("write", "original", "instead", "message"),
     [
         (kalibr, "cam1:", "cam1: 3\ncam2:", "cam1 is '3'; expected the entries of a camera"),
-        (kalibr, "cam1:", "cam2:", r"camchain\.yaml: holds no calibration"),
+        (kalibr, "cam1:", "cam2:", r"camchain\.yaml: no R; expected K1, .*, or two cameras with their poses"),
         (kalibr, "intrinsics: [500.0", "intrinsics: [1.2e9", "intrinsics is .* expected 4 numbers"),
         (kalibr, "cam0", "# " + "x" * 2**22 + "\ncam0", "more than 4194304 characters or 2000 nodes"),
         (kalibr, "cam0", "#" + 200_000 * "[" + "\ncam0", "characters or 2000 nodes; expected a calibration"),

@@ -287,6 +287,12 @@ def test_of_more_cameras_two_are_chosen(tmp_path):
     np.testing.assert_allclose(swapped[2], T_RIGHT_LEFT, atol=1e-9)
     by_path = read_stereo_calibration([file], SIZE, images=(["day/cam_1.mp4"], ["day/cam_0.mp4"]))
     np.testing.assert_allclose(by_path[2], T_RIGHT_LEFT, atol=1e-9)
+    file.write_text(
+        file.read_text().replace("[cam_0]", '[cam_0]\nname = "A"').replace("[cam_1]", '[cam_1]\nname = "B"')
+    )
+    by_other_name = read_stereo_calibration([file], SIZE, images=(["vid-B.avi"], ["vid-A.avi"]))
+    np.testing.assert_allclose(by_other_name[2], T_RIGHT_LEFT, atol=1e-9)
+    assert FISHEYE_CAMERA.error_m([file], CalibrationOptions(cameras=("A", "cam_1"))) < 1e-6
     with pytest.raises(InputError, match="no camera top; expected two of cam_0, cam_1, cam_2"):
         read_stereo_calibration([file], SIZE, CalibrationOptions(cameras=("cam_0", "top")))
     (file,) = matlab(tmp_path)

@@ -90,6 +90,19 @@ def test_how_images_of_another_size_come_from_those_of_the_calibration_is_asked(
 TRAILING_ZEROS = np.array([[*D1[0], 0, 0, 0]])
 
 
+def test_a_lens_model_that_the_file_states_is_not_asked(tmp_path):
+    """The sample `calibration` writes fisheye_model."""
+    four = {"D1": D1[:, :4] / 10, "D2": D2}
+    left, right, _ = read_stereo_calibration([stereo(tmp_path / "a.yml", **four, fisheye_model=1)], SIZE)
+    assert left.fisheye
+    assert right.fisheye
+    left, right, _ = read_stereo_calibration([stereo(tmp_path / "b.yml", **four, fisheye_model=0)], SIZE)
+    assert not left.fisheye
+    assert left.distortion == (*four["D1"][0].tolist(), 0.0)
+    with pytest.raises(InputError, match="its lens model is radtan; expected no --lens fisheye"):
+        read_stereo_calibration([tmp_path / "b.yml"], SIZE, CalibrationOptions(lens="fisheye"))
+
+
 def test_trailing_zero_coefficients_are_none(tmp_path):
     check([stereo(tmp_path / "a.xml", D1=TRAILING_ZEROS)])
 

@@ -38,6 +38,7 @@ FORMS = {
     "a commented header": lines(lambda k: f"{1e3 * k * STEP_S}", "#camera\n# t_ms\n"),
     "counted": lines(lambda k: f"{k},{1e3 * k * STEP_S}", "frame,time_ms\n"),
     "counted without a header": lines(lambda k: f"{k + 1} {k * STEP_S}"),
+    "a unit in words": lines(lambda k: 10**6 + 1e3 * k * STEP_S, "Time (milliseconds)\n"),
     "dates": lines(dated),
     "ISO dates": lines(lambda k: dated(k).replace(" ", "T") + "Z"),
     "times of day": lines(lambda k: dated(k).split()[1]),

@@ -1,7 +1,7 @@
 """Forms of calibrations, one a module, found here without being named elsewhere.
 
 A module has `FORM`, its description; `recognises(document)`; and `read(documents)`, which returns the cameras of all
-files of a calibration.
+files of a calibration.  `IS_LAST`: its names are among those of other forms, which are asked first.
 """
 
 from collections.abc import Sequence
@@ -31,6 +31,7 @@ class CalibratedCamera:
     Attributes:
         file: The file that it is from.
         name: Its name there, "" where it has none.
+        other_name: Another name of it.
         K: (3, 3) camera matrix.
         D: OpenCV's distortion coefficients.
         lens: Their model; None where the form does not state it.
@@ -47,6 +48,7 @@ class CalibratedCamera:
     lens: Lens | None
     size: tuple[float, float] | None
     pose: Array
+    other_name: str = ""
     unit_m: float | None = None
     rectified: "CalibratedCamera | None" = None
 

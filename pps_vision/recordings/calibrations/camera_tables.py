@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pps_vision.geometry.se3 import transform
+from pps_vision.recordings import Lens
 from pps_vision.recordings.calibrations import CalibratedCamera, rotation_of, size_of
 from pps_vision.recordings.documents import Document
 
@@ -41,4 +42,5 @@ def _camera(name: str, table: Document) -> CalibratedCamera:
     D = table.numbers("distortions") if "distortions" in table else np.zeros(0)
     is_fisheye = table.word("fisheye").lower() == "true"
     size = size_of(table, "size")
-    return CalibratedCamera(table.file, name, K, D, "fisheye" if is_fisheye else "radtan", size, pose)
+    lens: Lens = "fisheye" if is_fisheye else "radtan"
+    return CalibratedCamera(table.file, name, K, D, lens, size, pose, other_name=table.word("name"))

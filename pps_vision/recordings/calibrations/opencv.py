@@ -8,7 +8,8 @@
 | size of the images, px | image_width and image_height, or imageSize |
 | projections of the rectified cameras, (3, 4) | P1, P2 |
 
-Case and underscores do not matter.  A file without sides is of one camera, the first of these the left one.
+Case, points and underscores do not matter; in a table its name stands before those of its entries ("left": {"K": …}).
+A file without sides is of one camera, the first of these the left one.
 """
 
 import re
@@ -19,38 +20,38 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import transform
 from pps_vision.recordings import Lens
-from pps_vision.recordings.calibrations import CalibratedCamera, lens_of, rectified_camera, ros, rotation_of
+from pps_vision.recordings.calibrations import CalibratedCamera, lens_of, rectified_camera, rotation_of
 from pps_vision.recordings.documents import Document
 from pps_vision.types import Array
 
+IS_LAST = True
 FORM = "OpenCV's K1, D1, K2, D2, R, T"
 _KINDS = {
-    "K": "k|m|cm|mtx|cameramatrix|cammatrix|intrinsics?|intrinsicmatrix",
-    "D": "d|dist|distcoeffs?|distcoefs?|distortion|distortioncoef(?:ficient)?s?",
-    "R": "r|rot|rotation|rotationmatrix|rotationofcamera2",
-    "T": "t|trans|translation|translationvector|translationofcamera2",
+    "K": "k|m|cm|mtx|cam(?:era)?mat(?:rix)?|intrinsics?|intrinsicmatrix|matrix",
+    "D": "d|dist|(?:dist|distortion)coeff?s?|distortions?|(?:dist|distortion)coefficients?",
+    "R": "(?:stereo|extrinsics)?(?:r|rot|rotation|rotmat|rotationmatrix|rotationofcamera2)",
+    "T": "(?:stereo|extrinsics)?(?:t|trans|tvec|translation|translationvector|translationofcamera2)",
     "P": "p|projectionmatrix",
     "image_width": "imagewidth",
     "image_height": "imageheight",
     "image_size": "size|imagesize",
     "fisheye": "fisheyemodel",
 }
-_NAME = {
-    kind: re.compile(f"(left|right|l|r)??(?:{names})(left|right|l|r|[012])?(fe)?") for kind, names in _KINDS.items()
-}
+_SIDE = "(?:cam(?:era)?)?(left|right|l|r|[012])"
+_NAME = {kind: re.compile(f"(?:{_SIDE})??(?:{names})(?:{_SIDE})?(fe)?") for kind, names in _KINDS.items()}
 _OF_ONE_CAMERA = ("K", "D", "P", "image_width", "image_height", "image_size", "fisheye")
 
 
 def recognises(document: Document) -> bool:
     """Return whether this is the form of a document."""
-    return not ros.recognises(document) and bool({"K1", "K2", "K", "R", "T", "P1"} & _named(document).keys())
+    return bool({"K1", "K2", "K", "R", "T", "P1"} & _named(_flat(document)).keys())
 
 
 def read(documents: Sequence[Document]) -> list[CalibratedCamera]:
     """Both cameras, from all files together; InputError if something is missing."""
     entries: dict[str, tuple[Document, str]] = {}
     sides = ["1", "2"]
-    for document in documents:
+    for document in map(_flat, documents):
         named = _named(document)
         side = ""
         if "K" in named:
@@ -82,6 +83,15 @@ def read(documents: Sequence[Document]) -> list[CalibratedCamera]:
         )
         for side in "12"
     ]
+
+
+def _flat(document: Document) -> Document:
+    """The entries of a document with those of its tables, which are no matrices, behind the tables' names."""
+    content = dict(document.content)
+    for name, table in document.tables().items():
+        if "data" not in table:
+            content |= {f"{name}_{key}": value for key, value in table.content.items()}
+    return Document(document.file, content)
 
 
 def _named(document: Document) -> dict[str, str]:
