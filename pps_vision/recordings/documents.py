@@ -10,7 +10,7 @@ import struct
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from configparser import ConfigParser
 from configparser import Error as IniError
 from dataclasses import dataclass
@@ -86,6 +86,12 @@ class Document:
         except ValueError:
             wanted = f"{'×'.join(map(str, shape))} numbers" if shape else "numbers"
             raise InputError(self.file, f"{key} is {str(value)[:80]}; expected {wanted}") from None
+
+    def scalars(self, keys: Iterable[str], missing: float | None = None) -> Array:
+        """The numbers of several entries; `missing` for those that are not there, else InputError."""
+        return np.array(
+            [missing if missing is not None and key not in self else self.numbers(key, 1)[0] for key in keys]
+        )
 
 
 def read_document(file: Path) -> Document:

@@ -32,10 +32,8 @@ def read(documents: Sequence[Document]) -> list[CalibratedCamera]:
     names = ("k1", "k2", "k3", "k4") if lens == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
     cameras: list[CalibratedCamera] = []
     for camera, T in (("Camera1", np.eye(4)), ("Camera1" if is_rectified else "Camera2", pose)):
-        fx, fy, cx, cy = (document.numbers(f"{camera}.{key}", 1)[0] for key in ("fx", "fy", "cx", "cy"))
-        keys = [f"{camera}.{name}" for name in names]
-        D = np.array([document.numbers(key, 1)[0] if key in document and not is_rectified else 0.0 for key in keys])
+        K = camera_matrix(document.scalars(f"{camera}.{key}" for key in ("fx", "fy", "cx", "cy")))
+        D = document.scalars((f"{camera}.{name}" for name in names * (not is_rectified)), 0.0)
         size = size_of(document, "Camera.width", "Camera.height")
-        K = camera_matrix(np.array([fx, fy, cx, cy]))
         cameras.append(CalibratedCamera(document.file, f"Camera{len(cameras) + 1}", K, D, lens, size, T))
     return cameras

@@ -62,13 +62,9 @@ def _window(document: Document, size: tuple[float, float] | None) -> tuple[Array
     window = np.eye(3)
     sides = []
     for axis, (offset, side) in enumerate((("x_offset", "width"), ("y_offset", "height"))):
-        binning = max(_number(document, f"binning_{'xy'[axis]}"), 1.0)
+        binning = max(document.scalars([f"binning_{'xy'[axis]}"], 0.0)[0], 1.0)
+        first, length = roi.scalars((offset, side), 0.0)
         window[axis, axis] = 1 / binning
-        window[axis, 2] = (0.5 - _number(roi, offset)) / binning - 0.5  # integer coordinates are pixel centres
-        sides.append((_number(roi, side) or (size[axis] if size else 0)) // binning)
+        window[axis, 2] = (0.5 - first) / binning - 0.5  # integer coordinates are pixel centres
+        sides.append((length or (size[axis] if size else 0)) // binning)
     return window, (sides[0], sides[1]) if size else None
-
-
-def _number(document: Document, key: str) -> float:
-    """The number of an entry, 0 where there is none."""
-    return float(document.numbers(key, 1)[0]) if key in document else 0.0

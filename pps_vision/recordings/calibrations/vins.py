@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse
 from pps_vision.recordings.calibrations import CalibratedCamera, camera_matrix, size_of
@@ -39,12 +37,10 @@ def read(documents: Sequence[Document]) -> list[CalibratedCamera]:
 def _camera(document: Document, name: str, pose: Array) -> CalibratedCamera:
     if (model := document.word("model_type")) not in _MODELS:
         raise InputError(document.file, f"model_type {model}; expected one of {', '.join(_MODELS)}")
-    projection = document.table("projection_parameters")
     is_fisheye = model == "KANNALA_BRANDT"
+    projection = document.table("projection_parameters")
     lens = projection if is_fisheye else document.table("distortion_parameters")
-    K, D = (
-        np.array([table.numbers(key, 1)[0] for key in keys])
-        for table, keys in zip((projection, lens), _MODELS[model], strict=True)
-    )
+    focal_center, coefficients = _MODELS[model]
+    K, D = camera_matrix(projection.scalars(focal_center)), lens.scalars(coefficients)
     size = size_of(document, "image_width", "image_height")
-    return CalibratedCamera(document.file, name, camera_matrix(K), D, "fisheye" if is_fisheye else "radtan", size, pose)
+    return CalibratedCamera(document.file, name, K, D, "fisheye" if is_fisheye else "radtan", size, pose)

@@ -14,7 +14,6 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.recordings import Lens
 from pps_vision.recordings.calibrations import CalibratedCamera, camera_matrix
 from pps_vision.recordings.documents import Document
-from pps_vision.types import Array
 
 FORM = "Stereolabs' SN….conf"
 _SIZES = {
@@ -33,28 +32,27 @@ def recognises(document: Document) -> bool:
 def read(documents: Sequence[Document]) -> list[CalibratedCamera]:
     """The cameras of all resolutions, left and right."""
     document = documents[0]
-    stereo = document.table("STEREO")
+    stereo = _lower(document.table("STEREO"))
     cameras = []
     for resolution, size in _SIZES.items():
         if f"LEFT_CAM_{resolution}" not in document:
             continue
-        turn = _numbers(stereo, *(f"{axis}_{resolution}" for axis in ("RX", "CV", "RZ")))
-        place = _numbers(stereo, "Baseline", "TY", "TZ") * (-1, 1, 1)
+        turn = stereo.scalars((f"{axis}_{resolution.lower()}" for axis in ("rx", "cv", "rz")), 0.0)
+        place = stereo.scalars(("baseline", "ty", "tz"), 0.0) * (-1, 1, 1)
         if not place[0]:
             raise InputError(document.file, "no Baseline in [STEREO]; expected it in mm")
         for side, pose in (("LEFT", np.eye(4)), ("RIGHT", transform(cv2.Rodrigues(turn)[0], place))):
             table = document.table(f"{side}_CAM_{resolution}")
-            lens = document.table(f"{side}_DISTO") if f"{side}_DISTO" in document else table
+            lens = _lower(document.table(f"{side}_DISTO") if f"{side}_DISTO" in document else table)
             is_fisheye = "k4" in lens and "p1" not in lens
-            D = _numbers(lens, *(_FISHEYE if is_fisheye else _RADIAL_TANGENTIAL))
-            K = camera_matrix(_numbers(table, "fx", "fy", "cx", "cy"))
+            D = lens.scalars(_FISHEYE if is_fisheye else _RADIAL_TANGENTIAL, 0.0)
+            K = camera_matrix(_lower(table).scalars(("fx", "fy", "cx", "cy")))
             name = f"{side}_CAM_{resolution}"
             model: Lens = "fisheye" if is_fisheye else "radtan"
             cameras.append(CalibratedCamera(document.file, name, K, D, model, size, pose, unit_m=0.001))
     return cameras
 
 
-def _numbers(table: Document, *keys: str) -> Array:
-    """Entries, in any case of letters; 0 where there is none."""
-    entries = Document(table.file, {key.lower(): value for key, value in table.content.items()})
-    return np.array([entries.numbers(key.lower(), 1)[0] if key.lower() in entries else 0.0 for key in keys])
+def _lower(table: Document) -> Document:
+    """Its keys in lower case, as some write them."""
+    return Document(table.file, {key.lower(): value for key, value in table.content.items()})
