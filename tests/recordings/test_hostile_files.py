@@ -132,6 +132,31 @@ def test_a_deeply_nested_calibration_is_refused(tmp_path, name, text):
     assert f"{name}: has more than" in process.stdout
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.toml", "[a]\nk" + ".b" * 1500 + " = 1\n"),
+        ("b.json", '{"K1": ' + 400 * "[" + 400 * "]" + "}"),
+        ("c.json", 300 * '{"a": ' + "1" + 300 * "}"),
+    ],
+)
+def test_levels_that_a_parser_accepts_are_refused(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=rf"{name}: cannot be parsed: more than 16 levels; expected a calibration"):
+        read_stereo_calibration([tmp_path / name], (8, 6))
+
+
+def test_a_calibration_of_many_numbers_is_read_soon(tmp_path):
+    """OpenCV's sample `calibration` also writes all corners of the board."""
+    matrix = "{}: !!opencv-matrix\n  rows: {}\n  cols: {}\n  dt: d\n  data: {}\n"
+    K = matrix.format("K1", 3, 3, [9.0, 0, 4, 0, 9, 3, 0, 0, 1])
+    more = matrix.format("R", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]) + matrix.format("T", 3, 1, [-0.1, 0, 0])
+    corners = matrix.format("image_points", 1, 200_000, ["0.25"] * 200_000).replace("'", "")
+    (tmp_path / "a.yml").write_text(f"%YAML:1.0\n---\n{K}{K.replace('K1', 'K2')}{more}{corners}")
+    with at_most(20):
+        assert read_stereo_calibration([tmp_path / "a.yml"], (8, 6))[2][0, 3] == pytest.approx(0.1)
+
+
 def test_a_byte_order_mark_changes_nothing(rec):
     clean = open_recording(rec.folder)
     for file in [*rec.folder.rglob("*.log"), rec.folder / "truth.csv", rec.folder / "icubEyes.ini"]:
