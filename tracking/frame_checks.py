@@ -11,12 +11,12 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.jit import njit
 from pps_vision.types import Array, Image, StereoFrame
 
 _STRIDE = 40  # distance of the rows that are compared first
 _DARK_STD = 2.0  # grey levels: the noise of a dark sensor is lower, the contrast of most images higher
 _BLACK = 16.0  # grey levels: black of ITU-R BT.601
+_EQUAL_STD = 1e-3  # grey levels: rounding
 _HOT_PX = 5  # width of a median that removes single hot pixels, which demosaicing spreads over 3×3
 
 Stamps = tuple[float, float]
@@ -36,19 +36,16 @@ def check(frame: StereoFrame, rig: StereoRig, last_s: Stamps) -> None:
             raise InputError("frame", f"{name} image {image.shape} {image.dtype}; expected {expected} uint8")
 
 
-Sums = tuple[float, float, float, float, float, float, float]
-
-
 class Fingerprint(NamedTuple):
-    """An image, and sums over some of its rows (a driver may refill the same buffer)."""
+    """An image, and mean and standard deviation (2, 3) of its colours in some rows (a driver may refill its buffer)."""
 
     image: Image
-    sums: Sums
+    levels: Array
 
     @classmethod
     def of(cls, image: Image) -> "Fingerprint":
         """Return the fingerprint of an RGB image."""
-        return cls(image, _sums(image, _STRIDE))
+        return cls(image, _levels(image[::_STRIDE]))
 
     @property
     def is_blank(self) -> bool:
@@ -56,17 +53,17 @@ class Fingerprint(NamedTuple):
 
         A plain lit wall has as little contrast, but it is brighter and shows the sensor's noise.
         """
-        if not (_is_black(self.sums) or _is_plain(self.sums)):  # a few rows tell most images
+        if not (_is_black(self.levels) or _is_plain(self.levels)):  # a few rows tell most images
             return False
-        sums = _sums(self.image, 1)
-        if _is_plain(sums) or not _is_black(sums):
-            return _is_plain(sums)
+        levels = _levels(self.image)
+        if _is_plain(levels) or not _is_black(levels):
+            return _is_plain(levels)
         filtered = np.asarray(cv2.medianBlur(self.image, _HOT_PX), dtype=np.uint8)
-        return bool((_variances(_sums(filtered, 1)) < _DARK_STD**2).all())
+        return bool((_levels(filtered)[1] < _DARK_STD).all())
 
     def repeats(self, previous: "Fingerprint") -> bool:
         """Whether both images are identical."""
-        return self.sums == previous.sums and np.array_equal(self.image, previous.image)
+        return np.array_equal(self.levels, previous.levels) and np.array_equal(self.image, previous.image)
 
 
 Fingerprints = tuple[Fingerprint, Fingerprint]  # left, right
@@ -84,36 +81,16 @@ def is_blind(images: Fingerprints, previous: Fingerprints | None) -> bool:
     return images[0].is_blank or images[1].is_blank
 
 
-def _is_black(sums: Sums) -> bool:
+def _levels(image: Image) -> Array:
+    """(2, 3) mean and standard deviation of red, green and blue, grey levels."""
+    return np.asarray(np.stack(cv2.meanStdDev(image))[..., 0], float)
+
+
+def _is_black(levels: Array) -> bool:
     """Whether the mean of the pixels is black."""
-    return all(total < sums[0] * _BLACK for total in sums[1:4])
+    return bool((levels[0] < _BLACK).all())
 
 
-def _is_plain(sums: Sums) -> bool:
+def _is_plain(levels: Array) -> bool:
     """Whether all pixels are equal."""
-    return not _variances(sums).any()
-
-
-def _variances(sums: Sums) -> Array:
-    n = sums[0]
-    return (n * np.array(sums[4:]) - np.array(sums[1:4]) ** 2) / n**2
-
-
-@njit(cache=True, error_model="numpy")
-def _sums(image: Image, stride: int) -> Sums:
-    """Number of pixels of every `stride`-th row, sums of red, green and blue, and sums of their squares."""
-    a = b = c = d = e = f = n = 0.0
-    for y in range(0, len(image), stride):
-        row = image[y]
-        for x in range(len(row)):
-            red = float(row[x, 0])
-            green = float(row[x, 1])
-            blue = float(row[x, 2])
-            a += red
-            b += green
-            c += blue
-            d += red * red
-            e += green * green
-            f += blue * blue
-        n += len(row)
-    return n, a, b, c, d, e, f
+    return bool((levels[1] < _EQUAL_STD).all())
