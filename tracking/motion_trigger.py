@@ -42,6 +42,7 @@ _MAX_PAIRS = 200  # of points, each of which gives one hypothesis of an expansio
 _COMMON_STD_PX = 0.1  # standard deviation of the error that all points in a region share
 Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
 _FLOW_INTERVAL_S = 0.05  # age of the image from which flow is measured
+_APART_S = 0.035  # between the images that are kept: memory does not grow with the frame rate
 _COARSE = 2  # side of the coarse comparison's pixels, px
 _FOLLOWED_MARGIN = 0.25  # around the boxes of followed objects, relative to their size
 _FOLLOWED_MARGIN_PX = 4
@@ -414,9 +415,10 @@ class MotionTrigger:
                 break  # flow is measured since the oldest one
             self._past.popleft()
         kept: list[_Frame] = []
-        for frame in self._past:  # all of the short interval, few older ones
+        for frame in self._past:
             is_recent = stamp_s - frame.stamp_s <= self.params.interval_s + JITTER_S
-            if is_recent or not kept or frame.stamp_s - kept[-1].stamp_s > 0.5 * self.params.slow_interval_s:
+            apart_s = _APART_S if is_recent else 0.5 * self.params.slow_interval_s
+            if not kept or frame.stamp_s - kept[-1].stamp_s > apart_s:
                 kept.append(frame)
         self._past.clear()
         self._past.extend(kept)
