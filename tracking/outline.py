@@ -6,6 +6,7 @@ Neither perspective nor lens distortion biases them.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -14,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, solid_angles
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
@@ -47,6 +49,7 @@ _EDGE_PX = 0.3  # standard deviation of a mask's edge
 _MIN_VISIBLE = 0.25  # share of a disc's area from which the disc is fitted
 _MIN_EDGE_PX = 12  # pixels of the edge from which the disc is fitted
 _MIN_ON_DISC = 0.5  # share of the edge that lies on the disc
+_SMALLEST_BOX_PX = 4  # side of a box that holds an object
 _STRIP = 64  # rows whose weights are computed together
 _ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
 _ROUNDS = 3  # of fits to a visible edge
@@ -121,6 +124,22 @@ class Optics:
             rows = np.s_[top - first : top - first + _STRIP]
             angles = solid_angles(bearings)[rows]
             self.weights[:, top : top + _STRIP] = np.moveaxis(bearings[rows] * angles[..., None], -1, 0)
+
+
+def outline_in_box(image: Image, box_px: Sequence[float], optics: Optics) -> Outline:
+    """Return the outline of an ellipse that fills a box x, y, width, height; InputError for a box that is not inside
+    the image."""
+    x, y, w, h = box_px
+    height, width = image.shape[:2]
+    if not (x >= 0 and y >= 0 and w >= _SMALLEST_BOX_PX <= h and x + w <= width and y + h <= height):
+        expected = f"X Y W H of at least {_SMALLEST_BOX_PX} pixels a side, within {width}×{height}"
+        raise InputError("track", f"the object's box {x:g} {y:g} {w:g} {h:g}; expected {expected}")
+    box = int(x), int(y), math.ceil(x + w), math.ceil(y + h)
+    mask = masks.ellipse(box, np.array([x + (w - 1) / 2, y + (h - 1) / 2]), w, h)
+    shape = fit_outline(image, mask, box, optics)
+    if shape is None:
+        raise InputError("track", f"the object's box {x:g} {y:g} {w:g} {h:g} holds no outline; expected a larger one")
+    return shape
 
 
 def fit_outline(

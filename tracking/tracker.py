@@ -23,8 +23,9 @@ from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import SIZE_FRAMES, CameraState, CameraTracker, Examined, ImageDetection, Prior
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
+from tracking.masks import BoxPx
 from tracking.motion_trigger import TriggerParams, velocity
-from tracking.outline import Optics, Outline
+from tracking.outline import Optics, Outline, outline_in_box
 from tracking.particle_filter import Located, ParticleFilterParams, Prediction, Silhouette, locate
 from tracking.stereo import (
     Association,
@@ -57,6 +58,8 @@ class TrackerParams:
     """Track any moving object, or a marker of known hue."""
     reduction: int = 1
     """Side of the pixel blocks that are averaged before tracking: larger takes less time, with more error."""
+    initial_boxes: tuple[BoxPx, BoxPx] | None = None
+    """Boxes of the object in the first left and right image, which it is followed from, unless it is searched for."""
     max_objects: int = 1
     """Largest number of objects that are followed at a time; of markers, one."""
     confirm_frames: int = 3
@@ -452,6 +455,12 @@ class Tracker:
         """Search both images for an object: what starts its track, its outlines and its colours."""
         association = state.tracks[0].association if state.tracks else self._initial.association
         cameras = scene.cameras
+        if self.params.initial_boxes is not None and state.view is None:
+            boxed = [
+                outline_in_box(camera.image, [side / self.params.reduction for side in box], optics)
+                for camera, box, optics in zip(cameras, self.params.initial_boxes, self._optics, strict=True)
+            ]
+            return partial(self._start_marker, cameras, (boxed[0], boxed[1])), (boxed[0], boxed[1]), _NO_MODELS
         if self.params.mode == "marker":
             if state.view is None:  # whether anything has moved is known from the second frame on
                 return None

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -20,6 +20,7 @@ from pps_vision.types import Array, StereoFrame, Track3D
 from tracking import DEFAULT_OBJECTS, DEFAULT_ORDER, FollowedBy, Mode
 from tracking.acquisition import SearchCounts, Stages
 from tracking.kalman import KalmanParams
+from tracking.masks import BoxPx
 from tracking.smoother import smoothed_steps
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
@@ -241,6 +242,18 @@ def tracker_params(
             problem = f"{name} {value} contradicts params with {name} {in_params}"
             raise InputError("track", f"{problem}; expected one of the two")
     return params
+
+
+def following(
+    params: TrackerParams, hue_deg: float | None, left: BoxPx | None = None, right: BoxPx | None = None
+) -> TrackerParams:
+    """Return the parameters with the object to follow: a marker of this hue (degrees), or what is in these boxes of the
+    first images.  InputError for one box without the other."""
+    if (left is None) != (right is None):
+        raise InputError("track", "one of --init-left and --init-right; expected both, or none")
+    if hue_deg is not None:
+        params = replace(params, mode="marker", marker=replace(params.marker, hue_deg=hue_deg % 360))
+    return params if left is None or right is None else replace(params, initial_boxes=(left, right))
 
 
 def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: Stages | None = None) -> Tracker:

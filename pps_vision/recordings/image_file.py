@@ -33,6 +33,7 @@ _CLOCK = re.compile(  # of a day: 2024-05-17_14-30-05.123, 20240517T143005_12345
     r"(?<![0-9])(?P<h>[0-9]{2})[-_:.]?(?P<m>[0-9]{2})[-_:.]?(?P<s>[0-9]{2})[-_.,]([0-9]{3,9})(?![0-9])",
     re.ASCII,
 )
+_GREY = 128  # level of what is not to be looked at
 _LEVELS = 8  # bits that are kept
 _SAMPLED = 8  # images whose bits are looked at
 Pixels = NDArray[np.unsignedinteger[Any]]
@@ -232,6 +233,16 @@ def decode(file: ImageFile, size: tuple[int, int] | None = None, bits: int = 16)
         return _bad(file, f"is {width}×{height} pixels", f"{size[0]}×{size[1]} like the others")
     levels = image if image.dtype == np.uint8 else np.minimum(image >> max(bits - _LEVELS, 0), 255)
     return np.asarray(levels, np.uint8)
+
+
+def only_within(image: Image, roi: tuple[int, int, int, int] | None) -> Image:
+    """The image, grey outside of a box x, y, width, height."""
+    if roi is None:
+        return image
+    x, y, w, h = roi
+    part = np.full_like(image, _GREY)
+    part[y : y + h, x : x + w] = image[y : y + h, x : x + w]
+    return part
 
 
 def used_bits(files: Sequence[ImageFile]) -> int:

@@ -51,4 +51,4 @@ def open_recording(folder: Path | str | None = None, **options: Unpack[Options])
     if unused and getattr(module, "HAS_STAMPS", False):
         warning = f"{' and '.join(unused)} not used: {source.folder} has stamps of its own"
         recording = replace(recording, warnings=(*recording.warnings, warning))
-    return replace(recording, unit_m=source.unit_m)
+    return replace(recording.part(source.start_s, source.stop_s, source.roi), unit_m=source.unit_m)

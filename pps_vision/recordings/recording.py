@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.parent import tell_progress
-from pps_vision.recordings.image_file import ImageFile, decode, used_bits
+from pps_vision.recordings.image_file import ImageFile, decode, only_within, used_bits
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import StereoFrame, Truth
 
@@ -45,7 +45,7 @@ class Recording:
     source's path; `robot` whose joints the frames carry, and `rig` its cameras, where known, else
     `calibration_at` says where a calibration is expected.  `warnings` name input that was read but is
     probably a mistake, `notes` say how it was read; `unit_m` is the requested unit of the calibration.  A pixel is
-    `pixel_aspect` times as wide as high, by the files.
+    `pixel_aspect` times as wide as high, by the files.  Images are grey outside of `roi` (x, y, width, height).
     """
 
     name: str
@@ -60,6 +60,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     unit_m: float = 1.0
     pixel_aspect: float = 1.0
+    roi: tuple[int, int, int, int] | None = None
     calibration_at: str = "one by --calib"
     _noted: set[Problem] = field(default_factory=set, repr=False, compare=False)
     """Images that are in `problems` already."""
@@ -89,6 +90,25 @@ class Recording:
         """The highest bit that images of 16 bits a channel use."""
         return used_bits([file for pair in self.pairs for file in pair])
 
+    def part(
+        self, start_s: float = 0.0, stop_s: float | None = None, roi: tuple[int, int, int, int] | None = None
+    ) -> "Recording":
+        """The pairs between two times from the first, images grey outside of a box x, y, width, height.
+
+        InputError where nothing is left.
+        """
+        if roi is not None:
+            x, y, w, h = roi
+            if not (0 <= x < x + w <= self.image_size[0] and 0 <= y < y + h <= self.image_size[1]):
+                raise InputError(self.name, f"roi {x} {y} {w} {h}; expected X Y W H within {self.image_size} pixels")
+        first_s, last_s = (self.pairs[k][0].stamp_s for k in (0, -1))
+        end_s = last_s if stop_s is None else first_s + stop_s
+        kept = tuple(pair for pair in self.pairs if first_s + start_s <= pair[0].stamp_s <= end_s)
+        if not kept:
+            asked = f"from {start_s:g} s to {'the end' if stop_s is None else f'{stop_s:g} s'} there is no pair"
+            raise InputError(self.name, f"{asked}; expected times from 0 to {last_s - first_s:.2f} s")
+        return replace(self, pairs=kept, roi=roi)
+
     def __iter__(self) -> Iterator[StereoFrame]:
         return (frame for _, frame in self.numbered())
 
@@ -104,10 +124,9 @@ class Recording:
                     self.problems.append(image)
             if not isinstance(images[0], Problem) and not isinstance(images[1], Problem):
                 number = place if left.number is None else left.number
-                yield (
-                    number,
-                    StereoFrame(images[0], images[1], left.stamp_s, right.stamp_s, left.joints_rad, right.joints_rad),
-                )
+                shown = [only_within(image, self.roi) for image in images if not isinstance(image, Problem)]
+                joints = left.joints_rad, right.joints_rad
+                yield number, StereoFrame(shown[0], shown[1], left.stamp_s, right.stamp_s, *joints)
 
 
 def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:

@@ -54,6 +54,12 @@ class SourceOptions(CalibrationOptions, _Files):
     calibration is for whole images."""
     no_rotate: bool = False
     """Take videos as they were recorded, without the rotation that their headers state."""
+    start_s: float = 0.0
+    """Leave out what comes before, seconds from the first pair."""
+    stop_s: float | None = None
+    """Leave out what comes after, seconds from the first pair."""
+    roi: tuple[int, int, int, int] | None = None
+    """X Y W H: look at this part of both images only, top-left corner and size, pixels; the rest is taken as grey."""
 
 
 class Options(TypedDict, total=False):
@@ -76,6 +82,9 @@ class Options(TypedDict, total=False):
     layout: Layout
     squeezed: bool
     no_rotate: bool
+    start_s: float
+    stop_s: float | None
+    roi: tuple[int, int, int, int] | None
     taxels: Path | str | None
     robot: "RobotSetup | None"
 

@@ -51,6 +51,13 @@ class TrackOptions:
     taxel of the iCub's skin is about to be touched, and the video and the report show it."""
     mode: Mode = "generic"
     """generic: any moving object; marker: a green marker (faster)."""
+    hue: float | None = None
+    """Hue of a marker, degrees (0 red, 120 green, 240 blue); implies --mode marker."""
+    init_left: tuple[float, float, float, float] | None = None
+    """X Y W H of the object in the first left image, top-left corner and size, pixels: follow this object alone; with
+    --init-right."""
+    init_right: tuple[float, float, float, float] | None = None
+    """The same in the first right image."""
     order: int = DEFAULT_ORDER
     """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
     reduction: int = 1

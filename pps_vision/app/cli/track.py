@@ -34,7 +34,7 @@ class Track(TrackOptions, RecordingSource):
 
         from pps_vision.app.progress import progress
         from pps_vision.app.report.tracking import write_report
-        from pps_vision.app.track import track, tracker_params
+        from pps_vision.app.track import following, track, tracker_params
         from pps_vision.app.track_files import Extras, TrackFiles, diagnosis_of, headline, summary
         from pps_vision.app.track_statistics import TracksStatistics
         from pps_vision.app.versions import versions
@@ -46,7 +46,9 @@ class Track(TrackOptions, RecordingSource):
             recording = self.open()
             has_robot = recording.robot is not None
             self._check_robot_options(has_robot, "without a robot; expected it with an iCub's REC")
-            params = tracker_params(self.mode, self.order, self.reduction, 1 if self.one else self.objects)
+            objects = 1 if self.one or self.init_left else self.objects
+            params = tracker_params(self.mode, self.order, self.reduction, objects)
+            params = following(params, self.hue, self.init_left, self.init_right)
             run = track(recording, params=params, device=self.device, seed=self.seed)
             reach = self._reach(recording)
             extras = Extras(self.also, self.video, self.viewer, self.report, reach, self._activation(recording))
