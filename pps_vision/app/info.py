@@ -21,7 +21,8 @@ class RecordingInfo:
 
     source: str
     pairs: int
-    image_size: tuple[int, int]  # width and height, px
+    image_size: tuple[int, int]  # width and height of the left images, px
+    right_size: tuple[int, int]
     duration_s: float
     pairs_per_s: float  # by the median interval; NaN for a single pair
     gaps: int  # intervals of more than 1.5 times the median one
@@ -42,9 +43,10 @@ class RecordingInfo:
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
-        width, height = self.image_size
+        left, right = (f"{width}×{height}" for width, height in (self.image_size, self.right_size))
+        sizes = left if left == right else f"{left} and {right}"
         rows = [
-            f"{self.source}: {self.pairs} pairs of {width}×{height} pixels, {self.duration_s:.2f} s at "
+            f"{self.source}: {self.pairs} pairs of {sizes} pixels, {self.duration_s:.2f} s at "
             f"{self.pairs_per_s:.4g} pairs/s",
             f"intervals: longest {1000 * self.longest_interval_s:.1f} ms, {self.gaps} gaps",
             f"right minus left stamp: median {self.skew_median_ms:+.2f} ms, largest {self.skew_largest_ms:.2f} ms "
@@ -88,7 +90,8 @@ def info(recording: Recording) -> RecordingInfo:
     return RecordingInfo(
         source=recording.name,
         pairs=len(recording),
-        image_size=recording.image_size,
+        image_size=recording.image_sizes[0],
+        right_size=recording.image_sizes[1],
         duration_s=float(left[-1] - left[0]),
         pairs_per_s=1 / usual_s if usual_s > 0 else np.nan,
         gaps=gaps,

@@ -61,12 +61,18 @@ class Recording:
     unit_m: float = 1.0
     pixel_aspect: float = 1.0
     roi: tuple[int, int, int, int] | None = None
+    right_size: tuple[int, int] | None = None  # of right images, where they are of another size
     calibration_at: str = "one by --calib"
     _noted: set[Problem] = field(default_factory=set, repr=False, compare=False)
     """Images that are in `problems` already."""
 
     def __len__(self) -> int:
         return len(self.pairs)
+
+    @property
+    def image_sizes(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Width and height of the left and the right images."""
+        return self.image_size, self.right_size or self.image_size
 
     @property
     def skipped(self) -> int:
@@ -117,7 +123,8 @@ class Recording:
         its number when others are skipped."""
         for place, (left, right) in enumerate(self.pairs):
             tell_progress()
-            images = [decode(file, self.image_size, self.bits) for file in (left, right)]
+            files = zip((left, right), self.image_sizes, strict=True)
+            images = [decode(file, size, self.bits) for file, size in files]
             for image in images:
                 if isinstance(image, Problem) and image not in self._noted:
                     self._noted.add(image)
@@ -129,9 +136,11 @@ class Recording:
                 yield number, StereoFrame(shown[0], shown[1], left.stamp_s, right.stamp_s, *joints)
 
 
-def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:
-    """(width, height) that most of the first readable images have; InputError, with the first problem, if no pair is
-    readable, and if left and right images differ."""
+def usual_sizes(
+    source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """(width, height) that most of the first readable left images have, and the right ones; InputError, with the first
+    problem, if no pair is readable."""
     sizes = Counter[tuple[int, int]](), Counter[tuple[int, int]]()  # of left and right images
     bad = [*problems]
     for pair in pairs:
@@ -146,13 +155,18 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
         why = f"; {bad[0]}" if bad else ""
         raise InputError(source, f"no usable frame; expected at least one readable pair of left and right images{why}")
     usual = (sizes[0] + sizes[1]).most_common(1)[0][0]
-    for side, other_side in ((0, "right"), (1, "left")):
-        if usual not in sizes[side]:
-            file = pairs[0][side]
-            (width, height) = sizes[side].most_common(1)[0][0]
-            reason = f"{width}×{height} pixels; {other_side} images are {usual[0]}×{usual[1]}; expected one size"
-            raise InputError(file.cited, reason, file.line)
-    return usual
+    left, right = (usual if usual in counts else counts.most_common(1)[0][0] for counts in sizes)
+    return left, right
+
+
+def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:
+    """The same where left and right images must be of one size; InputError if they are not."""
+    left, right = usual_sizes(source, pairs, problems)
+    if left != right:
+        file = pairs[0][1]
+        reason = f"{right[0]}×{right[1]} pixels; left images are {left[0]}×{left[1]}; expected one size"
+        raise InputError(file.cited, reason, file.line)
+    return left
 
 
 def replaced_rate(option: str, fps: float, stamps_s: Sequence[float]) -> tuple[str, ...]:

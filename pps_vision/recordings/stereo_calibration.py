@@ -29,6 +29,7 @@ def read_stereo_calibration(
     image_size: tuple[int, int],
     options: CalibrationOptions = _DEFAULT,
     images: tuple[Sequence[str], Sequence[str]] = ((), ()),
+    right_size: tuple[int, int] | None = None,
 ) -> tuple[Camera, Camera, Array]:
     """Left camera, right camera and `T_left_right` of a calibration; the root frame is the left camera's.
 
@@ -39,6 +40,7 @@ def read_stereo_calibration(
         image_size: Width and height of the images.
         options: What the calibration does not say.
         images: Paths of the left and the right images, which may hold the names of two of the cameras.
+        right_size: Width and height of the right images, where they are of another size.
     """
     if not paths:
         raise InputError("calibration", "no file; expected a calibration")
@@ -52,7 +54,7 @@ def read_stereo_calibration(
             reason = f"is of another form than {paths[0]}, which is {forms[0].FORM}"
             raise InputError(document.file, f"{reason}; expected one form for both cameras")
     cameras: list[CalibratedCamera] = forms[0].read(documents)
-    return cameras_of(cameras, image_size, options, images)
+    return cameras_of(cameras, image_size, options, images, right_size)
 
 
 def cameras_of(
@@ -60,14 +62,17 @@ def cameras_of(
     image_size: tuple[int, int],
     options: CalibrationOptions = _DEFAULT,
     images: tuple[Sequence[str], Sequence[str]] = ((), ()),
+    right_size: tuple[int, int] | None = None,
 ) -> tuple[Camera, Camera, Array]:
     """The same of cameras that have been read."""
     if not 0 < options.unit_m < float("inf"):
         raise InputError("calibration", f"unit_m {options.unit_m}; expected the positive length of the unit in metres")
-    sized = [camera for camera in cameras if camera.size == image_size]
+    sizes = image_size, right_size or image_size
+    sized = [camera for camera in cameras if camera.size in sizes]
     chosen = sized if len(sized) == 2 and options.cameras is None else cameras
-    pair = [_for_images(camera, image_size, options.rectified) for camera in _pair(chosen, options.cameras, images)]
-    left, right = (_camera(camera, image_size, options, side) for camera, side in zip(pair, "12", strict=True))
+    named = zip(_pair(chosen, options.cameras, images), sizes, strict=True)
+    pair = [_for_images(camera, size, options.rectified) for camera, size in named]
+    left, right = (_camera(camera, size, options, side) for camera, size, side in zip(pair, sizes, "12", strict=True))
     T_right_left = pair[1].pose @ inverse(pair[0].pose)
     file = pair[1].file
     if not T_right_left[:3, 3].any():

@@ -143,3 +143,20 @@ def test_a_layout_needs_an_even_side(tmp_path, refused):
     write_video(tmp_path / "both.mp4", [np.zeros((121, 160, 3), np.uint8)] * 3)
     line = refused("info", Path(tmp_path / "both.mp4"), "--layout", "tb")
     assert "is 121 pixels high; expected two halves of one size (--layout)" in line
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_cameras_with_images_of_unlike_sizes(tmp_path, capsys, stated):
+    """The right camera's images are half as large, of other proportions, and it records three frames for two."""
+    shown, sides = film(scene=replace(SCENE, fps=75.0))
+    halved = [cv2.resize(image, (160, 120), interpolation=cv2.INTER_AREA)[10:] for image in sides[1]]
+    left = write_video(tmp_path / "left.mp4", sides[0][::3])
+    right = write_video(tmp_path / "right.mp4", halved[::2], 37.5)
+    K2 = shown.rig.right.reduced(2).K
+    K2[1, 2] -= 10
+    sizes = {"image_width1": 320, "image_height1": 240, "image_width2": 160, "image_height2": 110} if stated else {}
+    calib = calibration(tmp_path / "calib.yml", shown, None, K2=K2, **sizes)
+    words = ["--left", left, "--right", right, "--calib", calib]
+    assert track_error_mm([*words, "--video"], shown, tmp_path / "out") < 3 * RIGHT_MM
+    main(["info", *map(str, words)])
+    assert "pairs of 320×240 and 160×110 pixels" in capsys.readouterr().out

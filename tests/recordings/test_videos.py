@@ -117,13 +117,6 @@ def test_a_video_that_was_cut_before_its_index_is_refused_in_words(tmp_path):
         open_recording(file)
 
 
-def test_left_and_right_images_of_different_sizes_are_refused(tmp_path, calib):
-    write_video(tmp_path / "l.mp4", UNEVEN)
-    write_video(tmp_path / "r.mp4", UNEVEN, size=(80, 60))
-    with pytest.raises(InputError, match=r"r\.mp4: 80×60 pixels; left images are 160×120"):
-        open_recording(left=tmp_path / "l.mp4", right=tmp_path / "r.mp4", calib=calib)
-
-
 def test_side_by_side(tmp_path, calib):
     recording = open_recording(write_video(tmp_path / "both.mp4", UNEVEN, size=(320, 120)), calib=[calib])
     for _ in range(2):  # it iterates more than once

@@ -95,7 +95,8 @@ def draw_pair(
                         cv2.circle(canvas, *ring, cv2.LINE_AA, _SHIFT)
             _draw_cross(canvas, eye, item.track, scale)
         sides.append(canvas)
-    pair = np.concatenate(sides, axis=1)
+    height = max(len(side) for side in sides)
+    pair = np.concatenate([np.pad(side, ((0, height - len(side)), (0, 0), (0, 0))) for side in sides], axis=1)
     status = step.track.status
     _write(pair, f"{status.value}   {frame.stamp_s:7.2f} s", (8, 20), _STATUS_RGB[status])
     for line, caption in enumerate(captions, start=1):

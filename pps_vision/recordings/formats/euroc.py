@@ -6,7 +6,7 @@ from pathlib import Path
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.recording import Recording, pair_by_stamp, usual_size
+from pps_vision.recordings.recording import Recording, pair_by_stamp, usual_sizes
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.times import read_times
 from pps_vision.recordings.warnings import Problem
@@ -30,8 +30,8 @@ def open_source(source: Source) -> Recording:
         raise InputError(lacking[0], "no data.csv; expected both cameras, cam0 and cam1, with a data.csv each")
     left, right = (_images(camera) for camera in cameras)
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
-    size = usual_size(folder, pairs, problems)
-    recording = Recording(str(folder), pairs, size, problems)
+    size, right_size = usual_sizes(folder, pairs, problems)
+    recording = Recording(str(folder), pairs, size, problems, right_size=right_size)
     own = [camera / "sensor.yaml" for camera in cameras]
     if not source.calib and (missing := [file for file in own if not file.exists()]):
         return replace(recording, calibration_at=f"{missing[0]}, or two by --calib")

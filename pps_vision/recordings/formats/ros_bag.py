@@ -18,7 +18,7 @@ from pps_vision.recordings.documents import Document
 from pps_vision.recordings.formats.stereo_images import refuse_robot_options, with_calibration
 from pps_vision.recordings.formats.yarp import with_joints
 from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, Pixels, decode_bytes
-from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_size
+from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_sizes
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import cameras_of
 from pps_vision.recordings.tables import read_joint_offsets
@@ -69,15 +69,16 @@ def open_source(source: Source) -> Recording:
     topics = [bag.image_topic("left", source.left), bag.image_topic("right", source.right)]
     left, right = (distinct_stamps(bag.images(topic), problems) for topic in topics)
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
-    size = usual_size(file, pairs, problems)
-    recording = Recording(str(file), pairs, size, problems)
+    size, right_size = usual_sizes(file, pairs, problems)
+    recording = Recording(str(file), pairs, size, problems, right_size=right_size)
     if source.calib:
         recording = with_calibration(recording, source.calib, source)
     elif missing := [topic for topic in topics if bag.info_topic(topic) is None]:
         place = f"{missing[0].rsplit('/', 1)[0]}/camera_info, or one by --calib"
         recording = replace(recording, calibration_at=place)
     else:
-        cameras = cameras_of([bag.camera_info(topic) for topic in topics], size, source)
+        infos = [bag.camera_info(topic) for topic in topics]
+        cameras = cameras_of(infos, size, source, right_size=right_size)
         recording = replace(recording, rig=StereoRig.fixed(*cameras))
     if source.robot is None:
         refuse_robot_options(source)

@@ -27,7 +27,7 @@ from pps_vision.recordings.recording import (
     note_unpaired,
     pair_by_stamp,
     replaced_rate,
-    usual_size,
+    usual_sizes,
 )
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
@@ -64,22 +64,26 @@ def with_calibration(
     """
     if not calib:
         return recording
-    width, height = recording.image_size
-    aspect = recording.pixel_aspect
-    square = (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
-    sizes = [square, (width, height)] if source.squeezed else list(dict.fromkeys([(width, height), square]))
+    recorded = recording.image_sizes
+    square = _square(recorded[0], recording.pixel_aspect), _square(recorded[1], recording.pixel_aspect)
     errors: list[InputError] = []
-    for size in sizes:
+    for size, right_size in [square, recorded] if source.squeezed else dict.fromkeys([recorded, square]):
         try:
             left, right, T_left_right = read_stereo_calibration(
-                calib, size, source, images or (source.left, source.right)
+                calib, size, source, images or (source.left, source.right), right_size
             )
         except InputError as error:
             errors.append(error)
             continue
-        rig = StereoRig.fixed(left.stretched(width, height), right.stretched(width, height), T_left_right)
+        rig = StereoRig.fixed(left.stretched(*recorded[0]), right.stretched(*recorded[1]), T_left_right)
         return replace(recording, rig=rig)
     raise errors[0]
+
+
+def _square(size: tuple[int, int], aspect: float) -> tuple[int, int]:
+    """Width and height of the same images with square pixels."""
+    width, height = size
+    return (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
 
 
 def refuse_robot_options(source: Source) -> None:
@@ -138,8 +142,8 @@ def open_stereo_images(
         warnings = replaced_rate(f"--fps {fps:g}", fps, sorted(filter(None, stamps_s))) if None not in stamps_s else ()
     turned = orientation_of(left[0].path) != 1
     notes = (f"{left[0].path}: its orientation (EXIF) is ignored: images are as recorded",) if turned else ()
-    size = usual_size(name, pairs, problems)
-    return Recording(name, pairs, size, problems, warnings=warnings, notes=notes)
+    size, right_size = usual_sizes(name, pairs, problems)
+    return Recording(name, pairs, size, problems, warnings=warnings, notes=notes, right_size=right_size)
 
 
 def _stamped(images: list[ImageFile], times: Times | None, problems: list[Problem]) -> list[ImageFile]:

@@ -1,6 +1,7 @@
 """Two videos of a stereo camera, or one with both images side by side."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from pps_vision.recordings.recording import (
     clocks_apart,
     pair_by_stamp,
     replaced_rate,
-    usual_size,
+    usual_sizes,
     usual_step_s,
 )
 from pps_vision.recordings.source import Source
@@ -64,11 +65,10 @@ def open_source(source: Source) -> Recording:
         warnings += replaced_rate(option, fps, own_s)
     if not source.fps:
         warnings += clocks_apart(left, right, len(pairs), source.max_skew_s)
-    size = usual_size(names[0][0], pairs, problems)
+    size, right_size = usual_sizes(names[0][0], pairs, problems)
     notes = tuple(dict.fromkeys(note for side in sides for note in _notes(side[0])))
-    recording = Recording(
-        names[0][0], pairs, size, problems, warnings=tuple(warnings), notes=notes, pixel_aspect=aspect
-    )
+    recording = Recording(names[0][0], pairs, size, problems, warnings=tuple(warnings), notes=notes)
+    recording = replace(recording, pixel_aspect=aspect, right_size=right_size)
     try:
         return with_calibration(recording, source.calib, source)
     except InputError as error:
