@@ -14,16 +14,19 @@ from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.types import Array, Image, Mask, StereoFrame
 
-_FEATURES = 800  # per image
+_FEATURES = 800  # per image, of this contrast and more: soft walls show little
+_CONTRAST = 0.01
+_HALF = 0.5
 _DISTINCT = 0.8  # Lowe's ratio: distance of the best match relative to the second best
 _SAME_SCENE_PX = 3.0  # from an epipolar line of the fundamental matrix that most matches fit
-_FEWEST = 40  # such matches that tell anything
-_MOST = 0.5  # of the matches: fewer fit a fundamental matrix by chance
+_FEWEST = 15  # such matches that tell anything
+_MOST = 0.7  # of the matches: fewer fit a fundamental matrix by chance; of sound ones at least 0.9
 _FITS_PX = 0.5  # median misfit of a calibration in images of up to 1280 columns; sound ones here up to 0.2
 _COLUMNS = 1280
 _FLATTEST = 0.1  # cosine of the angle from the axis to which the rays of a fisheye reach in a plane
 _BEHIND_PX = -1.0  # parallax of a point behind the cameras; that of a far point is 0
 _CLEARLY = 0.4  # misfit after a remedy relative to before
+_MANY_MORE = 2  # times as many matches of an image that is mirrored back
 _AS_GOOD = 1.3  # misfit after a remedy relative to that after the best
 _TURNED_DEG = 2.0  # by which joints and images may differ: nearby points shift as the head moves
 _TURNED_SHARE = 0.5  # of the turn
@@ -51,10 +54,10 @@ class Fit:
     @property
     def cost_px(self) -> float:
         """The misfit; infinite where most points lie behind the cameras."""
-        return np.inf if self.behind > _MOST else self.misfit_px
+        return np.inf if self.behind > _HALF else self.misfit_px
 
     def __str__(self) -> str:
-        return "most matches lie behind the cameras" if self.behind > _MOST else f"within {self.misfit_px:.1f} px"
+        return "most matches lie behind the cameras" if self.behind > _HALF else f"within {self.misfit_px:.1f} px"
 
 
 def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: bool = False) -> Iterator[str]:
@@ -64,20 +67,21 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
     side = side_of(view)
     baseline = length(float(np.linalg.norm(view.right.center - view.left.center)))
     lies = f"the right camera lies {baseline} {side} the left one"
+    fits_px = _FITS_PX * max(1.0, rig.left.width / _COLUMNS)
     kept = matches(frames, rig)
-    if not kept:
-        for name in ("left", "right"):
-            mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
-            if found := matches(mirrored, rig):
-                n = sum(len(m.left_px) for m in found)
-                yield f"the {name} image not mirrored: {n} points match once it is mirrored back, none before"
-                return
+    as_is = fit(kept) if kept else None
+    if as_is is not None and as_is.cost_px <= fits_px:
+        return
+    for name in ("left", "right"):
+        mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
+        found = matches(mirrored, rig)
+        n = sum(len(m.left_px) for m in found)
+        if n > _MANY_MORE * sum(len(m.left_px) for m in kept) and fit(found).cost_px <= fits_px:
+            yield f"the {name} image not mirrored: {n} points match and fit the cameras once it is mirrored back"
+            return
+    if as_is is None:
         if side == _LEFT:
             yield f"--left and --right exchanged, or another calibration: by it {lies}"
-        return
-    as_is = fit(kept)
-    fits_px = _FITS_PX * max(1.0, rig.left.width / _COLUMNS)
-    if as_is.cost_px <= fits_px:
         return
     possible = _OF_IMAGES if by_joints else _OF_IMAGES | _OF_POSE
     remedies = {name: fit([remedy(m) for m in kept]).cost_px for name, remedy in possible.items()}
@@ -125,7 +129,7 @@ def matches(frames: Sequence[StereoFrame], rig: StereoRig) -> list[Matches]:
 
 def match(left: Image, right: Image) -> tuple[Array, Array]:
     """Pixels (n, 2) of SIFT features in two images that are each other's best match."""
-    sift = cv2.SIFT.create(nfeatures=_FEATURES)
+    sift = cv2.SIFT.create(nfeatures=_FEATURES, contrastThreshold=_CONTRAST)
     points, features = zip(
         *(sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in (left, right)), strict=True
     )
@@ -165,7 +169,7 @@ def _plane(view: View, px: Array) -> Array:
 
 
 def _of_one_scene(left: Array, right: Array) -> Mask:
-    """(n,) whether a match fits the fundamental matrix of most; of none where less than half do."""
+    """(n,) whether a match fits the fundamental matrix of most; of none where fewer than most do."""
     nowhere = np.zeros(len(left), bool)
     try:
         _, mask = cv2.findFundamentalMat(left, right, cv2.USAC_MAGSAC, _SAME_SCENE_PX, 0.999, 2000)
@@ -291,7 +295,7 @@ def _turn_by_images(view: View, first: Image, second: Image) -> Array | None:
     if len(before_px) < _FEWEST:
         return None
     _, mask = cv2.findHomography(before_px, after_px, cv2.USAC_MAGSAC, _SAME_SCENE_PX)
-    if mask is None or mask.sum() < _FEWEST or mask.mean() < _MOST:
+    if mask is None or mask.sum() < _FEWEST or mask.mean() < _HALF:
         return None
     same = np.asarray(mask).ravel() > 0
     U, _, Vt = np.linalg.svd(view.camera.bearings(after_px[same]).T @ view.camera.bearings(before_px[same]))

@@ -72,13 +72,13 @@ def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_na
     ] * 2
 
 
-def test_left_images_of_another_size_than_all_right_ones_are_refused(tmp_path):
+def test_where_both_sides_must_be_of_one_size_the_other_is_named(tmp_path):
     pairs = []
     for k, left in enumerate([(4, 3), (5, 3), (6, 3)]):
         for side, (width, height) in (("L", left), ("R", (8, 6))):
             cv2.imwrite(str(tmp_path / f"{side}{k}.png"), np.zeros((height, width, 3), np.uint8))
         pairs.append((ImageFile(tmp_path / f"L{k}.png", float(k)), ImageFile(tmp_path / f"R{k}.png", float(k))))
-    with pytest.raises(InputError, match=r"L0\.png: 4×3 pixels; right images are 8×6; expected one size"):
+    with pytest.raises(InputError, match=r"R0\.png: 8×6 pixels; left images are 4×3; expected one size"):
         usual_size("made up", tuple(pairs), [])
 
 

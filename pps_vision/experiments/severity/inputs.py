@@ -23,7 +23,6 @@ from pps_vision.app.info import info
 from pps_vision.app.track import track
 from pps_vision.app.track_files import diagnosis_of
 from pps_vision.app.track_statistics import PathStatistics
-from pps_vision.errors import InputError
 from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.films.caster import RayCaster, SensorChain
 from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
@@ -372,23 +371,21 @@ def _same(camera: Camera) -> Camera:
 
 
 def judge(given: Input, seed: int = 0) -> dict[str, Any]:
-    """Return the warnings, whether the numbers are wrong, and whether the fault is visible."""
+    """Return the warnings, whether the fault is visible, and whether the numbers are wrong: those that nothing warns of
+    before tracking."""
     recording = given.recording()
-    warnings: list[str] = []
     row: dict[str, Any] = {"visible": given.is_visible, "wrong": False}
-    try:
-        warnings += info(recording).warnings
-        run = track(recording, objects=1, seed=seed)
-        statistics = PathStatistics()
-        steps = list(run)
-        for pair in run.tracked_pairs(iter(steps)):
-            statistics.add(pair.track, pair.residual_px)
-        diagnosis = diagnosis_of(run, statistics)
-        warnings += diagnosis.advice if diagnosis else ()
-    except InputError as error:
-        return row | {"warnings": [str(error)]}
+    if warnings := info(recording).warnings:
+        return row | {"warnings": [*warnings]}
+    run = track(recording, objects=1, seed=seed)
+    statistics = PathStatistics()
+    steps = list(run)
+    for pair in run.tracked_pairs(iter(steps)):
+        statistics.add(pair.track, pair.residual_px)
+    diagnosis = diagnosis_of(run, statistics)
+    warnings = diagnosis.advice if diagnosis else ()
     known = [(k, step.track) for k, step in enumerate(steps) if step.track.is_known]
-    row |= {"tracked": len(known) / len(steps), "warnings": warnings}
+    row |= {"tracked": len(known) / len(steps), "warnings": [*warnings]}
     if row["tracked"] < FEW_TRACKED:
         return row
     pairs = [(step, given.film.truth[given.shown[k, 0]]) for k, step in known]
