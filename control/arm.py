@@ -105,18 +105,26 @@ def arm_constraints(
     return ArmConstraints(columns, limits, preferred, rows, most)
 
 
-def arm_velocity(params: ArmParams, posture: Posture, bounds: ArmConstraints, points: Sequence[MovingPoint]) -> Array:
+def arm_velocity(
+    params: ArmParams,
+    posture: Posture,
+    bounds: ArmConstraints,
+    points: Sequence[MovingPoint],
+    jacobians: Sequence[Array] | None = None,
+) -> Array:
     """Joint rates (n_joints,) whose points' velocities are nearest to those commanded, by least squares.
 
-    Where a constraint forbids the motion, the points slide along it, or stop.  InputError unless velocities are finite.
+    Where a constraint forbids the motion, the points slide along it, or stop.  `jacobians` (3, n_joints) of the points,
+    if they are known already.  InputError unless velocities are finite.
     """
     J: list[Array] = []
     velocities: list[Array] = []
-    for point in points:
+    jacobians = jacobians or [posture.jacobian(point.frame, point.point)[:3] for point in points]
+    for point, of_point in zip(points, jacobians, strict=True):
         velocity = np.asarray(point.velocity_root, dtype=float)
         if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
             raise InputError("arm", f"velocity {velocity} of {point.frame}; expected three finite numbers in m/s")
-        jacobian = posture.jacobian(point.frame, point.point)[:3, bounds.columns]
+        jacobian = of_point[:, bounds.columns]
         if point.free_across:
             speed = float(np.linalg.norm(velocity))
             jacobian = (velocity / max(speed, 1e-9))[None] @ jacobian

@@ -1,8 +1,8 @@
 """Move an arm away from an object that is predicted to touch its skin, and return home (R, "Avoidance and reaching").
 
-Every taxel above the activation threshold withdraws against its normal.  Beyond R: an arm at rest responds only to an
-object that approaches; links without taxels keep clear; and where withdrawal is predicted to leave too little
-clearance, the taxels leave the object's path sideways.  `control_point` is R eq. 6 itself.
+Every taxel above the activation threshold withdraws against its normal.  Beyond R: links without taxels keep clear; and
+where withdrawal is predicted to leave too little clearance, the taxels leave the object's path sideways.
+`control_point` is R eq. 6 itself.
 """
 
 from dataclasses import dataclass, field, replace
@@ -13,6 +13,7 @@ import numpy as np
 from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from pps_vision.errors import InputError
+from pps_vision.geometry.paths import passing_distances
 from pps_vision.geometry.se3 import inverse, move_points, rotation_to
 from pps_vision.robot.bare_links import BareLinks, NearestPoint
 from pps_vision.robot.model import Posture
@@ -55,14 +56,13 @@ class ResponseParams:
     """Largest speed of the taxels that respond."""
     radius_m: float = 0.20
     """Largest distance of the palm from its place at home."""
-    miss_distance_m: float = 0.05
-    """Respond only if the extrapolated path passes within this distance of the skin (inf: respond to any activation,
-    as in R)."""
-    min_approach_m: float = 0.01
-    """Respond only if the object has come this much nearer within half a second, and then at once; 0: extrapolate the
-    estimated velocity instead.  The velocity of an object that stops overshoots and points back for a quarter of a
-    second; the positions do not."""
-    confirmation_s: float = 0.15
+    miss_distance_m: float = np.inf
+    """Hand-set gate of an arm at rest, to compare with: respond only if the extrapolated path passes within this
+    distance of the skin (inf: the activation alone decides)."""
+    min_approach_m: float = 0.0
+    """Hand-set gate of an arm at rest: respond only if the object has come this much nearer within half a second, and
+    then at once (0: no gate)."""
+    confirmation_s: float = 0.0
     """Time above threshold before the arm responds to an object that has not come nearer."""
     persist_s: float = 0.3
     """Time for which the response outlasts the activation."""
@@ -165,7 +165,8 @@ def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmSt
         state = replace(state, escape_direction=escape, points=_redirected(state.points, escape))
         dq = motion.rates(state.points)
     elif state.mode == "return":
-        dq = return_home(params, arm, arm.stamp_s - state.since_s, clearance)
+        taxels = nearest_taxels(arm) if arm.track.is_known else []
+        dq = return_home(params, arm, arm.stamp_s - state.since_s, clearance_rows(arm, [*link_points, *taxels]))
     return state, response(state, arm, dq)
 
 
@@ -206,7 +207,8 @@ def approach(params: ResponseParams, arm: ArmInput, state: ArmState) -> tuple[bo
     """Whether the object has come nearer to the skin by `min_approach_m`, and whether an arm at rest may respond: if
     the object then passes within `miss_distance_m` of a taxel on the path since it was farthest away (without
     `min_approach_m`: at its velocity), or if its position is unknown."""
-    if not arm.track.is_known or not arm.skin.parts:
+    is_gated = params.miss_distance_m < np.inf or params.min_approach_m > 0
+    if not (is_gated and arm.track.is_known and arm.skin.parts):
         return False, True
     taxels, _ = arm.skin.at(arm.posture)
     stamps = np.array([stamp_s for stamp_s, _ in state.positions])
@@ -220,13 +222,6 @@ def approach(params: ResponseParams, arm: ArmInput, state: ArmState) -> tuple[bo
     miss_distance = passing_distances(taxels, arm.track.position, velocity, HORIZON_S).min() - arm.object_radius_m
     comes_near = bool(miss_distance < params.miss_distance_m)
     return has_approached, comes_near and (has_approached or params.min_approach_m == 0)
-
-
-def passing_distances(points: Array, position: Array, velocity: Array, horizon_s: float) -> Array:
-    """Smallest distances (n,) m of points (n, 3) from a position (3,) that moves at a velocity (3,) for a time."""
-    d = points - position
-    nearest_s = np.clip(d @ velocity / max(float(velocity @ velocity), 1e-12), 0.0, horizon_s)
-    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * velocity, axis=1))
 
 
 def next_state(
@@ -330,14 +325,22 @@ class ArmMotion:
         limited_by = (keep_in, arm.hold_s, arm.self_collision, clearance)
         self.params = params
         self.arm = arm
+        self._jacobians: dict[tuple[str, bytes], Array] = {}
         self.constraints = arm_constraints(params.arm, arm.posture, params.side, params.home_arm_rad, *limited_by)
 
     def rates(self, points: Points, arm_params: ArmParams | None = None) -> Array:
         """Joint rates (n_joints,) that move control points as commanded, none faster than `speed_m_s`."""
-        posture = self.arm.posture
-        dq = arm_velocity(arm_params or self.params.arm, posture, self.constraints, points)
-        fastest = max(float(np.linalg.norm(posture.jacobian(point.frame, point.point)[:3] @ dq)) for point in points)
+        J = [self._jacobian(point) for point in points]
+        dq = arm_velocity(arm_params or self.params.arm, self.arm.posture, self.constraints, points, J)
+        fastest = float(np.linalg.norm(np.array(J) @ dq, axis=1).max())
         return dq * min(1.0, self.params.speed_m_s / max(fastest, 1e-9))
+
+    def _jacobian(self, point: MovingPoint) -> Array:
+        """(3, n_joints) of a point's position, computed once: many directions are compared for the same points."""
+        key = point.frame, np.asarray(point.point, dtype=float).tobytes()
+        if key not in self._jacobians:
+            self._jacobians[key] = self.arm.posture.jacobian(point.frame, point.point)[:3]
+        return self._jacobians[key]
 
     def unhindered_share(self, rates: Array) -> float:
         """Share of rates (k,) that the self-collision check of the last stage (`limits`) lets through."""
@@ -411,6 +414,18 @@ def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Arra
     turned = np.clip(q + times[:, None] * rates[:, None], lower, upper) - q
     d = np.einsum("ndk,mtk->mtnd", J, turned) + taxels - (position + times[:, None] * velocity)[:, None]
     return np.asarray(np.sqrt(np.sum(d * d, axis=3).min(axis=(1, 2))) - arm.object_radius_m)
+
+
+def nearest_taxels(arm: ArmInput) -> list[NearestPoint]:
+    """The taxel nearest to the object of each body part."""
+    d = arm.track.position - arm.skin.at(arm.posture)[0]
+    distances = np.linalg.norm(d, axis=1)
+    near = []
+    for k, part in enumerate(arm.skin.parts):
+        i = int(np.argmin(np.where(arm.skin.part_index == k, distances, np.inf)))
+        gap = float(distances[i]) - arm.object_radius_m
+        near.append(NearestPoint(part.frame, arm.track.position - d[i], d[i] / max(distances[i], 1e-9), gap))
+    return near
 
 
 def clearance_rows(arm: ArmInput, near: list[NearestPoint]) -> tuple[Array, Array]:

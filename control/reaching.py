@@ -13,6 +13,7 @@ from control.arm import ArmParams, MovingPoint
 from control.avoidance import ArmInput, ArmMotion, ArmState, Mode, Response, ResponseParams
 from control.limits import MAX_HOLD_S
 from pps_vision.errors import InputError
+from pps_vision.geometry.paths import passing_distances
 from pps_vision.robot.bare_links import NearestPoint
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array
@@ -83,7 +84,7 @@ def target_taxel(params: ReachingParams, arm: ArmInput, state: ArmState) -> int:
     first_s, first = state.positions[0]
     last_s, last = state.positions[-1]
     velocity = (last - first) / (last_s - first_s) if last_s > first_s else arm.track.velocity
-    return int(avoidance.passing_distances(taxels, arm.track.position, velocity, _PATH_HORIZON_S).argmin())
+    return int(passing_distances(taxels, arm.track.position, velocity, _PATH_HORIZON_S).argmin())
 
 
 def _fastest_touch(params: ReachingParams, motion: ArmMotion, target: int) -> TaxelMotion:
@@ -117,13 +118,5 @@ def first_touch(motion: ArmMotion, arm_params: ArmParams, target: int) -> TaxelM
 
 def other_parts(arm: ArmInput, target: int) -> list[NearestPoint]:
     """The taxel nearest to the object of each body part but that of the taxel `target`."""
-    d = arm.track.position - arm.skin.at(arm.posture)[0]
-    distances = np.linalg.norm(d, axis=1)
     target_frame, _ = arm.skin.taxel(target)
-    near = []
-    for k, part in enumerate(arm.skin.parts):
-        if part.frame != target_frame:
-            i = int(np.argmin(np.where(arm.skin.part_index == k, distances, np.inf)))
-            gap = float(distances[i]) - arm.object_radius_m
-            near.append(NearestPoint(part.frame, arm.track.position - d[i], d[i] / max(distances[i], 1e-9), gap))
-    return near
+    return [near for near in avoidance.nearest_taxels(arm) if near.frame != target_frame]

@@ -157,7 +157,8 @@ class TaxelEvents(_Message):
     """Distance, time to contact and touch of every taxel at one stamp.
 
     `taxel_ids` (n,) are names "part:id"; `distance_m` D and `ttc_s` TTC (n,) follow R eqs 1
-    and 2, NaN outside a taxel's receptive field; `touched` (n,) the skin's report.
+    and 2, NaN outside a taxel's receptive field; `touched` (n,) the skin's report; `miss_m` (n,)
+    the smallest distance from the taxel to the object's surface on its extrapolated path (None: not predicted).
     """
 
     stamp_s: float
@@ -165,6 +166,7 @@ class TaxelEvents(_Message):
     distance_m: Array
     ttc_s: Array
     touched: Mask
+    miss_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)

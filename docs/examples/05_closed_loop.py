@@ -5,28 +5,22 @@ from dataclasses import replace
 import numpy as np
 
 import pps_vision as pv
-from learning.pps.memory import PPSMemory
+from pps_vision.app.encounters.encounter import EncounterScene
+from pps_vision.app.encounters.training import learn
 from pps_vision.app.pipeline import PipelineParams
 from pps_vision.app.simulation import log_of, make_episode, open_scene, simulate
 from pps_vision.robot.silhouette import Silhouette
 from tracking.tracker import TrackerParams
 
-
-def cautious(skin):
-    """A memory as if all that came within 12 cm of a taxel had touched it; pv.learn makes a real one."""
-    empty = PPSMemory.empty(skin)
-    counts = empty.counts.copy()
-    distance_m = np.linspace(*empty.params.distance_range_m, counts.shape[1], endpoint=False)
-    counts[:, (distance_m >= 0) & (distance_m < 0.12), :, 0] = 20
-    return replace(empty, counts=counts)
-
+# what the left arm's skin has felt of a tenth of R's approaches, without rendering; pv.learn learns from recordings
+memory = learn(EncounterScene(), "left", seed=0, share=0.1).probability
 
 with open_scene(noise_sigma=2.0, seed=0) as scene:
     for avoid in (False, True):
         rng = np.random.default_rng(5)
         episode = make_episode("approach", scene, "left_forearm:3", "ball", rng, speed_m_s=0.15)
         tracker = pv.Tracker(TrackerParams(), scene.rig, rng, own_body=Silhouette(scene.robot))
-        pipeline = pv.Pipeline(PipelineParams(), scene.robot, scene.skin, tracker, cautious(scene.skin), rng)
+        pipeline = pv.Pipeline(PipelineParams(), scene.robot, scene.skin, tracker, memory, rng)
         episode = replace(episode, seconds=episode.seconds / 2)  # until it withdraws
         steps = []
         for result in simulate(scene, episode, pipeline.step, avoid):  # result.step: track, activation, command

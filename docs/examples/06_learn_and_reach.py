@@ -18,7 +18,7 @@ with TemporaryDirectory() as folder:
     )
     memory = pv.learn([recording])
     taxel = memory.taxel_ids.index("left_forearm:3")
-    touch, no_touch = memory.counts[taxel].sum(axis=(0, 1))
+    touch, no_touch = memory.samples[taxel]
     near = activation(memory, 0.05, 0.4)[taxel]  # one distance and time to contact for all taxels
     distant = activation(memory, 0.18, 2.5)[taxel]
     print(f"left_forearm:3 learned {touch:.0f} samples of touch, {no_touch:.0f} of no touch")

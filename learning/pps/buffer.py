@@ -21,9 +21,9 @@ def push(buffer: EventBuffer, events: TaxelEvents) -> EventBuffer:
     return (*(sample for sample in buffer if sample.stamp_s >= oldest_s), events)
 
 
-def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
-    """The k `taxels` that perceived a stimulus, and their D and TTC (T, k) in steps of `STEP_S` back from the last
-    sample, oldest first; ValueError without samples.
+def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    """The k `taxels` that perceived a stimulus, and their D, TTC and predicted miss distance (T, k) in steps of
+    `STEP_S` back from the last sample, oldest first; ValueError without samples.
 
     Interpolated between two samples that both lie in a taxel's receptive field and approach (D and TTC finite) and are
     at most `_MAX_GAP_S` apart; NaN otherwise.  Of a whole skin few taxels perceive a stimulus; only they cost time.
@@ -34,8 +34,12 @@ def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.
     perceived = np.array([np.isfinite(s.distance_m[taxels]) & np.isfinite(s.ttc_s[taxels]) for s in buffer])
     columns = np.flatnonzero(perceived.any(axis=0))
     perceiving = taxels[columns]
-    series = np.array([[s.distance_m[perceiving], s.ttc_s[perceiving]] for s in buffer], dtype=float)
-    series[~np.broadcast_to(perceived[:, None, columns], series.shape)] = np.nan  # (samples, 2, k)
+    on_path = np.zeros(len(buffer[0].taxel_ids))  # of samples without a predicted miss distance
+    series = np.array(
+        [[a[perceiving] for a in (s.distance_m, s.ttc_s, on_path if s.miss_m is None else s.miss_m)] for s in buffer],
+        dtype=float,
+    )
+    series[~np.broadcast_to(perceived[:, None, columns], series.shape)] = np.nan  # (samples, 3, k)
     back = np.arange(int((stamps[-1] - stamps[0]) / STEP_S + 1e-6), -1, -1)
     times = stamps[-1] - back * STEP_S
     later = np.searchsorted(stamps, times)
@@ -47,4 +51,4 @@ def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.
     grid[span > _MAX_GAP_S] = np.nan
     for sample, is_on in ((earlier, weight < 1e-6), (later, weight > 1 - 1e-6)):
         grid[is_on] = series[sample][is_on]  # on a sample, its neighbour's NaN must not spread
-    return perceiving, grid[:, 0], grid[:, 1]
+    return perceiving, grid[:, 0], grid[:, 1], grid[:, 2]

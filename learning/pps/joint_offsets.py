@@ -6,7 +6,7 @@ two arms that touch each other in this way).  One offset in metres would not suf
 places an object at 20 cm 1 cm too far and one at 35 cm 3 cm.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ from pps_vision.types import Array, Mask
 _JOINT_RAD = np.deg2rad(1.5)
 _TAXEL_M = 0.005
 _OUTLIER_SIGMAS = 3.0  # a touch with a larger residual gets less weight (Cauchy)
+_CLEAR_SIGMAS = 3.0  # mean gain of held-out touches, in standard errors, from which offsets are applied
 _NO_POINT_M = 10.0  # residual of each axis where two lines of sight do not meet: larger than any room
 _GRID = 24  # positions along each axis: about 5 mm apart, as a taxel's own error
 
@@ -61,6 +62,21 @@ class _Sighting:
     frame: str
     felt_at: Array
     cov: Array
+
+
+def verified_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Sequence[TouchTrial]) -> Array:
+    """Offsets (n_joints,) from all trials, as `joint_offsets`, where those from every other trial clearly shorten the
+    distances between felt and seen positions of the trials left out; else 0."""
+    offsets = joint_offsets(robot, rig, skin, trials[::2]).offsets_rad
+    held_out = [sighting for trial in trials[1::2] for sighting in _sightings(rig, skin, trial)]
+    before, after = (
+        np.array([np.linalg.norm(_error_m(robot, rig, sighting, q)) for sighting in held_out])
+        for q in (np.zeros(robot.n_joints), offsets)
+    )
+    gain = before - after
+    if len(gain) < 2 or not gain.mean() > _CLEAR_SIGMAS * gain.std(ddof=1) / np.sqrt(len(gain)):
+        return np.zeros(robot.n_joints)
+    return joint_offsets(robot, rig, skin, trials).offsets_rad
 
 
 def joint_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[TouchTrial]) -> JointOffsets:

@@ -1,4 +1,5 @@
-"""Memory of the taxels: counts of touch and no touch by distance and time to contact (R eqs 3–5)."""
+"""Memory of the taxels: counts of touch and no touch by distance and time to contact (R eqs 3–5), and by the distance
+at which the object is predicted to miss the taxel (ours)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,9 +19,8 @@ from pps_vision.types import Array, Mask
 
 MOST_COUNTS = 2**53  # of a bin: a float holds every whole number up to it, and 64 bits the sums of all bins
 _KIND = "PPS memory"
-_VERSION = 3  # up to version 2, D was to the centre of the object
+_VERSION = 4  # up to version 2, D was to the centre of the object; up to 3, there was no miss distance
 _LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keeps divisions finite
-_TORCH_ROWS = 1 << 18  # cases at a time on a torch device, about 100 MB
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
 Indices = NDArray[np.intp]
@@ -28,7 +28,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class MemoryParams:
-    """Bins and smoothing of the memory; defaults from R.
+    """Bins and smoothing of the memory; defaults from R (`PROBABILITY` has ours).
 
     With a single bin in a dimension its range may be infinite: (8, 1) bins over (−inf, inf) s depend on D only.
     """
@@ -37,19 +37,33 @@ class MemoryParams:
     """Range of D (R)."""
     ttc_range_s: tuple[float, float] = (0.0, 3.0)
     """Range of TTC (R); the authors' data and Matlab code use 1.2 s."""
-    bins: tuple[int, int] = (8, 4)
-    """Number of bins of D and of TTC (R)."""
+    bins: tuple[int, ...] = (8, 4)
+    """Number of bins of D and of TTC (R); with a third number, of the predicted miss distance too."""
     sigma_bins: float = 1.0
     """Standard deviation of the Parzen window in bin widths (R); the authors' data and Matlab code use 0.75."""
+    miss_range_m: tuple[float, float] = (-0.04, 0.12)
+    """Range of the predicted miss distance; a value beyond counts in the outermost bin."""
+    prior_samples: tuple[float, float] = (2.0, 1.0)
+    """Samples that a taxel's own count as against its body part's, and the body part's as against probability 0."""
 
     def __post_init__(self) -> None:
         d0, d1 = self.distance_range_m
         t0, t1 = self.ttc_range_s
-        if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and 1 / _LARGEST <= self.sigma_bins <= _LARGEST):
+        is_ordered = d0 < d1 and t0 < t1 and self.miss_range_m[0] < self.miss_range_m[1]
+        has_bins = len(self.bins) in (2, 3) and min(self.bins) > 0
+        if not (is_ordered and has_bins and 1 / _LARGEST <= self.sigma_bins <= _LARGEST):
             raise ValueError(f"{self}: expected ranges from low to high, at least one bin and a width above 0")
-        for limits, n in zip((self.distance_range_m, self.ttc_range_s), self.bins, strict=True):
+        if not 0 <= min(self.prior_samples) <= max(self.prior_samples) <= _LARGEST:
+            raise ValueError(f"{self}: expected prior samples from 0 on")
+        ranges = (self.distance_range_m, self.ttc_range_s, self.miss_range_m)[: len(self.bins)]
+        for limits, n in zip(ranges, self.bins, strict=True):
             if n > 1 and not (limits[1] - limits[0] >= 1 / _LARGEST and max(map(abs, limits)) <= _LARGEST):
                 raise ValueError(f"{self}: expected a finite range where there is more than one bin")
+
+    @property
+    def knows_path(self) -> bool:
+        """Whether the activation is a probability that depends on the predicted miss distance too."""
+        return len(self.bins) == 3
 
     def covers(self, distance_m: Array, ttc_s: Array) -> Mask:
         """Whether D and TTC lie within the ranges; False for NaN."""
@@ -58,13 +72,17 @@ class MemoryParams:
         return (distance_m >= d0) & (distance_m <= d1) & (ttc_s >= t0) & (ttc_s <= t1)
 
 
+PROBABILITY = MemoryParams(bins=(8, 4, 12), sigma_bins=0.7)
+"""Ours: the probability of touch by D, TTC and predicted miss distance."""
+
+
 @dataclass(frozen=True)
 class PPSMemory:
     """Counts of touch and no touch of n taxels."""
 
     taxel_ids: tuple[str, ...]  # names of the taxels, "part:id"
     part_index: Indices  # (n,) body part of each taxel
-    counts: Counts  # (n, D bins, TTC bins, 2) positive and negative samples
+    counts: Counts  # (n, D bins, TTC bins, miss bins if any, 2) positive and negative samples
     params: MemoryParams  # bins and smoothing of the counts
     written_by: str = ""  # version of this package that wrote the file it was read from
 
@@ -83,15 +101,15 @@ class PPSMemory:
 
     @classmethod
     def empty(cls, skin: Skin, params: MemoryParams | None = None) -> "PPSMemory":
-        """A memory without samples for every taxel of a skin."""
-        params = params or MemoryParams()
+        """A memory without samples for every taxel of a skin; default: ours, `PROBABILITY`."""
+        params = params or PROBABILITY
         counts = np.zeros((len(skin.taxel_ids), *params.bins, 2), dtype=np.int64)
         return cls(skin.taxel_ids, skin.part_index, counts, params)
 
     @classmethod
     def constant(cls, skin: Skin, params: MemoryParams | None = None) -> "PPSMemory":
         """A memory that has learned nothing: activation 1 everywhere within the ranges."""
-        memory = cls.empty(skin, params)
+        memory = cls.empty(skin, params or MemoryParams())
         return replace(memory, counts=memory.counts + np.array([1, 0]))
 
     @cached_property
@@ -100,13 +118,29 @@ class PPSMemory:
         total = self.counts[..., 0] + self.counts[..., 1]
         return self.counts[..., 0] / np.maximum(total, 1)
 
+    @property
+    def samples(self) -> NDArray[Any]:
+        """(n, 2) all positive and negative samples of each taxel."""
+        totals: NDArray[Any] = self.counts.reshape(len(self.counts), -1, 2).sum(axis=1)
+        return totals
+
+    @cached_property
+    def sums(self) -> tuple[Array, Array, Array, Array]:
+        """n⁺ and n of every taxel (n, bins), N⁺ and N of every body part (parts, bins)."""
+        counts = np.stack([self.counts[..., 0], self.counts.sum(axis=-1)]).astype(float)
+        parts = np.zeros((2, int(self.part_index.max(initial=-1)) + 1, *self.params.bins))
+        for k, part in enumerate(self.part_index.tolist()):
+            parts[:, part] += counts[:, k]
+        return counts[0], counts[1], parts[0], parts[1]
+
 
 def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask | None) -> PPSMemory:
     """One learning iteration (R, "Data collection"): the buffer's samples count as positive for the `touched` (n,)
     taxels and as negative for the others of the same body part; nothing changes on a part that was not touched.
 
     None: the object came near and touched nothing, so that the samples count as negative for every taxel.  Ours: R
-    learns from touches only, and its negative samples stem from the taxels beside the touched ones.
+    learns from touches only, and its negative samples stem from the taxels beside the touched ones.  In a memory that
+    knows the path the parts that were not touched learn too.
     """
     taxels = np.arange(len(memory.taxel_ids)) if touched is None else _learning(memory, touched)
     if not buffer:
@@ -118,25 +152,32 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask | None) -> PPSMe
     return _counted(memory, *resample(buffer, taxels), touched)
 
 
-def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
-    """Count samples D and TTC (…, n) of one touch; NaN and values outside the ranges do not count.
+def count_samples(
+    memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask, miss_m: ArrayLike = -np.inf
+) -> PPSMemory:
+    """Count samples D, TTC and predicted miss distance (…, n) of one touch; NaN and values outside the ranges of D and
+    TTC do not count.
 
     Returns the memory itself if no sample counts.
     """
-    distance_m, ttc_s = paired(memory, distance_m, ttc_s)
+    D, ttc, miss = paired(memory, distance_m, ttc_s, miss_m)
     taxels = _learning(memory, touched)
-    return _counted(memory, taxels, distance_m[..., taxels], ttc_s[..., taxels], touched)
+    return _counted(memory, taxels, D[..., taxels], ttc[..., taxels], miss[..., taxels], touched)
 
 
 def _learning(memory: PPSMemory, touched: Mask) -> Indices:
     """Indices of the taxels of the body parts that were touched; ValueError unless `touched` is (n,)."""
     if touched.shape != memory.part_index.shape:
         raise ValueError(f"touched {touched.shape}: expected the memory's {len(memory.taxel_ids)} taxels")
+    if memory.params.knows_path and touched.any():
+        return np.arange(len(touched))
     return np.flatnonzero(np.isin(memory.part_index, memory.part_index[touched]))
 
 
-def _counted(memory: PPSMemory, taxels: Indices, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
-    """As `count_samples`, with D and TTC (…, k) of these k `taxels`."""
+def _counted(
+    memory: PPSMemory, taxels: Indices, distance_m: Array, ttc_s: Array, miss_m: Array, touched: Mask
+) -> PPSMemory:
+    """As `count_samples`, with D, TTC and miss distance (…, k) of these k `taxels`."""
     params = memory.params
     sampled = params.covers(distance_m, ttc_s)
     i_distance, at_distance = _bins(distance_m[sampled], params.distance_range_m, params.bins[0])
@@ -145,8 +186,13 @@ def _counted(memory: PPSMemory, taxels: Indices, distance_m: Array, ttc_s: Array
     if not counted.any():
         return memory
     taxel = taxels[np.nonzero(sampled)[-1][counted]]
+    cell = [i_distance[counted], i_ttc[counted]]
+    if params.knows_path:
+        low, high = params.miss_range_m
+        i_miss, _ = _bins(np.clip(miss_m[sampled][counted], low, high), (low, high), params.bins[2])
+        cell.append(i_miss)
     counts = memory.counts.copy()
-    np.add.at(counts, (taxel, i_distance[counted], i_ttc[counted], np.where(touched[taxel], 0, 1)), 1)
+    np.add.at(counts, (taxel, *cell, np.where(touched[taxel], 0, 1)), 1)
     return replace(memory, counts=counts)
 
 
@@ -158,72 +204,73 @@ def _bins(value: Array, limits: tuple[float, float], n: int) -> tuple[Indices, M
     return ((value - low) / (high - low) * n).astype(np.intp).clip(max=n - 1), value < high
 
 
-def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, device: str | None = None) -> Array:
-    """(…, n) activation in [0, 1] of each taxel at D and TTC (…, n).
+def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, miss_m: ArrayLike = -np.inf) -> Array:
+    """(…, n) activation in [0, 1] of each taxel at D, TTC and predicted miss distance (…, n).
 
-    R eqs 4–5: f weighted by a Gaussian about (D, TTC), the weights of all bins adding up to 1, so that bins without
-    samples count as 0.  0 outside the ranges and for NaN.  `device`: compute with torch there (cpu, cuda, …).
+    With bins of D and TTC alone, R eqs 4–5: f weighted by a Gaussian about (D, TTC), the weights of all bins adding up
+    to 1, so that bins without samples count as 0.  With bins of the miss distance too, the probability of touch: n⁺, n
+    smoothed by that Gaussian, and P = (n⁺ + κ P_part)/(n + κ) with P_part = N⁺/(N + κ₀) of the sums N over the body
+    part.  0 outside the ranges of D and TTC and for NaN.  The default miss distance is that of an object on its way to
+    the taxel itself.
     """
-    distance, ttc = paired(memory, distance_m, ttc_s)
-    inside = memory.params.covers(distance, ttc)
+    places = paired(memory, distance_m, ttc_s, miss_m)
+    inside = memory.params.covers(*places[:2])
     activations = np.zeros(inside.shape)
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
-    if len(at[0]) and device is not None:
-        activations[at] = _smoothed_by_torch(memory, at[-1], distance[at], ttc[at], device)
-    elif len(at[0]):
-        activations[at] = smoothed(memory.params, memory.frequency, at[-1], distance[at], ttc[at])
+    if not len(at[0]):
+        return activations
+    place = [values[at] for values in places]
+    params = memory.params
+    if params.knows_path:
+        of_taxel, of_part = params.prior_samples
+        taxel = at[-1]
+        part = memory.part_index[taxel]
+        touch, total, part_touch, part_total = (
+            smoothed(params, sums, index, *place)
+            for sums, index in zip(memory.sums, (taxel, taxel, part, part), strict=True)
+        )
+        of_the_part = part_touch / (part_total + of_part)
+        activations[at] = (touch + of_taxel * of_the_part) / (total + of_taxel)
+    else:
+        activations[at] = smoothed(params, memory.frequency, at[-1], *place)
     return np.minimum(activations, 1.0)  # against rounding
 
 
-def smoothed(params: MemoryParams, bins: Array, taxel: Indices, distance_m: Array, ttc_s: Array) -> Array:
-    """(k,) mean of a taxel's `bins` (n, D bins, TTC bins), weighted by the Parzen window about k pairs D, TTC within
-    the ranges, of the taxels with these k indices."""
-    ranges = np.array([params.distance_range_m, params.ttc_range_s])
-    return _smoothed(bins, taxel, distance_m, ttc_s, ranges, params.sigma_bins)
+def smoothed(
+    params: MemoryParams, bins: Array, index: Indices, distance_m: Array, ttc_s: Array, miss_m: Array | None = None
+) -> Array:
+    """(k,) mean of a row of `bins` (n, D bins, TTC bins, …), weighted by the Parzen window about k places within the
+    ranges, of the rows with these k indices."""
+    ranges = np.array([params.distance_range_m, params.ttc_range_s, params.miss_range_m])
+    cells = bins.reshape(len(bins), *bins.shape[1:3], -1)
+    miss = np.zeros(len(index)) if miss_m is None else np.clip(miss_m, *params.miss_range_m)
+    return _smoothed(cells, index, distance_m, ttc_s, miss, ranges, params.sigma_bins)
 
 
 @njit(cache=True, error_model="numpy")
-def _smoothed(bins: Array, taxel: Indices, distance_m: Array, ttc_s: Array, ranges: Array, sigma_bins: float) -> Array:
+def _smoothed(
+    bins: Array, index: Indices, distance_m: Array, ttc_s: Array, miss_m: Array, ranges: Array, sigma_bins: float
+) -> Array:
     """As `smoothed`."""
-    means = np.empty(len(taxel))
-    _, n_distance, n_ttc = bins.shape
+    means = np.empty(len(index))
+    _, n_distance, n_ttc, n_miss = bins.shape
     w_distance = np.empty(n_distance)
     w_ttc = np.empty(n_ttc)
+    w_miss = np.empty(n_miss)
     step = math.exp(-1 / sigma_bins**2)
-    for i in range(len(taxel)):
+    for i in range(len(index)):
         _weigh(w_distance, distance_m[i], ranges[0, 0], ranges[0, 1], sigma_bins, step)
         _weigh(w_ttc, ttc_s[i], ranges[1, 0], ranges[1, 1], sigma_bins, step)
+        _weigh(w_miss, miss_m[i], ranges[2, 0], ranges[2, 1], sigma_bins, step)
         total = 0.0
         for j in range(n_distance):
-            row = 0.0
             for k in range(n_ttc):
-                row += w_ttc[k] * bins[taxel[i], j, k]
-            total += w_distance[j] * row
-        means[i] = total / (w_distance.sum() * w_ttc.sum())
+                row = 0.0
+                for m in range(n_miss):
+                    row += w_miss[m] * bins[index[i], j, k, m]
+                total += w_distance[j] * w_ttc[k] * row
+        means[i] = total / (w_distance.sum() * w_ttc.sum() * w_miss.sum())
     return means
-
-
-def _smoothed_by_torch(memory: PPSMemory, taxel: Indices, distance_m: Array, ttc_s: Array, device: str) -> Array:
-    """(k,) frequencies by `smoothed`, on a torch device."""
-    import torch  # takes seconds to load
-
-    def weights(value: torch.Tensor, limits: tuple[float, float], n: int) -> torch.Tensor:
-        if n == 1:
-            return torch.ones_like(value)[:, None]
-        per_unit = n / (limits[1] - limits[0])
-        bins = torch.arange(n, device=value.device, dtype=value.dtype)
-        offset = (value * per_unit)[:, None] - (limits[0] * per_unit + 0.5 + bins)
-        return torch.softmax(-offset.square() / (2 * params.sigma_bins**2), dim=1)
-
-    params = memory.params
-    frequency = torch.from_numpy(memory.frequency).to(device)
-    activations = []
-    parts = (torch.split(torch.from_numpy(v).to(device), _TORCH_ROWS) for v in (taxel, distance_m, ttc_s))
-    for index, distance, ttc in zip(*parts, strict=True):
-        w_distance = weights(distance, params.distance_range_m, params.bins[0])
-        w_ttc = weights(ttc, params.ttc_range_s, params.bins[1])
-        activations.append(torch.einsum("kd,kdt,kt->k", w_distance, frequency[index], w_ttc))
-    return torch.cat(activations).cpu().numpy()
 
 
 @njit(cache=True, error_model="numpy")
@@ -247,17 +294,14 @@ def _weigh(weights: Array, value: float, low: float, high: float, sigma_bins: fl
             weights[j] = weight
 
 
-def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:
-    """D and TTC as arrays (…, n) of one shape; ValueError where they are not of the memory's n taxels."""
-    distance = np.asarray(distance_m, dtype=float)
-    ttc = np.asarray(ttc_s, dtype=float)
+def paired(memory: PPSMemory, *values: ArrayLike) -> tuple[Array, ...]:
+    """Values as arrays (…, n) of one shape; ValueError where they are not of the memory's n taxels."""
+    arrays = [np.asarray(value, dtype=float) for value in values]
     n = len(memory.taxel_ids)
-    if distance.shape == ttc.shape and distance.shape[-1:] == (n,):
-        return distance, ttc
-    if any(a.shape[-1:] not in ((), (1,), (n,)) for a in (distance, ttc)):
-        raise ValueError(f"D {distance.shape}, TTC {ttc.shape}: expected those of the memory's {n} taxels")
-    distance, ttc, _ = np.broadcast_arrays(distance, ttc, np.empty(n))
-    return distance, ttc
+    if any(a.shape[-1:] not in ((), (1,), (n,)) for a in arrays):
+        shapes = ", ".join(str(a.shape) for a in arrays)
+        raise ValueError(f"D, TTC and miss distance {shapes}: expected those of the memory's {n} taxels")
+    return tuple(np.broadcast_arrays(*arrays, np.empty(n))[:-1])
 
 
 def save_memory(path: Path, memory: PPSMemory) -> None:
@@ -267,20 +311,21 @@ def save_memory(path: Path, memory: PPSMemory) -> None:
         "taxel_ids": np.array(memory.taxel_ids),
         "part_index": memory.part_index,
         "counts": memory.counts,
-        "ranges": np.array([params.distance_range_m, params.ttc_range_s]),
-        "sigma_bins": params.sigma_bins,
+        "ranges": np.array([params.distance_range_m, params.ttc_range_s, params.miss_range_m]),
+        "smoothing": np.array([params.sigma_bins, *params.prior_samples]),
     }
     write_archive(path, _KIND, _VERSION, arrays)
 
 
 def load_memory(path: Path) -> PPSMemory:
     """Read a memory; InputError names the file and the expected content."""
-    data = read_archive(path, _KIND, _VERSION, ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins"))
+    data = read_archive(path, _KIND, _VERSION, ("taxel_ids", "part_index", "counts", "ranges", "smoothing"))
     try:
         stored = data["counts"]
         counts: Counts = stored.astype(np.float64 if stored.dtype.kind == "f" else np.int64, casting="same_kind")
-        (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float).tolist()
-        params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), float(data["sigma_bins"]))
+        (d0, d1), (t0, t1), (m0, m1) = np.asarray(data["ranges"], dtype=float).tolist()
+        sigma, of_taxel, of_part = np.asarray(data["smoothing"], dtype=float).tolist()
+        params = MemoryParams((d0, d1), (t0, t1), counts.shape[1:-1], sigma, (m0, m1), (of_taxel, of_part))
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
         part_index = data["part_index"].astype(np.intp, casting="same_kind")
         return PPSMemory(taxel_ids, part_index, counts, params, str(data["written_by"]))

@@ -6,12 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
 from pps_vision.jit import njit
 from pps_vision.types import Array
-
-_QUANTILES: Array = ndtri((np.arange(8) + 0.5) / 8)  # of equal probability, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -39,13 +36,11 @@ def perceive(
     v_root: ArrayLike,
     radius_m: float = 0.0,
     cov_v: ArrayLike | None = None,
-    taxel_velocities_root: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
     """Distance D in m and time to contact TTC in s of a stimulus for every taxel, (…, n) each (R eqs 1–2).
 
-    Taxels at `positions_root` with unit `normals_root` (…, n, 3), moving with the body at `taxel_velocities_root`
-    (…, n, 3) m/s (default: still); the stimulus's centre `p_root`, velocity `v_root` (…, 3) and its covariance `cov_v`
-    (…, 3, 3).  Leading axes (time) broadcast.
+    Taxels at `positions_root` with unit `normals_root` (…, n, 3); the stimulus's centre `p_root`, velocity `v_root`
+    (…, 3) relative to them and its covariance `cov_v` (…, 3, 3).  Leading axes (time) broadcast.
 
     D = sgn(d·z)‖d‖ and TTC = −sgn(d·v)‖d‖/‖v_d‖ of the displacement d from taxel to stimulus, the relative velocity v
     and the normal z; both NaN outside the receptive field or where the input is NaN.  In the plane of the skin D counts
@@ -54,8 +49,6 @@ def perceive(
     """
     d = np.asarray(p_root, dtype=float)[..., None, :] - np.asarray(positions_root, dtype=float)
     v = np.asarray(v_root, dtype=float)[..., None, :]
-    if taxel_velocities_root is not None:
-        v = v - np.asarray(taxel_velocities_root, dtype=float)
     z = np.asarray(normals_root, dtype=float)
     shape = np.broadcast(d, v, z).shape
     shell = radius_m if field.distance_to == "surface" else 0.0
@@ -72,19 +65,6 @@ def perceive(
         perceived = _within_reach(d, z, v, np.ascontiguousarray(covs), shell, cone, field.min_closing_sigmas)
         D[near], ttc[near] = perceived.reshape(2, *D[near].shape)
     return D, ttc
-
-
-def likely_velocities(positions_root: Array, p_root: Array, cov_v: Array) -> Array:
-    """(8, n, 3) velocities of the taxels that stand for the uncertain velocity of the stimulus.
-
-    Added to `taxel_velocities_root` of `perceive`, they give equally likely closing speeds and so TTC: the mean of a
-    function of TTC over them is its expected value.  `cov_v` (3, 3) is the covariance of the stimulus's velocity.
-    """
-    d = p_root - positions_root
-    distance = np.linalg.norm(d, axis=-1, keepdims=True)
-    u = d / np.where(distance > 0, distance, 1.0)
-    sigma = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", u, cov_v, u), 0.0))
-    return _QUANTILES[:, None, None] * (sigma[:, None] * u)
 
 
 def _as(shape: tuple[int, ...], a: NDArray[Any]) -> NDArray[Any]:

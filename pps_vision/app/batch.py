@@ -103,7 +103,7 @@ class Task:
             from learning.pps.memory import load_memory
 
             memory = load_memory(self.result(job))
-            samples = memory.counts.sum(axis=(1, 2))
+            samples = memory.samples
             counted = {"samples": int(samples.sum()), "touched_taxels": int((samples[:, 0] > 0).sum())}
             return {"version": memory.written_by, **counted}
         summary = read_track_summary(self.result(job))

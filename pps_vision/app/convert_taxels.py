@@ -47,6 +47,8 @@ def onto(memory: PPSMemory, skin: Skin) -> PPSMemory:
 def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Path) -> tuple[PartMap, ...]:
     """The robot's maps of a memory, physical taxels assigned as in `like`, without untouched taxels that `like` lacks.
 
+    They hold the counts by D and TTC; the predicted miss distance has no place in them.
+
     InputError if the form cannot hold the memory, or a taxel that was learned is not in `like`.
     """
     if not np.array_equal(memory.counts, np.round(memory.counts)):
@@ -69,8 +71,9 @@ def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Pat
             raise InputError(model, f"{lack}; expected a map with all taxels that {source} has learned")
     if not taken:
         raise InputError(model, f"has none of the taxels of {source}; expected a map of the same robot")
-    counts = memory.counts.astype(np.int64)
+    bins = params.bins[0], params.bins[1]
+    counts = memory.counts.reshape(len(memory.counts), *bins, -1, 2).sum(axis=3).astype(np.int64)  # of any path
     return tuple(
-        PartMap(part, extent, params.bins, theirs[part].mapping, {taxel: counts[i] for taxel, i in rows.items()})
+        PartMap(part, extent, bins, theirs[part].mapping, {taxel: counts[i] for taxel, i in rows.items()})
         for part, rows in taken.items()
     )

@@ -197,7 +197,7 @@ def _sections(
     timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
     is_tracked = np.isfinite(logs[1].track_m).all(axis=1)
     cov = logs[1].track_std_m[is_tracked, None] ** 2 * np.eye(3)
-    touched = np.flatnonzero(memory.counts[..., 0].sum(axis=(1, 2)) >= _FEWEST_SAMPLES).tolist()
+    touched = np.flatnonzero(memory.samples[:, 0] >= _FEWEST_SAMPLES).tolist()
     return (
         (
             "Result",
@@ -209,17 +209,15 @@ def _sections(
         (
             "Distance, activation, response, reach",
             f"One thin line for each taxel of the left forearm and palm. The arm withdraws at 10 cm/s when an "
-            f"activation has stayed above {THRESHOLD:g} for 0.15 s and the object's path comes within 5 cm of the "
-            "skin. Red: touch. Bottom row: degree of reach R of the "
-            "tracked object for the left hand, on green where reachable; no line where nothing is tracked or no gaze "
-            "fixates it.",
+            f"activation exceeds {THRESHOLD:g}. Red: touch. Bottom row: degree of reach R of the tracked object for "
+            "the left hand, on green where reachable; no line where nothing is tracked or no gaze fixates it.",
             page.image(figures.episodes(logs, THRESHOLD)),
         ),
         (
             "What the skin learned",
-            f"Probability of touch over distance D and time to contact TTC, after {trials} rendered approaches of a "
-            f"ball and a cube: one in {_TOUCH_EVERY} touches, the others stop 4–16 cm before the skin. A touch begins "
-            "at D = 2 cm; cells without samples count as 0. Taxels with fewer than "
+            "Probability of touch over distance D and time to contact TTC of an object on its way to the taxel, after "
+            f"{trials} rendered approaches of a ball and a cube: one in {_TOUCH_EVERY} touches, the others stop "
+            "4–16 cm before the skin. A touch begins at D = 2 cm. Taxels with fewer than "
             f"{_FEWEST_SAMPLES} samples before touches are left out.",
             page.image(figures.landscapes(memory, touched)),
         ),

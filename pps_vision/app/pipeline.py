@@ -25,10 +25,9 @@ from control.neck_and_eyes import NeckAndEyesParams
 from control.reaching import ReachingParams
 from control.search import SearchParams, SearchState
 from learning.pps import learner
-from learning.pps.buffer import EventBuffer
-from learning.pps.learner import LearnerState
-from learning.pps.memory import PPSMemory, activation
-from learning.pps.receptive_field import ReceptiveField, likely_velocities, perceive
+from learning.pps.learner import LearnerState, SkinFrame, SkinStep
+from learning.pps.memory import PPSMemory
+from learning.pps.receptive_field import ReceptiveField
 from learning.reach.map import ReachableMap, TrackReachability
 from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import BareLinks
@@ -98,8 +97,6 @@ class PipelineState:
     last_known_s: float = -np.inf  # stamp of the last frame in which the object was known
     attended_id: int = 0  # track attended in the last frame
     highest: Mapping[int, float] = field(default_factory=dict)  # highest activation by each track then known
-    last_taxels: tuple[float, Array] | None = None
-    """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
     commands: tuple[JointVelocity, ...] = ()  # commands that may still be obeyed; the last is the last frame's
     last_q_rad: Array | None = None  # reported joints (n_joints,), extrapolated to when the last command took effect
     prediction: Prediction | None = None  # the same by the commands alone
@@ -128,14 +125,6 @@ class PipelineStep:
         return self.responses[0]
 
 
-class Taxels(NamedTuple):
-    """The skin's n taxels in the root frame."""
-
-    positions: Array  # (n, 3) m
-    normals: Array  # (n, 3) unit normals
-    velocities: Array  # (n, 3) m/s
-
-
 class _Leaning(NamedTuple):
     """A torso that leans towards an object, or back."""
 
@@ -157,9 +146,7 @@ class _ControlInput(NamedTuple):
 
     posture: Posture  # the robot when the command takes effect
     track: Track3D  # the attended object
-    tracks: Sequence[Track3D]  # m known objects
-    by_track: Array  # (m, n) activation of each taxel by each of them
-    activation: Activation
+    felt: SkinStep  # activations of the taxels by the known objects
     touched: Mask
     is_reachable: bool  # whether the reachable-space map calls the object reachable; False without a map
 
@@ -199,7 +186,7 @@ class Pipeline:
         if reachable_map is not None:
             self._reachability = TrackReachability(robot, reachable_map, params.max_false_positives)
         self._self_collision = SelfCollision(robot)
-        self._state = PipelineState(LearnerState(memory, EventBuffer()), (ArmState(),) * len(self._arms))
+        self._state = PipelineState(LearnerState(memory), (ArmState(),) * len(self._arms))
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
         """Process one frame and the taxels `touched` (n,) that the skin reports with it.
@@ -214,20 +201,17 @@ class Pipeline:
         if touched.shape != (n,):
             raise InputError("pipeline", f"touched {touched.shape}; expected the skin's {n} taxels")
         posture = self.robot.at(joints_of(frame))
-        taxels = _taxels_at(self.skin, posture, stamp_s, state.last_taxels)
         tracking = self.tracker.step(frame)
         for track in tracking.tracks:
             check_track(track, stamp_s)
         tracking = attend(tracking, state.highest, state.attended_id, params.attention_margin)
         track = tracking.track
-        events = self._perceive(track, taxels, touched)
-        learned = learner.step(state.learning, events)
-        tracks, by_track = activation_by_track(params.receptive_field, learned.memory, tracking, taxels)
-        activation = Activation(stamp_s, self.skin.taxel_ids, by_track.max(axis=0, initial=0.0))
+        skin = SkinFrame(stamp_s, self.skin.taxel_ids, *self.skin.at(posture), touched, tracking.tracks, track.track_id)
+        learned, felt = learner.step(params.receptive_field, state.learning, skin)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
         is_reachable = reachability is not None and reachability.is_reachable
         at_effect = self._posture_at_effect(posture, stamp_s)
-        inputs = _ControlInput(at_effect, track, tracks, by_track, activation, touched, is_reachable)
+        inputs = _ControlInput(at_effect, track, felt, touched, is_reachable)
         leaning, torso_command = self._lean(state.leaning, inputs)
         arms, responses = self._move_arms(state.arms, leaning, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
@@ -245,13 +229,14 @@ class Pipeline:
             searching=searching,
             last_known_s=stamp_s if track.is_known else state.last_known_s,
             attended_id=track.track_id,
-            highest=highest_by_track(tracks, by_track),
-            last_taxels=(stamp_s, taxels.positions),
+            highest=highest_by_track(felt.tracks, felt.by_track),
             commands=(*(earlier for earlier in state.commands if earlier.stamp_s > obeyed_since_s), command),
             last_q_rad=at_effect.q_rad,
             prediction=prediction,
         )
-        return PipelineStep(posture, tracking, events, activation, reachability, responses, command, mismatch_rad)
+        return PipelineStep(
+            posture, tracking, felt.events, felt.activation, reachability, responses, command, mismatch_rad
+        )
 
     def finish(self) -> PPSMemory:
         """Learn from a contact that has not ended; return the memory."""
@@ -284,23 +269,6 @@ class Pipeline:
         commands = self._state.commands
         return self.robot.at(posture_after(posture.q_rad, commands, stamp_s, stamp_s + latency_s, latency_s))
 
-    def _perceive(self, track: Track3D, taxels: Taxels, touched: Mask) -> TaxelEvents:
-        """D and TTC (R eqs 1 and 2) of the track for every taxel, NaN without a track.
-
-        TTC is the earlier of two: with the taxel's own velocity, and with the taxel at rest, so that the activation
-        persists while the arm withdraws.
-        """
-        D, ttc = np.full((2, len(touched)), np.nan)
-        if track.is_known:
-            stimulus = track.position, track.velocity, track.radius_m, track.cov[3:6, 3:6]
-            velocities = np.stack([np.zeros_like(taxels.velocities), taxels.velocities])
-            distances, times = perceive(
-                self.params.receptive_field, taxels.positions, taxels.normals, *stimulus, velocities
-            )
-            D = distances[0]
-            ttc = earliest_future(*times)
-        return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
-
     def _arm(self, params: AvoidanceParams | ReachingParams) -> _Arm:
         n = len(self.robot.names.arm(params.side))
         if len(params.home_arm_rad) != n:
@@ -324,7 +292,7 @@ class Pipeline:
         if params is None or reachability is None or not torso or not isinstance(arm.params, ReachingParams):
             return None, still
         if leaning is None:
-            is_active = bool(np.any(inputs.activation.probability[arm.on_arm] > arm.params.threshold))
+            is_active = bool(np.any(inputs.felt.activation.probability[arm.on_arm] > arm.params.threshold))
             if inputs.is_reachable or not is_active:  # without a track nothing is active
                 return None, still
             leaning = _Leaning(inputs.posture.q_rad[torso])
@@ -343,13 +311,11 @@ class Pipeline:
     def _move_arms(
         self, states: tuple[ArmState, ...], leaning: _Leaning | None, inputs: _ControlInput
     ) -> tuple[tuple[ArmState, ...], tuple[Response, ...]]:
-        """Advance every arm; while the torso leans, an arm responds to any activation."""
+        """Advance every arm."""
         next_states = []
         responses = []
         for arm, state in zip(self._arms, states, strict=True):
             params = arm.params
-            if leaning is not None:
-                params = replace(params, miss_distance_m=np.inf, min_approach_m=0.0)
             activations = self._arm_activations(arm, leaning, inputs)
             body = self._self_collision, arm.bare_links
             arm_input = ArmInput(
@@ -366,9 +332,9 @@ class Pipeline:
 
     def _threat(self, arm: _Arm, state: ArmState, inputs: _ControlInput) -> Track3D:
         """The object that most activates an arm's taxels, the attended one if none does."""
-        highest = highest_by_track(inputs.tracks, inputs.by_track[:, arm.on_arm])
+        highest = highest_by_track(inputs.felt.tracks, inputs.felt.by_track[:, arm.on_arm])
         chosen_id = most_activated(highest, state.track_id, self.params.attention_margin)
-        return next((track for track in inputs.tracks if track.track_id == chosen_id), inputs.track)
+        return next((track for track in inputs.felt.tracks if track.track_id == chosen_id), inputs.track)
 
     def _arm_activations(self, arm: _Arm, leaning: _Leaning | None, inputs: _ControlInput) -> Array:
         """Activations (n,) of an arm's taxels.
@@ -376,7 +342,7 @@ class Pipeline:
         While the torso leans towards an object, the taxel nearest to it of the palm (of the arm, if the palm has none)
         counts as fully activated: the object need not be near.
         """
-        probability = inputs.activation.probability[arm.on_arm]
+        probability = inputs.felt.activation.probability[arm.on_arm]
         if leaning is None or leaning.is_returning or arm is not self._arms[0]:
             return probability
         palm = self.robot.names.palm(arm.params.side)
@@ -433,8 +399,7 @@ class TrackActivation:
         """The memory is one of this skin (`check_memory`)."""
         self.robot = robot
         self.skin = skin
-        self.memory = memory
-        self._last: tuple[float, Array] | None = None
+        self._learning = LearnerState(memory)
         self._attended_id = 0
 
     def __call__(self, q_rad: Array, tracking: TrackerStep) -> tuple[TrackerStep, Activation, Array]:
@@ -442,13 +407,14 @@ class TrackActivation:
         positions (n, 3), in the root frame with the robot at configuration `q_rad` (n_joints,); frames come in the
         order of time."""
         stamp_s = tracking.track.stamp_s
-        taxels = _taxels_at(self.skin, self.robot.at(q_rad), stamp_s, self._last)
-        self._last = stamp_s, taxels.positions
-        tracks, by_track = activation_by_track(PipelineParams.receptive_field, self.memory, tracking, taxels)
-        highest = highest_by_track(tracks, by_track)
+        ids = self.skin.taxel_ids
+        positions, normals = self.skin.at(self.robot.at(q_rad))
+        skin = SkinFrame(stamp_s, ids, positions, normals, np.zeros(len(ids), bool), tracking.tracks)
+        self._learning, felt = learner.step(PipelineParams.receptive_field, self._learning, skin)
+        highest = highest_by_track(felt.tracks, felt.by_track)
         tracking = attend(tracking, highest, self._attended_id, PipelineParams.attention_margin)
         self._attended_id = tracking.track.track_id
-        return tracking, Activation(stamp_s, self.skin.taxel_ids, by_track.max(axis=0, initial=0.0)), taxels.positions
+        return tracking, felt.activation, positions
 
 
 def attend(tracking: TrackerStep, highest: Mapping[int, float], last_id: int, margin: float) -> TrackerStep:
@@ -523,38 +489,3 @@ def joints_of(frame: StereoFrame) -> Array:
         raise InputError("pipeline", "frame without joints; expected a robot's recording")
     joints: Array = 0.5 * (frame.joints_left_rad + frame.joints_right_rad)
     return joints
-
-
-def activation_by_track(
-    receptive_field: ReceptiveField, memory: PPSMemory, tracking: TrackerStep, taxels: Taxels
-) -> tuple[list[Track3D], Array]:
-    """The m known tracks, and the activation (m, n) of every taxel by each of them."""
-    tracks = [track for track in tracking.tracks if track.is_known]
-    rows = [activation_by(receptive_field, memory, track, taxels) for track in tracks]
-    return tracks, np.reshape(rows, (len(tracks), len(taxels.positions)))
-
-
-def activation_by(field: ReceptiveField, memory: PPSMemory, track: Track3D, taxels: Taxels) -> Array:
-    """(n,) activation of every taxel, averaged over the likely velocities of the track; 0 without a track."""
-    if not track.is_known:
-        return np.zeros(len(taxels.positions))
-    likely = likely_velocities(taxels.positions, track.position, track.cov[3:6, 3:6])
-    velocities = np.stack([likely, taxels.velocities + likely])
-    stimulus = track.position, track.velocity, track.radius_m, None
-    D, ttc = perceive(field, taxels.positions, taxels.normals, *stimulus, velocities)
-    mean: Array = activation(memory, D[0], earliest_future(*ttc)).mean(axis=0)
-    return mean
-
-
-def earliest_future(a: Array, b: Array) -> Array:
-    """The smaller of two times to contact where both are in the future (≥ 0), else the one that is, else `b`."""
-    return np.where(a >= 0, np.where(b >= 0, np.minimum(a, b), a), b)
-
-
-def _taxels_at(skin: Skin, posture: Posture, stamp_s: float, last: tuple[float, Array] | None) -> Taxels:
-    """The taxels, with their mean velocities since the last frame's stamp and positions; 0 without an earlier one."""
-    positions, normals = skin.at(posture)
-    velocities = np.zeros_like(positions)
-    if last is not None and stamp_s > last[0]:
-        velocities = (positions - last[1]) / (stamp_s - last[0])
-    return Taxels(positions, normals, velocities)

@@ -6,9 +6,9 @@ with open_scene(noise_sigma=2.0, seed=0) as scene:
         ...
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -168,12 +168,9 @@ def new_pipeline(
     memory: PPSMemory,
     stopwatch: Stopwatch | None = None,
     reachable_map: ReachableMap | None = None,
-    arm: Mapping[str, float] | None = None,
 ) -> Pipeline:
-    """A pipeline with a new tracker and an earlier memory; `arm`: parameters of the avoidance other than the
-    defaults."""
+    """A pipeline with a new tracker and an earlier memory."""
     params = PipelineParams.of(scene.setup, scene.side)
-    params = replace(params, arm=replace(params.arm, **(arm or {})))  # type: ignore[arg-type]
     timing = {} if stopwatch is None else {"stages": stopwatch}
     tracker = Tracker(TrackerParams(), scene.rig, scene.rng, own_body=Silhouette(scene.robot), **timing)
     return Pipeline(params, scene.robot, scene.skin, tracker, memory, scene.rng, reachable_map)

@@ -9,7 +9,6 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.encounters.controllers import NO_GATES
 from pps_vision.app.pipeline import PipelineStep
 from pps_vision.app.simulation import (
     SPEED_M_S,
@@ -49,7 +48,7 @@ LOOP_CASES: dict[LoopCase, tuple[Kind, bool]] = {
     "constant 1, receding": ("recede", True),
     "constant 1, static": ("static", True),
 }
-"""Kind of episode, and whether the arm obeys; "constant 1": with a memory that has learned nothing, without gates."""
+"""Kind of episode, and whether the arm obeys; "constant 1": with a memory that has learned nothing,"""
 GOALS_MS = 8.0, 20.0  # goals of a frame's processor time: median and 99th percentile
 
 
@@ -107,9 +106,8 @@ class Loop(SampledStudy):
         rng = np.random.default_rng((self.seed, number, kinds.index(kind)))
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
         episode = make_episode(kind, scene, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
-        is_constant = case.startswith("constant")
-        memory = PPSMemory.constant(scene.skin) if is_constant else memory
-        pipeline = new_pipeline(scene, memory, arm=NO_GATES if is_constant else None)
+        memory = PPSMemory.constant(scene.skin) if case.startswith("constant") else memory
+        pipeline = new_pipeline(scene, memory)
 
         def step(frame: StereoFrame, touched: Mask) -> PipelineStep:
             result, frame_ms = timed(partial(pipeline.step, frame, touched))

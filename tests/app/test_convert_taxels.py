@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
+from learning.pps.memory import PROBABILITY, MemoryParams, PPSMemory, load_memory, save_memory
 from pps_vision.app.cli import main
 from pps_vision.recordings.taxels_ini import read_taxels
 from pps_vision.robot.skin import icub_skin
@@ -40,7 +40,7 @@ def like(tmp_path: Path) -> Path:
 
 
 def learned(params: MemoryParams | None = None) -> PPSMemory:
-    memory = PPSMemory.empty(SKIN, params)
+    memory = PPSMemory.empty(SKIN, params or MemoryParams())
     return replace(memory, counts=np.random.default_rng(1).integers(0, 2**40, memory.counts.shape))
 
 
@@ -108,7 +108,7 @@ def test_parts_of_different_form_are_converted_one_by_one(refused, like, tmp_pat
         (learned(MemoryParams(ttc_range_s=(0.0, np.inf), bins=(8, 1))), "TTC (0.0, inf) s; expected finite ones"),
         (learned(MemoryParams((-np.inf, np.inf), bins=(1, 4))), "ranges D (-inf, inf) m"),
         (
-            replace(PPSMemory.empty(icub_skin()), counts=np.ones((32, 8, 4, 2))),
+            PPSMemory.constant(icub_skin()),
             "robot.ini: has no r_forearm, on which taxel right_forearm:27 is",
         ),
         (PPSMemory.empty(icub_skin(("left_palm",))), "robot.ini: has none of the taxels of"),
@@ -121,8 +121,17 @@ def test_what_cannot_be_said_in_the_robots_form(refused, memory, says, like, tmp
     assert not (tmp_path / "t.ini").exists()
 
 
+def test_the_counts_of_all_paths_are_written_together(like, tmp_path):
+    """Of a memory that knows the predicted miss distance, for which the robot's form has no place."""
+    memory = learned(PROBABILITY)
+    save_memory(tmp_path / "m.npz", memory)
+    convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
+    forearm, _ = read_taxels(tmp_path / "taxels.ini")
+    np.testing.assert_array_equal(forearm.counts[27], memory.counts[0].sum(axis=2))
+
+
 def test_untouched_taxels_that_the_robot_lacks_are_left_out(like, tmp_path, capsys):
-    whole = PPSMemory.empty(icub_skin())
+    whole = PPSMemory.empty(icub_skin(), MemoryParams())
     mapped = [name.startswith(("left_forearm", "right_palm")) for name in whole.taxel_ids]
     counts = whole.counts + np.reshape(mapped, (-1, 1, 1, 1))
     save_memory(tmp_path / "m.npz", replace(whole, counts=counts, params=MemoryParams(sigma_bins=0.75)))

@@ -24,8 +24,8 @@ def test_the_demo_writes_its_report(tmp_path, monkeypatch, capsys):
 
     def trained(scene: SimulationScene, trials: int, touch_every: int) -> PPSMemory:
         memory = PPSMemory.empty(scene.skin)
-        memory.counts[0, 2:4, 0, 0] = 25
-        memory.counts[1, 2, 0] = 49, 99  # too few positive samples
+        memory.counts[0, 2:4, 0, 0, 0] = 25
+        memory.counts[1, 2, 0, 0] = 49, 99  # too few positive samples
         return memory
 
     def mapped(robot: object, side: str, rng: object, params: object) -> ReachableMap:

@@ -30,7 +30,7 @@ from pps_vision.types import Array, Track3D
 DEG = np.pi / 180
 DT = 0.05
 BALL_M = 0.035
-PARAMS = AvoidanceParams(HOME_ARM_RAD)
+PARAMS = AvoidanceParams(HOME_ARM_RAD, miss_distance_m=0.05, min_approach_m=0.01, confirmation_s=0.15)
 ANY_ACTIVATION = replace(PARAMS, miss_distance_m=np.inf, min_approach_m=0.0)
 AT_ONCE = replace(PARAMS, min_approach_m=0.0, confirmation_s=0.0)
 FOREARM = icub_skin(("left_forearm",))

@@ -82,8 +82,8 @@ def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot):
     [
         ("reach", 2.9, True, False, "reach"),
         ("reach", 3.1, True, False, "return"),
-        ("reach", 3.1, True, True, "reach"),  # also for an object that passes
-        ("idle", 3.1, True, True, "idle"),
+        ("reach", 3.1, True, True, "reach"),  # the activation alone decides
+        ("idle", 3.1, True, True, "reach"),
         ("reach", 0.1, False, False, "hold"),
     ],
 )

@@ -17,8 +17,18 @@ DT = 0.05
 
 def touched_by_all(skin: Skin) -> PPSMemory:
     """A memory as if whatever came near had touched the skin."""
+    return PPSMemory.constant(skin)
+
+
+def touched_on_course(skin: Skin) -> PPSMemory:
+    """A memory as if whatever came on its way to a taxel had touched it, and nothing else."""
     empty = PPSMemory.empty(skin)
-    return replace(empty, counts=empty.counts + np.array([1, 0]))
+    counts = empty.counts.copy()
+    low, high = empty.params.miss_range_m
+    miss_m = np.linspace(low, high, empty.params.bins[2], endpoint=False)
+    counts[:, :, :, miss_m < 0.02, 0] = 50
+    counts[:, :, :, miss_m >= 0.02, 1] = 50
+    return replace(empty, counts=counts)
 
 
 Motion = Callable[[float], tuple[Array, Array] | None]

@@ -1,12 +1,10 @@
-"""Learned memories and maps give the same results on a torch device, in portions of any size."""
+"""Learned maps give the same results on a torch device, in portions of any size."""
 
 import numpy as np
 import pytest
 import torch
 from scipy.interpolate import RegularGridInterpolator
 
-from learning.pps import memory as pps_memory
-from learning.pps.memory import MemoryParams, PPSMemory, activation
 from learning.reach import map as reach_map
 from learning.reach.labels import Labels
 from learning.reach.map import ReachableMap
@@ -18,26 +16,8 @@ DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 @pytest.fixture(params=[1 << 18, 7])
 def rows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Cases at a time: all, and few."""
-    for module in (pps_memory, reach_map):
-        monkeypatch.setattr(module, "_TORCH_ROWS", request.param)
+    monkeypatch.setattr(reach_map, "_TORCH_ROWS", request.param)
     return int(request.param)
-
-
-@pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("bins", [(8, 4), (8, 1)])
-def test_activation(device, bins, rows, rng):
-    """As without torch, 0 outside the ranges and for NaN."""
-    counts = rng.integers(0, 20, (3, *bins, 2))
-    params = MemoryParams(bins=bins, sigma_bins=1.5)
-    memory = PPSMemory(("a", "b", "c"), np.zeros(3, np.intp), counts, params)
-    D = rng.uniform(-0.15, 0.25, (50, 3))
-    TTC = rng.uniform(-0.5, 3.5, (50, 3))
-    D[3, 1] = np.nan
-    plain = activation(memory, D, TTC)
-    by_torch = activation(memory, D, TTC, device=device)
-    assert 0.3 < (plain > 0).mean() < 0.9
-    assert np.allclose(by_torch, plain, rtol=0, atol=1e-12)
-    assert activation(memory, 0.05, 0.5, device=device) == pytest.approx(activation(memory, 0.05, 0.5), abs=1e-12)
 
 
 @pytest.mark.parametrize("device", [None, *DEVICES])

@@ -73,10 +73,7 @@ def scene() -> Iterator[SimulationScene]:
 
 def anxious(scene: SimulationScene) -> PPSMemory:
     """A skin that has been touched by everything that came near."""
-    memory = PPSMemory.empty(scene.skin)
-    counts = memory.counts.copy()
-    counts[..., 0] = 1
-    return replace(memory, counts=counts)
+    return PPSMemory.constant(scene.skin)
 
 
 def meet(scene: SimulationScene, fault: Fault) -> EpisodeLog:

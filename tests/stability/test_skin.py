@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from learning.pps import learner
-from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, perceive
@@ -93,7 +92,7 @@ def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
     d = np.array([-0.11, *np.linspace(*PARAMS.distance_range_m, PARAMS.bins[0] + 1), np.nan])
     t = np.array([-0.1, *np.linspace(*PARAMS.ttc_range_s, PARAMS.bins[1] + 1), np.nan])
     D, TTC = (np.repeat(g.reshape(-1, 1), 4, axis=1) for g in np.meshgrid(d, t, indexing="ij"))
-    memory = count_samples(PPSMemory.empty(SKIN), D, TTC, np.arange(4) == 0)
+    memory = count_samples(PPSMemory.empty(SKIN, MemoryParams()), D, TTC, np.arange(4) == 0)
     np.testing.assert_array_equal(memory.counts[0], np.broadcast_to([1, 0], memory.counts[0].shape))
     np.testing.assert_array_equal(memory.counts[1:], np.broadcast_to([0, 1], memory.counts[1:].shape))
     for at in (d[1], d[-2], np.nextafter(d[-2], 1), np.nextafter(d[1], -1)):
@@ -116,8 +115,8 @@ def test_two_stimuli_at_once_are_each_perceived_as_if_alone():
     np.testing.assert_array_equal(samples, np.stack(alone, axis=1))
     together = activation(MEMORY, *samples)
     np.testing.assert_allclose(together, [activation(MEMORY, *sample) for sample in alone])
-    counted = count_samples(PPSMemory.empty(SKIN), *samples, np.arange(4) == 3)
-    one_by_one = PPSMemory.empty(SKIN)
+    counted = count_samples(PPSMemory.empty(SKIN, MemoryParams()), *samples, np.arange(4) == 3)
+    one_by_one = PPSMemory.empty(SKIN, MemoryParams())
     for sample in alone:
         one_by_one = count_samples(one_by_one, *sample, np.arange(4) == 3)
     np.testing.assert_array_equal(counted.counts, one_by_one.counts)
@@ -125,11 +124,11 @@ def test_two_stimuli_at_once_are_each_perceived_as_if_alone():
 
 def run(stamps, tracks, touched_at=()):
     """A learner fed with tracks (None: unknown) at stamps; the taxels touched at the steps named."""
-    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    state = LearnerState(PPSMemory.empty(SKIN, MemoryParams()))
     for k, (stamp, track) in enumerate(zip(stamps, tracks, strict=True)):
         D, TTC = (np.full(4, np.nan),) * 2 if track is None else sees(*track)
         touched = (np.arange(4) == 1) & (k in touched_at)
-        state = learner.step(state, TaxelEvents(stamp, SKIN.taxel_ids, D, TTC, touched))
+        state = learner.observe(state, TaxelEvents(stamp, SKIN.taxel_ids, D, TTC, touched))
     return learner.finish(state)
 
 

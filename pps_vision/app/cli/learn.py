@@ -17,18 +17,20 @@ class Learn(RobotOptions, RecordingOptions):
 
     into: Path | None = None
     """An earlier memory to continue from; default: an empty one."""
+    r_map: bool = False
+    """Learn R's map of distance and time to contact, in place of the probability that depends on the path too."""
     joints: Path | None = None
     """Offsets to add to the encoders, as `pps-vision joints` writes them."""
 
     def run(self) -> None:
         """Learn from one recording after another."""
-        from learning.pps.memory import PPSMemory, load_memory, save_memory
+        from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
         from pps_vision.app.learn import learn_from
         from pps_vision.app.pipeline import check_memory
         from pps_vision.recordings.atomic_write import whole_file
 
         setup = self.setup()
-        memory = PPSMemory.empty(setup.skin)
+        memory = PPSMemory.empty(setup.skin, MemoryParams() if self.r_map else None)
 
         def use(recording: "Recording") -> None:
             nonlocal memory

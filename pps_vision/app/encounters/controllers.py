@@ -14,12 +14,13 @@ import numpy as np
 
 from control import avoidance, reaching
 from control.arm import ArmParams
-from control.avoidance import HORIZON_S, ArmInput, ArmState, AvoidanceParams, control_point, passing_distances
+from control.avoidance import HORIZON_S, ArmInput, ArmState, AvoidanceParams, control_point
 from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
 from control.reaching import ReachingParams
 from learning.reach.map import TrackReachability
 from pps_vision.app.simulation import Side
+from pps_vision.geometry.paths import passing_distances
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -34,8 +35,8 @@ SPEED_M_S = 0.10
 """Speed of the control point (R), the same for all controllers."""
 RADIUS_M = 0.20
 """Radius of the palm's sphere about its start (R)."""
-NO_GATES = {"miss_distance_m": np.inf, "min_approach_m": 0.0}
-"""Parameters of `ours` by which the activation alone decides whether the arm responds."""
+GATES = {"miss_distance_m": 0.05, "min_approach_m": 0.01}
+"""Hand-set parameters of `ours`: respond to an object that has come 1 cm nearer, on a path within 5 cm of the skin."""
 _DAMPING_M = 0.003
 _RETURN_PER_S = 3.0
 _AT_HOME_RAD = np.deg2rad(0.2)
@@ -122,11 +123,11 @@ def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:
 
 
 def geometry_only(scene: ArmScene, numbers: ControllerParams) -> Controller:
-    """Return our controller, without its gates, of the taxels that the object's extrapolated path passes near.
+    """Return our controller of the taxels that the object's extrapolated path passes near.
 
     `numbers`: margin_m, the largest distance from the object's surface there to the taxel's centre.
     """
-    of_activations = ours(scene, numbers=NO_GATES)
+    of_activations = ours(scene)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         if track.is_known:

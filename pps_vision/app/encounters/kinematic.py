@@ -9,14 +9,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from control.limits import MAX_HOLD_S, LimitParams, limit
+from learning.pps import learner
+from learning.pps.learner import LearnerState, SkinFrame
 from learning.pps.memory import PPSMemory
 from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
 from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene
 from pps_vision.app.encounters.training import FIELD
-from pps_vision.app.pipeline import Taxels, activation_by
 from pps_vision.app.simulation import PERIOD_S, own_rate
-from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M
+from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, touched_taxels
 from pps_vision.types import Array, JointVelocity, Track3D
 
 _CHECKS_PER_FRAME = 5  # instants between two frames at which the distance to the skin is computed
@@ -157,13 +158,16 @@ def simulate_encounter(
     posture = believed.robot.at(home_rad)
     felt_at, normals = believed_skin.at(posture)
     taxels = skin.at(scene.robot.at(q))[0]
-    velocities = np.zeros_like(taxels)
+    learned = LearnerState(memory)
     last: JointVelocity | None = None
     last_q: Array | None = None
     monitor.add_posture(q)
     for track in tracks:
         t = track.stamp_s
-        activations = activation_by(FIELD, memory, track, Taxels(felt_at, normals, velocities))
+        touched = touched_taxels(taxels, encounter.motion(t)[0], encounter.radius_m)
+        skin_frame = SkinFrame(t, skin.taxel_ids, felt_at, normals, touched, [track], track.track_id)
+        learned, felt = learner.step(FIELD, learned, skin_frame)
+        activations = felt.activation.probability
         rates = act(activations, track, posture)
         command: JointVelocity | None = None
         if np.any(rates) or (last is not None and np.any(last.dq_rad_s)):
@@ -176,7 +180,6 @@ def simulate_encounter(
         if encounter.own_motion != "arm" and command is not None:
             dq = dq + command.dq_rad_s
         previous = taxels
-        felt_before = felt_at
         if np.any(dq):
             q = q + PERIOD_S * dq
             if encounter.own_motion or erring:
@@ -185,11 +188,10 @@ def simulate_encounter(
             felt_at, normals = believed_skin.at(posture)
             taxels = skin.at(scene.robot.at(q))[0]
             monitor.add_posture(q)
-        velocities = (felt_at - felt_before) / PERIOD_S
         monitor.add_motion(t, previous, taxels)
         if frames is not None:
             gap = np.linalg.norm(taxels - encounter.motion(t + PERIOD_S)[0], axis=1) - encounter.radius_m
-            speed = float(np.linalg.norm(velocities[activations.argmax()]))
+            speed = float(np.linalg.norm((taxels - previous)[activations.argmax()])) / PERIOD_S
             frames.append(FrameLog(t, q, gap, activations, speed, bool((gap <= TOUCH_RADIUS_M).any())))
         elif monitor.touched_part or (is_harmless and t > monitor.first_command_s + _AFTER_COMMAND_S):
             break

@@ -14,7 +14,7 @@ from control.arm import ArmParams, KeepIn
 from control.limits import MAX_HOLD_S
 from learning.pps.memory import PPSMemory
 from pps_vision.app.encounters.controllers import (
-    NO_GATES,
+    GATES,
     RADIUS_M,
     SPEED_M_S,
     ArmScene,
@@ -45,12 +45,18 @@ WRIST_AT_REST = "ours, wrist at rest"
 """The three joints of the wrist at rest, as R's robot moved."""
 ASKING = "ours, asking the map"
 """As the pipeline reaches: only for what the reachable-space map of the palm calls reachable."""
+R_MAP = "ours, R's map"
+"""Our controller on the activations of R's 8 × 4 map, which does not know the path."""
 ONE, ONE_GATED, GEOMETRY = "constant 1, no gates", "constant 1, gates", "geometry only"
 """Controls that have learned nothing: activation 1 wherever the object is within D and approaches within the horizon,
 by itself, with our hand-set gates, and for the taxels near the extrapolated path."""
 UNLEARNED = (ONE, ONE_GATED, GEOMETRY)
-MEMORY_OF: dict[str, MemoryName] = {"distance only": "of_distance", **dict.fromkeys(UNLEARNED, "constant")}
-"""The memory whose activations a controller is given; default: that of D and TTC."""
+MEMORY_OF: dict[str, MemoryName] = {
+    "distance only": "of_distance",
+    **dict.fromkeys((R_MAP, "R eq. 6", "taxel constraints"), "of_both"),
+    **dict.fromkeys(UNLEARNED, "constant"),
+}
+"""The memory whose activations a controller is given; default: the probability of touch."""
 REACHING = (OURS, ASKING, "R eq. 6", "distance only", TRUE)
 """Controllers that can reach; all but `ASKING` can avoid as well."""
 
@@ -222,8 +228,6 @@ BASELINES = {
 }
 _OURS_RANGES = {
     "threshold": (0.2, 0.7),
-    "miss_distance_m": (0.02, 0.1),
-    "min_approach_m": (0.003, 0.03),
     "confirmation_s": (0.0, 0.3),
     "escape_clearance_m": (0.0, 0.1),
     "persist_s": (0.0, 0.6),
@@ -239,17 +243,17 @@ NAMES = (OURS, *UNLEARNED, *BASELINES, TRUE, NONE)
 
 def memory_of(name: str, memories: Memories) -> PPSMemory:
     """Return the memory whose activations a controller is given."""
-    memory: PPSMemory = getattr(memories, MEMORY_OF.get(name.partition("#")[0], "of_both"))
+    memory: PPSMemory = getattr(memories, MEMORY_OF.get(name.partition("#")[0], "probability"))
     return memory
 
 
 def new_controller(name: str, numbers: ControllerParams | None = None) -> NewController:
     """Return the maker of a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION";
     InputError if there is none."""
-    if name in (OURS, ASKING, TRUE, ONE_GATED):
+    if name in (OURS, ASKING, TRUE, ONE, R_MAP):
         return lambda scene: ours(scene, numbers=numbers)
-    if name == ONE:
-        return lambda scene: ours(scene, numbers=NO_GATES)
+    if name == ONE_GATED:
+        return lambda scene: ours(scene, numbers=GATES)
     if name == WRIST_AT_REST:
         return lambda scene: ours(scene, resting=3)
     if name == NONE:

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.app.encounters.kinematic import EncounterMonitor, EncounterResult
 from pps_vision.app.simulation import Episode, SimulationScene, new_pipeline, simulate
@@ -28,16 +27,15 @@ def render_encounter(
     encounter: Encounter,
     noise_sigma: float,
     seed: int,
-    numbers: ControllerParams | None = None,
 ) -> EncounterResult:
     """Run an encounter with the pipeline on rendered images, with pixel noise (grey levels of 255), until the first
-    touch; `numbers`: parameters of the avoidance that differ from the defaults."""
+    touch."""
     monitor = EncounterMonitor(scene, encounter)
     arm = scene.arm(encounter.side)
     motion = encounter.motion, encounter.seconds, encounter.own_motion
     episode = Episode(encounter.condition, encounter.stimulus, *motion)
     with open_encounter(scene, encounter, noise_sigma, seed, lit=True) as simulation:
-        steps = simulate(simulation, episode, new_pipeline(simulation, memory, arm=numbers).step)
+        steps = simulate(simulation, episode, new_pipeline(simulation, memory).step)
         for step, later in pairwise(steps):
             t = step.frame.stamp_s
             monitor.add_posture(step.q_rad)

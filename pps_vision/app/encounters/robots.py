@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from learning.pps.joint_offsets import TouchTrial, joint_offsets
+from learning.pps.joint_offsets import TouchTrial, joint_offsets, verified_offsets
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
@@ -101,7 +101,7 @@ class MiscalibratedRobot:
         """Return the RMS distance between true and perceived position of a touching object relative to the taxel."""
         robot, _, skin = true_robot()
         distances = []
-        for touch in touches:
+        for touch in (touch for touch in touches if np.isfinite(touch.contact_s)):
             k = skin.index(touch.taxel)
             frame, taxel = skin.taxel(k)
             q = touch.q_rad + self.joint_offsets_rad
@@ -159,6 +159,11 @@ class MiscalibratedRobot:
         """Return the robot with its encoder offsets corrected by an estimate from observed touches."""
         estimate = joint_offsets(self.model, self.rig, self.skin, observed)
         return replace(self, joint_offsets_rad=self.joint_offsets_rad + estimate.offsets_rad)
+
+    def calibrated_where_verified(self, observed: Sequence[TouchTrial]) -> "MiscalibratedRobot":
+        """Return the robot with its encoder offsets corrected if held-out touches clearly confirm the correction."""
+        offsets = verified_offsets(self.model, self.rig, self.skin, observed)
+        return replace(self, joint_offsets_rad=self.joint_offsets_rad + offsets)
 
     def triangulate(self, points: Array, q_true: Array, q: Array) -> Array:
         """Return points (k, 3), projected by the true cameras and triangulated with the assumed ones; NaN if

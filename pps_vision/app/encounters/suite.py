@@ -160,7 +160,7 @@ def _scene() -> EncounterScene:
 
 @cache
 def _memories(folder: Path) -> dict[Side, Memories]:
-    return {side: Memories(*(load_memory(file) for file in _files(folder, side)[:3])) for side in get_args(Side)}
+    return {side: Memories(*(load_memory(file) for file in _files(folder, side)[:-1])) for side in get_args(Side)}
 
 
 @cache

@@ -6,12 +6,22 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from learning.pps import learner
-from learning.pps.buffer import EventBuffer
+from learning.pps.joint_offsets import TouchTrial
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
-from learning.pps.receptive_field import ReceptiveField, perceive
-from pps_vision.app.encounters.encounter import OBJECTS, SESSIONS, TRIALS, Encounter, EncounterScene, approach, draw_one
-from pps_vision.app.encounters.robots import MiscalibratedRobot
+from learning.pps.receptive_field import ReceptiveField
+from pps_vision.app.encounters.encounter import (
+    OBJECTS,
+    SESSIONS,
+    TRIALS,
+    Condition,
+    Encounter,
+    EncounterScene,
+    approach,
+    draw_one,
+    passing,
+)
+from pps_vision.app.encounters.robots import MiscalibratedRobot, true_robot
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
 from pps_vision.robot.skin import touched_taxels
@@ -23,40 +33,48 @@ BY_DISTANCE = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
 _LEARNED_OBJECTS = 2  # of `OBJECTS`
 _CONTACT_S = 0.7  # after the contact, the object withdraws later
 _TOUCH = approach(REACH_M["approach"])  # until the surface is at a taxel's centre, as in the closed loop's training
+_PASS = passing((0.0, 0.20))
+_CALIBRATION_TOUCHES = 40  # of which half estimate the encoders' offsets and half confirm them
 _STREAM = 77  # keeps training and encounters of one seed apart
 
 
 class Memories(NamedTuple):
     """Memories of one arm's skin."""
 
-    of_both: PPSMemory  # from D and TTC
+    probability: PPSMemory  # ours: from D, TTC and predicted miss distance, of touches and of objects that pass
+    of_both: PPSMemory  # R's map: from D and TTC, of touches
     of_distance: PPSMemory  # from D alone
     constant: PPSMemory  # nothing learned: 1 wherever D and TTC lie within the ranges
 
 
-MemoryName = Literal["of_both", "of_distance", "constant"]
+MemoryName = Literal["probability", "of_both", "of_distance", "constant"]
 
 
 class Trial(NamedTuple):
-    """An approach that ends with a touch, and its track by eyes without systematic error."""
+    """An object that touches or passes, and its track by eyes without systematic error."""
 
     encounter: Encounter
     tracks: Sequence[Track3D]
 
 
 def learn(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> Memories:
-    """Return the memories after a share of R's numbers of approaches (Table 5) by ball and cube at 5–15 cm/s."""
+    """Return the memories after a share of R's numbers of approaches (Table 5) by ball and cube at 5–15 cm/s, and as
+    many objects that pass."""
     return learn_from(scene, side, training_trials(scene, side, seed, share))
 
 
 def training_trials(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> Iterator[Trial]:
-    """Yield the approaches that `learn` learns from."""
+    """Yield the trials that `learn` learns from: approaches that touch, and as many objects that pass at up to 20 cm,
+    some of which touch too."""
     for j, (part, session) in enumerate(SESSIONS.items()):
         for k in range(max(round(share * TRIALS[session]), 1)):
-            rng = np.random.default_rng((seed, _STREAM, side == "right", j, k))
-            speed = float(rng.uniform(*SPEED_M_S))
-            touching = draw_one(scene, "press", side, part, OBJECTS[k % _LEARNED_OBJECTS], speed, rng, k, _TOUCH)
-            yield Trial(touching, track_of(scene, touching, rng))
+            for path, is_pass in ((_TOUCH, False), (_PASS, True)):
+                rng = np.random.default_rng((seed, _STREAM, side == "right", j, k, is_pass))
+                speed = float(rng.uniform(*SPEED_M_S))
+                stimulus = OBJECTS[k % _LEARNED_OBJECTS]
+                condition: Condition = "harmless_passing" if is_pass else "press"
+                encounter = draw_one(scene, condition, side, part, stimulus, speed, rng, k, path)
+                yield Trial(encounter, track_of(scene, encounter, rng))
 
 
 def learn_from(
@@ -65,39 +83,77 @@ def learn_from(
     trials: Iterable[Trial],
     robot: MiscalibratedRobot | None = None,
     rng: np.random.Generator | None = None,
+    with_others: bool = True,
 ) -> Memories:
-    """Return the memories after some trials, as an erring `robot` perceives them; `rng` draws its joints' slack."""
+    """Return the memories after some trials, as an erring `robot` perceives them; `rng` draws its joints' slack.
+
+    Without the others, only the probability is learned.
+    """
     skin = scene.skins[side]
-    states = [LearnerState(PPSMemory.empty(skin, p), EventBuffer()) for p in (MemoryParams(), BY_DISTANCE)]
+    ours = LearnerState(PPSMemory.empty(skin))
+    both, distance = (LearnerState(PPSMemory.empty(skin, params)) for params in (MemoryParams(), BY_DISTANCE))
     for trial in trials:
-        states = [LearnerState(state.memory, EventBuffer()) for state in states]
-        for events in _events(scene, trial, robot, rng):
-            states = [learner.step(state, events) for state in states]
-        states = [learner.finish(state) for state in states]
-    return Memories(states[0].memory, states[1].memory, PPSMemory.constant(skin))
+        ours, both, distance = (LearnerState(state.memory) for state in (ours, both, distance))
+        for events in events_of(scene, trial, robot, rng):
+            ours = learner.observe(ours, events)
+            if with_others:
+                both, distance = (learner.observe(state, events) for state in (both, distance))
+        ours, both, distance = (learner.finish(state) for state in (ours, both, distance))
+        ours = learner.miss(ours)
+    return Memories(ours.memory, both.memory, distance.memory, PPSMemory.constant(skin))
 
 
-def _events(
+def calibrate(trials: Iterable[Trial], robot: MiscalibratedRobot, rng: np.random.Generator) -> MiscalibratedRobot:
+    """Return the robot after its first touches of seen objects: its encoders corrected where held-out touches clearly
+    confirm it."""
+    true, _, skin = true_robot()
+    observed: list[TouchTrial] = []
+    for encounter, tracks in trials:
+        if len(observed) == _CALIBRATION_TOUCHES:
+            break
+        at_contact = next((track for track in tracks if track.is_known and track.stamp_s >= encounter.contact_s), None)
+        if at_contact is None:
+            continue
+        reading = robot.reading(rng)
+        (seen,) = robot.see([at_contact], encounter.q_rad, reading)
+        taxels, _ = skin.at(true.at(encounter.q_rad))
+        touched = touched_taxels(taxels, encounter.motion(seen.stamp_s)[0], encounter.radius_m)
+        if seen.is_known and touched.any():
+            joints = (encounter.q_rad + reading)[None]
+            state = seen.position[None], seen.velocity[None], seen.cov[None, 3:6, 3:6], np.array([seen.radius_m])
+            observed.append(TouchTrial(np.array([seen.stamp_s]), joints, *state, touched))
+    return robot.calibrated_where_verified(observed)
+
+
+def events_of(
     scene: EncounterScene, trial: Trial, robot: MiscalibratedRobot | None, rng: np.random.Generator | None
 ) -> Iterator[TaxelEvents]:
-    """Yield the events of the skin at rest during an approach, until 0.7 s after the touch."""
-    touching, tracks = trial
-    taxels, _ = scene.skins[touching.side].at(scene.robot.at(touching.q_rad))
+    """Yield what the skin at rest perceives during a trial, until 0.7 s after the touch: as `learner.step`, for all
+    frames at once."""
+    encounter, tracks = trial
+    tracks = [track for track in tracks if track.stamp_s <= encounter.contact_s + _CONTACT_S]
+    taxels, _ = scene.skins[encounter.side].at(scene.robot.at(encounter.q_rad))
     believed = scene
-    q = touching.q_rad
+    q = encounter.q_rad
     if robot is not None and rng is not None:
         reading = robot.reading(rng)
         believed = robot.scene
         tracks = robot.see(tracks, q, reading)
         q = q + reading
-    skin = believed.skins[touching.side]
-    felt_at, normals = skin.at(believed.robot.at(q))
-    D, ttc = np.full((2, len(taxels)), np.nan)
+    skin = believed.skins[encounter.side]
+    positions, normals = skin.at(believed.robot.at(q))
+    known = [track for track in tracks if track.is_known]
+    if not known:
+        return
+    path = [(track.stamp_s, track.position) for track in known]
+    recent = [learner.recent(path[:k], track.stamp_s) for k, track in enumerate(known)]
+    velocities = [learner.path_velocities(track, earlier) for track, earlier in zip(known, recent, strict=True)]
+    seen = np.array([track.position for track in known]), np.swapaxes(velocities, 0, 1)
+    covs = np.array([track.cov[3:6, 3:6] for track in known])
+    perceived = learner.perceive_path(FIELD, positions, normals, *seen, known[0].radius_m, covs)
+    by_stamp = dict(zip((track.stamp_s for track in known), zip(*perceived, strict=True), strict=True))
+    unseen = (np.full(len(taxels), np.nan),) * 3
     for track in tracks:
-        if track.stamp_s > touching.contact_s + _CONTACT_S:
-            return
-        touched = touched_taxels(taxels, touching.motion(track.stamp_s)[0], touching.radius_m)
-        if track.is_known:
-            stimulus = track.position, track.velocity, track.radius_m, track.cov[3:6, 3:6]
-            D, ttc = perceive(FIELD, felt_at, normals, *stimulus)
-        yield TaxelEvents(track.stamp_s, skin.taxel_ids, D, ttc, touched)
+        touched = touched_taxels(taxels, encounter.motion(track.stamp_s)[0], encounter.radius_m)
+        D, ttc, miss = by_stamp.get(track.stamp_s, unseen)
+        yield TaxelEvents(track.stamp_s, skin.taxel_ids, D, ttc, touched, miss)

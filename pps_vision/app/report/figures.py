@@ -1,7 +1,6 @@
 """Figures of the demo's report, of `show` and of `reach show`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,13 +26,13 @@ _INK = "0.25"
 
 
 def landscape(memory: PPSMemory, taxel: int = 0) -> Array:
-    """(30, 30) activation of a taxel over the ranges of D and TTC (0–3 s where the memory has no TTC)."""
+    """(30, 30) activation of a taxel over the ranges of D and TTC (0–3 s where the memory has no TTC); of an object on
+    its way to the taxel, where the memory knows the path."""
     (d0, d1), (t0, t1) = _ranges(memory)
     cell = (np.arange(30) + 0.5) / 30
     D, TTC = np.meshgrid(d0 + (d1 - d0) * cell, t0 + (t1 - t0) * cell, indexing="ij")
-    ids = (memory.taxel_ids[taxel],)
-    single = replace(memory, taxel_ids=ids, part_index=memory.part_index[[taxel]], counts=memory.counts[[taxel]])
-    return activation(single, D[..., None], TTC[..., None])[..., 0]
+    at_taxel = np.where(np.arange(len(memory.taxel_ids)) == taxel, 0.0, np.nan)
+    return activation(memory, D[..., None] + at_taxel, TTC[..., None])[..., taxel]
 
 
 def draw_landscape(

@@ -5,20 +5,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pps_vision.experiments.encounters import controllers, learning, sessions
+from pps_vision.experiments.encounters import activation, controllers, learning, sessions
 from pps_vision.experiments.study import Part, PartsStudy
 
 
 @dataclass(frozen=True)
 class Encounters(PartsStudy):
     """Parts: all controllers without rendering; ours beside controls that have learned nothing, on robots with R's
-    errors; ours and such a control rendered; R's sessions of avoidance and reaching (R Figs 10, 11, S1, S2, Tables 6,
-    7); the search for the baselines' parameters."""
+    errors; what an activation means; ours and such a control rendered; R's sessions of avoidance and reaching (R Figs
+    10, 11, S1, S2, Tables 6, 7); the search for the baselines' parameters."""
 
     SHORT: ClassVar[Mapping[str, Any]] = {"n_rendered": 1, "n_robots": 2, "n_tuning": 1, "draws": 1, "share": 0.02}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "controllers": Part(controllers.run, controllers.chart, controllers.tables),
         "learning": Part(learning.run, learning.chart, learning.table),
+        "activation": Part(activation.run, table=activation.table),
         "rendered": Part(controllers.run_rendered, table=controllers.rendered_table),
         "sessions": Part(sessions.run, sessions.chart, sessions.table),
         "tuning": Part(controllers.tune),
@@ -32,7 +33,7 @@ class Encounters(PartsStudy):
     n_tuning: int = 12  # the same of the search for parameters
     draws: int = 30  # parameters tried for each controller
     n_robots: int = 45  # robots that misjudge by each error
-    errors_m: tuple[float, ...] = (0.0, 0.01, 0.02, 0.03, 0.05)
+    errors_m: tuple[float, ...] = (0.0, 0.03, 0.05)
     """Error (RMS) of the position of a touching object relative to the taxel: R's five sources, scaled."""
     tuning_seed: int = 9783  # seed of the search; not `seed`, which is that of the encounters that count
     avoidance_min: float = 20.0  # length of the sessions of avoidance

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from pps_vision.app.encounters.controllers import NO_GATES, ControllerParams
+from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, SPEED_M_S, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
@@ -249,11 +249,11 @@ def run_rendered(study: Any) -> dict[str, Any]:
         tracks = track_of(scene, encounter, track_rng(study.seed, condition, number))
         quantity = "commands" if condition in HARMLESS else "touched"
         row: dict[str, Any] = {"condition": condition}
-        for name, mode, gates in ((OURS, "rendered", {}), (ONE, "constant", NO_GATES)):
+        for name, mode in ((OURS, "rendered"), (ONE, "constant")):
             memory = memory_of(name, memories[encounter.side])
-            result = render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number, gates)
+            result = render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number)
             row[mode] = not getattr(result, quantity)
-        memory = memories[encounter.side].of_both
+        memory = memories[encounter.side].probability
         result = simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks)
         rows.append({**row, "without": not getattr(result, quantity)})
     groups = {

@@ -1,11 +1,12 @@
 """Ours beside controls that have learned nothing, on robots that misjudge where objects touch their skin.
 
-Robot k has one arm, its own errors, its own memory, learned from its own perception of R's numbers of approaches, and
-its own encounters, the same with every controller.
+Robot k has one arm, its own errors, its own memory, learned from its own perception of R's numbers of approaches and
+as many passes, and its own encounters, the same with every controller. Its touches also correct its encoders, where
+held-out touches clearly confirm it; the controls have neither.
 """
 
 from dataclasses import asdict
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -14,27 +15,27 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.encounters.encounter import HARMLESS, Condition, Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import OURS, UNLEARNED, memory_of, new_controller
+from pps_vision.app.encounters.registry import GEOMETRY, ONE, ONE_GATED, OURS, R_MAP, memory_of, new_controller
 from pps_vision.app.encounters.robots import MiscalibratedRobot
 from pps_vision.app.encounters.suite import Rows, run_tasks, track_rng
 from pps_vision.app.encounters.tracks import track_of
-from pps_vision.app.encounters.training import Trial, learn_from, training_trials
+from pps_vision.app.encounters.training import Memories, Trial, calibrate, learn_from, training_trials
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.types import Array
 
-CONTROLLERS = (OURS, *UNLEARNED)
+CONTROLLERS = (OURS, ONE_GATED, ONE, GEOMETRY, R_MAP)
+_OF_ALL_ROBOTS = 2  # of them; the others differ so much that a fifth of the robots shows it
 PER_ROBOT: dict[Condition, int] = {
-    "stop": 2,
-    "press": 4,
-    "through": 4,
-    "graze": 4,
-    "harmless_near": 4,
-    "harmless_passing": 4,
-    "harmless_static": 2,
-    "harmless_receding": 2,
+    "stop": 1,
+    "press": 2,
+    "through": 3,
+    "graze": 2,
+    "harmless_near": 3,
+    "harmless_passing": 2,
+    "harmless_static": 1,
+    "harmless_receding": 1,
 }
 """Encounters of one robot."""
 
@@ -46,6 +47,7 @@ class RobotTask(NamedTuple):
     error_m: float
     seed: int
     share: float  # of R's numbers of training approaches
+    controllers: tuple[str, ...] = CONTROLLERS
 
 
 def run(study: Any) -> dict[str, Any]:
@@ -53,7 +55,9 @@ def run(study: Any) -> dict[str, Any]:
     from pps_vision.experiments.encounters.controllers import unfinished_folder
 
     tasks = {
-        f"robot {k}, {1000 * error_m:g} mm": RobotTask(k, error_m, study.seed, study.share)
+        f"robot {k}, {1000 * error_m:g} mm": RobotTask(
+            k, error_m, study.seed, study.share, CONTROLLERS[: None if k < study.n_robots / 5 else _OF_ALL_ROBOTS]
+        )
         for k in range(study.n_robots)
         for error_m in study.errors_m
     }
@@ -63,29 +67,49 @@ def run(study: Any) -> dict[str, Any]:
 
 def robot_rows(task: RobotTask, folder: Path | None = None) -> Rows:
     """Return a row for each encounter and controller of a robot."""
-    side = get_args(Side)[task.robot % 2]
-    trials = _training(side, task.seed, task.share)
-    robot = None
-    if task.error_m:
-        touches = [trial.encounter for trial in trials]
-        robot = MiscalibratedRobot.with_error(task.error_m, touches, (task.seed, task.robot))
-    rng = np.random.default_rng((task.seed, task.robot, 1))
-    memories = learn_from(_scene(), side, trials, robot, rng)
+    robot, calibrated, memories = mind(task)
+    rng = np.random.default_rng((task.seed, task.robot, 2))
     rows: Rows = []
     for condition, n in PER_ROBOT.items():
         for k in range(n):
-            encounter, tracks = _encounter(condition, encounter_number(task.robot, k, n), task.seed)
-            erring = None
-            if robot is not None:
-                reading = robot.reading(rng)
-                tracks = robot.see(tracks, encounter.q_rad, reading)
-                erring = robot.scene, reading
-            for name in CONTROLLERS:
-                memory = memory_of(name, memories)
-                new = new_controller(name)
-                result = simulate_encounter(_scene(), memory, encounter, name, new, tracks, erring=erring)
+            encounter, tracks = encounter_of(task, condition, k, n)
+            slack = robot.reading(rng) - robot.joint_offsets_rad
+            for name in task.controllers:
+                body = calibrated if name in (OURS, R_MAP) else robot
+                reading = body.joint_offsets_rad + slack
+                seen = body.see(tracks, encounter.q_rad, reading)
+                arguments = memory_of(name, memories), encounter, name, new_controller(name), seen
+                result = simulate_encounter(scene(), *arguments, erring=(body.scene, reading))
                 rows.append({**asdict(result), "robot": task.robot, "error_m": task.error_m})
     return rows
+
+
+def side_of(robot: int) -> Side:
+    """Return the arm of a robot."""
+    return get_args(Side)[robot % 2]
+
+
+def mind(task: RobotTask) -> tuple[MiscalibratedRobot, MiscalibratedRobot, Memories]:
+    """Return a robot, the same with its encoders corrected, and what it has learned with these."""
+    number = task.robot if task.error_m else task.robot % 2  # robots of one arm without error are one robot
+    return _mind(number, task.error_m, task.seed, task.share, R_MAP in task.controllers)
+
+
+@lru_cache(maxsize=4)
+def _mind(
+    number: int, error_m: float, seed: int, share: float, with_others: bool
+) -> tuple[MiscalibratedRobot, MiscalibratedRobot, Memories]:
+    side = side_of(number)
+    trials = _training(side, seed, share)
+    robot = MiscalibratedRobot.with_error(error_m, [trial.encounter for trial in trials], (seed, number))
+    rng = np.random.default_rng((seed, number, 1))
+    calibrated = calibrate(trials, robot, rng)
+    return robot, calibrated, learn_from(scene(), side, trials, calibrated, rng, with_others)
+
+
+def encounter_of(task: RobotTask, condition: Condition, k: int, n: int) -> Trial:
+    """Return a robot's encounter k of n of a condition."""
+    return _encounter(condition, encounter_number(task.robot, k, n), task.seed)
 
 
 def encounter_number(robot: int, k: int, n: int) -> int:
@@ -95,19 +119,19 @@ def encounter_number(robot: int, k: int, n: int) -> int:
 
 
 @cache
-def _scene() -> EncounterScene:
+def scene() -> EncounterScene:
     return EncounterScene()
 
 
 @cache
 def _training(side: Side, seed: int, share: float) -> tuple[Trial, ...]:
-    return tuple(training_trials(_scene(), side, seed, share))
+    return tuple(training_trials(scene(), side, seed, share))
 
 
 @cache
 def _encounter(condition: Condition, number: int, seed: int) -> Trial:
-    encounter: Encounter = draw(_scene(), condition, number, seed)
-    return Trial(encounter, track_of(_scene(), encounter, track_rng(seed, condition, number)))
+    encounter: Encounter = draw(scene(), condition, number, seed)
+    return Trial(encounter, track_of(scene(), encounter, track_rng(seed, condition, number)))
 
 
 def summary(rows: Rows) -> dict[str, Any]:
@@ -119,25 +143,29 @@ def summary(rows: Rows) -> dict[str, Any]:
         scores = {name: _scores(rows, error_m, name) for name in names}
         cells[f"{100 * error_m:g}"] = {
             name: {
-                **{key: interval(values[:, [k]].tolist()) for k, key in enumerate(("untouched", "still", "mean"))},
-                "ours above": interval((scores[OURS] - values)[:, [2]].tolist()),
+                "robots": len(by_robot),
+                **{
+                    key: interval([[of_robot[k]] for of_robot in by_robot.values()])
+                    for k, key in enumerate(("untouched", "still", "mean"))
+                },
+                "ours above": interval([[scores[OURS][robot][2] - own[2]] for robot, own in by_robot.items()]),
                 "by condition": _by_condition(rows, error_m, name),
             }
-            for name, values in scores.items()
+            for name, by_robot in scores.items()
         }
-    return {"robots": len({row["robot"] for row in rows}), "per_robot": PER_ROBOT, "by_error_cm": cells}
+    return {"per_robot": PER_ROBOT, "by_error_cm": cells}
 
 
-def _scores(rows: Rows, error_m: float, name: str) -> Array:
-    """Percentages (robots, 3): hazards untouched, harmless without a command, and the mean of both."""
-    scores = []
+def _scores(rows: Rows, error_m: float, name: str) -> dict[int, tuple[float, float, float]]:
+    """Percentages by robot: hazards untouched, harmless without a command, and the mean of both."""
+    scores = {}
     chosen = [row for row in rows if row["error_m"] == error_m and row["controller"] == name]
     for robot in sorted({row["robot"] for row in chosen}):
         own = [row for row in chosen if row["robot"] == robot]
-        untouched = np.mean([not row["touched"] for row in own if row["condition"] not in HARMLESS])
-        still = np.mean([not row["commands"] for row in own if row["condition"] in HARMLESS])
-        scores.append(100 * np.array([untouched, still, (untouched + still) / 2]))
-    return np.array(scores)
+        untouched = 100 * float(np.mean([not row["touched"] for row in own if row["condition"] not in HARMLESS]))
+        still = 100 * float(np.mean([not row["commands"] for row in own if row["condition"] in HARMLESS]))
+        scores[robot] = untouched, still, (untouched + still) / 2
+    return scores
 
 
 def _by_condition(rows: Rows, error_m: float, name: str) -> dict[str, float]:
@@ -166,6 +194,7 @@ def table(numbers: dict[str, Any]) -> Table:
     for error, cell in numbers["by_error_cm"].items():
         for name, values in cell.items():
             above = "–" if name == OURS else estimate(values["ours above"])
-            rows.append([error, name, *(estimate(values[key]) for key in ("untouched", "still", "mean")), above])
-    header = ["error (cm)", "controller", "hazards untouched (%)", "harmless at rest (%)", "mean", "ours above"]
-    return Table(header, rows)
+            rates = (estimate(values[key]) for key in ("untouched", "still", "mean"))
+            rows.append([error, name, str(values["robots"]), *rates, above])
+    quantities = "hazards untouched (%)", "harmless at rest (%)", "mean", "ours above"
+    return Table(["error (cm)", "controller", "robots", *quantities], rows)

@@ -65,7 +65,7 @@ def test_geometry_alone_leaves_what_passes_beyond_its_margin(scene, memories):
     tracks = true_track_of(encounter)
     commands = {
         name: simulate_encounter(
-            scene, memory_of(name, memories["left"]), encounter, name, new_controller(name, {"margin_m": 0.03}), tracks
+            scene, memory_of(name, memories["left"]), encounter, name, new_controller(name), tracks
         ).commands
         for name in (ONE, GEOMETRY)
     }

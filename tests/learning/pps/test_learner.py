@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from learning.pps.buffer import EventBuffer, push, resample
-from learning.pps.learner import LearnerState, finish, miss, step
-from learning.pps.memory import PPSMemory
+from learning.pps.learner import LearnerState, finish, miss, observe
+from learning.pps.memory import MemoryParams, PPSMemory
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import TaxelEvents
 
@@ -16,11 +16,11 @@ SKIN = icub_skin(("left_palm",))
 
 def run(touches, state=None, start=0.0):
     """Feed 20 Hz samples; `touches` lists the taxels touched at each."""
-    state = state or LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    state = state or LearnerState(PPSMemory.empty(SKIN, MemoryParams()))
     for i, taxels in enumerate(touches):
         touched = np.isin(np.arange(4), taxels)
         events = TaxelEvents(start + 0.05 * i, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), touched)
-        state = step(state, events)
+        state = observe(state, events)
     return state
 
 
@@ -64,9 +64,9 @@ def test_a_stale_sample_is_rejected_and_counted():
         TaxelEvents(t, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), np.zeros(4, bool)) for t in (1.0, 1.0, 0.9, -2.0)
     ]
     events += [replace(events[0], stamp_s=t) for t in (np.nan, np.inf, -np.inf)]
-    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    state = LearnerState(PPSMemory.empty(SKIN, MemoryParams()))
     for sample in events:
-        state = step(state, sample)
+        state = observe(state, sample)
     assert (len(state.buffer), state.stale, state.unseen) == (1, 6, 0)
 
 
@@ -93,7 +93,7 @@ def filled(stamps, distance=lambda t: 0.2 - 0.05 * t, ttc=lambda t: 4 - t):
 
 def series(buffer: EventBuffer) -> tuple[np.ndarray, np.ndarray]:
     """D and TTC (T, 2) of both taxels, NaN of one without a sample."""
-    taxels, *perceived = resample(buffer, np.arange(2))
+    taxels, *perceived, _ = resample(buffer, np.arange(2))
     D, TTC = np.full((2, len(perceived[0]), 2), np.nan)
     D[:, taxels], TTC[:, taxels] = perceived
     return D, TTC

@@ -27,7 +27,7 @@ def touched(*indices):
 
 
 def random_memory(seed=0, params=None):
-    memory = PPSMemory.empty(FOREARMS, params)
+    memory = PPSMemory.empty(FOREARMS, params or MemoryParams())
     counts = np.random.default_rng(seed).integers(0, 20, memory.counts.shape)
     return replace(memory, counts=counts)
 
@@ -35,7 +35,7 @@ def random_memory(seed=0, params=None):
 def test_only_the_touched_body_part_learns():
     D = np.full((3, N), 0.1)
     TTC = np.ones((3, N))
-    memory = count_samples(PPSMemory.empty(FOREARMS), D, TTC, touched(2, 5))
+    memory = count_samples(PPSMemory.empty(FOREARMS, MemoryParams()), D, TTC, touched(2, 5))
     samples = memory.counts.sum(axis=(1, 2))
     left = FOREARMS.part_index == 0
     np.testing.assert_array_equal(samples[left & touched(2, 5)], [[3, 0]] * 2)
@@ -46,7 +46,7 @@ def test_only_the_touched_body_part_learns():
 def test_learning_needs_a_touch_and_samples():
     events = TaxelEvents(0.0, FOREARMS.taxel_ids, np.full(N, 0.1), np.ones(N), touched())
     buffer = push(EventBuffer(), events)
-    empty = PPSMemory.empty(FOREARMS)
+    empty = PPSMemory.empty(FOREARMS, MemoryParams())
     assert learn(empty, buffer, touched()) is empty
     assert learn(empty, EventBuffer(), touched(1)) is empty
     assert learn(empty, buffer, touched(1)).counts[1].sum() == 1
@@ -63,7 +63,7 @@ def test_learning_counts_the_resampled_buffer():
         buffer = push(buffer, TaxelEvents(stamp_s, FOREARMS.taxel_ids, D, TTC, touched()))
     memory = random_memory()
     felt = touched(1, 4)
-    _, *series = resample(buffer, np.arange(N))
+    _, *series, _ = resample(buffer, np.arange(N))
     expected = count_samples(memory, *series, felt).counts
     assert (expected != memory.counts).any()
     np.testing.assert_array_equal(learn(memory, buffer, felt).counts, expected)
@@ -145,9 +145,9 @@ def rewrite(path, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 99}, "version 99; expected version 3"),
+        ({"version": 99}, "version 99; expected version 4"),
         ({"version": None}, "version unknown"),
-        ({"version": np.array([1, 2])}, "version .1 2.; expected version 3"),
+        ({"version": np.array([1, 2])}, "version .1 2.; expected version 4"),
         ({"kind": None}, "is not a PPS memory"),
         ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
@@ -247,3 +247,74 @@ def test_the_activation_is_the_mean_of_f_weighted_by_normalized_gaussians(seed, 
     np.testing.assert_allclose(
         activation(memory, D[:, None], TTC[:, None] * np.ones(2)), expected, rtol=1e-6, atol=1e-9
     )
+
+
+def exact_probability(memory, taxel, at):
+    """P of a memory that knows the path, with SciPy's softmax of the squared distances to the bin centres."""
+    params = memory.params
+    ranges = params.distance_range_m, params.ttc_range_s, params.miss_range_m
+    weights = []
+    for x, (low, high), n in zip(at, ranges, params.bins, strict=True):
+        offset = (x - low) / (high - low) * n - np.arange(n) - 0.5
+        weights.append(softmax(-(offset**2) / (2 * params.sigma_bins**2)))
+    counts = memory.counts[..., 0], memory.counts.sum(axis=-1)
+    touch, total = (np.einsum("ndtm,d,t,m->n", c, *weights) for c in counts)
+    of_taxel, of_part = params.prior_samples
+    same = memory.part_index == memory.part_index[taxel]
+    part = touch[same].sum() / (total[same].sum() + of_part)
+    return (touch[taxel] + of_taxel * part) / (total[taxel] + of_taxel)
+
+
+def test_the_probability_is_that_of_smoothed_counts_shrunk_to_the_body_part_and_to_0():
+    params = MemoryParams(bins=(5, 3, 4), sigma_bins=0.8, prior_samples=(3.0, 2.0))
+    memory = random_memory(5, params)
+    for at in ((0.05, 1.2, 0.0), (-0.09, 0.1, 0.11), (0.19, 2.9, -0.03)):
+        for taxel in (0, 13):
+            assert activation(memory, *at)[taxel] == pytest.approx(exact_probability(memory, taxel, at))
+    beyond = [activation(memory, 0.05, 1.0, miss) for miss in (0.12, 0.5, -0.04, -np.inf)]
+    np.testing.assert_array_equal(beyond[0], beyond[1])
+    np.testing.assert_array_equal(beyond[2], beyond[3])
+
+
+def test_a_taxel_without_samples_expects_what_its_part_knows_and_an_empty_memory_nothing():
+    memory = PPSMemory.empty(FOREARMS)
+    assert not activation(memory, 0.05, 1.0, 0.0).any()
+    D = np.full((40, N), np.nan)
+    D[:, :5] = 0.05
+    left = FOREARMS.part_index == 0
+    memory = count_samples(memory, D, np.ones((40, N)), touched(*range(5)), 0.0)
+    P = activation(memory, 0.05, 1.0, 0.0)
+    assert P[:5].min() > P[left][5:].max() > 0.3
+    np.testing.assert_allclose(P[left][5:], P[left][5])
+    assert not P[~left].any()
+
+
+def test_the_path_tells_touches_from_passes_where_distance_and_time_do_not():
+    """Objects at the same D and TTC: the ones that head for the taxel touch it, the ones that pass at 8 cm do not."""
+    memory = PPSMemory.empty(FOREARMS)
+    at = np.full((30, N), 0.08), np.full((30, N), 0.9)
+    for _ in range(5):
+        memory = count_samples(memory, *at, touched(0), np.where(touched(0), 0.0, 0.1))
+        memory = learn_miss(memory, *at, 0.08)
+    assert activation(memory, 0.08, 0.9, 0.0)[0] > 0.8
+    assert activation(memory, 0.08, 0.9, 0.08)[0] < 0.1
+    r_map = count_samples(PPSMemory.empty(FOREARMS, MemoryParams()), *at, touched(0))
+    np.testing.assert_array_equal(activation(r_map, 0.08, 0.9, 0.0), activation(r_map, 0.08, 0.9, 0.08))
+
+
+def learn_miss(memory, D, TTC, miss_m):
+    """Negative samples of all taxels."""
+    buffer = EventBuffer()
+    for k in range(len(D)):
+        events = TaxelEvents(0.05 * k, FOREARMS.taxel_ids, D[k], TTC[k], touched(), np.full(N, miss_m))
+        buffer = push(buffer, events)
+    return learn(memory, buffer, None)
+
+
+def test_a_memory_that_knows_the_path_is_saved_and_loaded(tmp_path):
+    memory = random_memory(3, MemoryParams(bins=(4, 3, 5), miss_range_m=(-0.1, 0.3), prior_samples=(7.0, 0.5)))
+    save_memory(tmp_path / "m.npz", memory)
+    again = load_memory(tmp_path / "m.npz")
+    assert again.params == memory.params
+    np.testing.assert_array_equal(again.counts, memory.counts)
+    np.testing.assert_array_equal(again.samples, memory.counts.sum(axis=(1, 2, 3)))
