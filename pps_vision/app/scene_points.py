@@ -114,16 +114,19 @@ def side_of(view: StereoView) -> str:
 
 
 def matches(frames: Sequence[StereoFrame], rig: StereoRig) -> list[Matches]:
-    """Matched points of each frame that fit one fundamental matrix; none of a frame where few do."""
+    """Matched points that fit one fundamental matrix: of fixed cameras of all frames together, else of each; none where
+    few do."""
+    found = [Matches(rig.view_of(frame), *match(frame.left, frame.right)) for frame in frames]
+    if frames[0].joints_left_rad is None:
+        left_px, right_px = (np.concatenate([getattr(m, f"{side}_px") for m in found]) for side in ("left", "right"))
+        found = [Matches(found[0].view, left_px, right_px)]
     kept = []
-    for frame in frames:
-        view = rig.view_of(frame)
-        left_px, right_px = match(frame.left, frame.right)
-        if len(left_px) < _FEWEST:
+    for m in found:
+        if len(m.left_px) < _FEWEST:
             continue
-        same = _of_one_scene(_plane(view.left, left_px), _plane(view.right, right_px))
+        same = _of_one_scene(_plane(m.view.left, m.left_px), _plane(m.view.right, m.right_px))
         if same.sum() >= _FEWEST:
-            kept.append(Matches(view, left_px[same], right_px[same]))
+            kept.append(Matches(m.view, m.left_px[same], m.right_px[same]))
     return kept
 
 
@@ -133,7 +136,7 @@ def match(left: Image, right: Image) -> tuple[Array, Array]:
     points, features = zip(
         *(sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in (left, right)), strict=True
     )
-    if min(0 if found is None else len(found) for found in features) < _FEWEST:
+    if min(0 if found is None else len(found) for found in features) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     back = {(m.trainIdx, m.queryIdx) for m in matcher.match(features[1], features[0])}
