@@ -210,13 +210,9 @@ class Background:
         whole = (0, 0, current.shape[1], current.shape[0])
         mean = self._warped(self._mean, view, whole)
         rows = _STRIP if self.rests(view) else len(current)  # strips take less memory
-        differs = np.concatenate(
-            [
-                self._difference(strip, self._mean, 1.0, view, (0, y, whole[2], y + len(strip))) > int(threshold)
-                for y in range(0, len(current), rows)
-                for strip in [current[y : y + rows]]
-            ]
-        )
+        strips = [(0, y, whole[2], min(y + rows, whole[3])) for y in range(0, whole[3], rows)]
+        differences = [self._difference(current[box[1] : box[3]], self._mean, 1.0, view, box) for box in strips]
+        differs = np.concatenate(differences) > int(threshold)
         moved = differs & (mean[..., 0] > 0) & ~excluded
         x, y, w, h = cv2.boundingRect(moved.view(np.uint8))
         if w:

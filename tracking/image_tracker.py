@@ -55,7 +55,7 @@ _RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in 
 _SEPARABLE = 0.8  # Bhattacharyya coefficient of object and surroundings up to which colours separate them
 _OFF_PREDICTION = 0.05  # largest distance of an outline from its prediction, in object sizes, added to three deviations
 _MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object from the border, in object sizes
-MIN_FILL = 0.3  # visible share of the object below which it is not detected
+_MIN_FILL = 0.3  # visible share of the object below which it is not detected
 _PARTICLE_PX = 0.3  # systematic error of the particles' centre
 _MOST_SHIFT = 0.3  # of a visible edge from the particles, in radii
 _SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
@@ -515,7 +515,7 @@ class CameraTracker:
             target, detection, mask = whole
             seen = self._seen(detection, mask, examined, camera, located.p_root, located.radius_m)
             return state._replace(target=replace(target, silhouette=seen)), detection
-        if self.marker is not None or min(located.fill) < MIN_FILL:  # a marker's occluder may have the same hue
+        if self.marker is not None or min(located.fill) < _MIN_FILL:  # a marker's occluder may have the same hue
             return state, None
         return state, self._partial(target, camera, examined, located, eye, center_px)
 

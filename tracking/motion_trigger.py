@@ -30,7 +30,7 @@ from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum
 from tracking.masks import Box, BoxPx
 
 Grey = NDArray[np.uint8]  # (H, W)
-JITTER_S = 0.005  # of stamps
+_JITTER_S = 0.005  # of stamps
 _WINDOW_PX = 9  # of Lucas–Kanade; R's 15 covers too much of the background of a region of 20 px
 _LEVELS = 4  # of its image pyramid (the default of OpenCV)
 _MAX_POINTS = 40  # points in a region, and in the surroundings; limits the time
@@ -91,10 +91,10 @@ def match(
     differs from that of the surroundings by more than `tolerance_px` and three of their standard deviations.
     """
     box = _surroundings([box for box, _ in regions], current.pixels.shape)
-    old = _cut_box(reference.pixels, box) if ego.is_still(reference.view, current.view) else None
+    old = np.ascontiguousarray(_cut(reference.pixels, box)) if ego.is_still(reference.view, current.view) else None
     if old is None:
         old = ego.warp(reference.pixels, reference.view, current.view, 1 / room_m, box)
-    new = _cut_box(current.pixels, box)
+    new = np.ascontiguousarray(_cut(current.pixels, box))
     outside = np.ones(new.shape, bool)
     grids = []
     for (x, y, w, h), mask in regions:
@@ -159,7 +159,7 @@ def velocity(
     if not measured:
         return None
     shortest_s = min(flow.interval_s for flow, _ in measured)
-    measured = [(flow, eye) for flow, eye in measured if flow.interval_s < shortest_s + JITTER_S]
+    measured = [(flow, eye) for flow, eye in measured if flow.interval_s < shortest_s + _JITTER_S]
     n = len(measured)
     J = np.zeros((2, 3))
     rate = np.zeros(2)
@@ -187,10 +187,6 @@ def _surroundings(boxes: list[Box], shape: tuple[int, ...]) -> Box:
     y1 = max(y + height for _, y, _, height in boxes)
     margin = max(20, max(x1 - x0, y1 - y0) // 2)
     return max(x0 - margin, 0), max(y0 - margin, 0), min(x1 + margin, shape[1]), min(y1 + margin, shape[0])
-
-
-def _cut_box(image: Grey, box: Box) -> Grey:
-    return np.ascontiguousarray(image[box[1] : box[3], box[0] : box[2]])
 
 
 def _grid(mask: Mask) -> Array:
@@ -411,12 +407,12 @@ class MotionTrigger:
         """Drop old images and return the new one; the next comparison has the other interval."""
         longest_s = self.params.slow_interval_s + 1e-6
         while len(self._past) > 1 and stamp_s - self._past[0].stamp_s > longest_s:
-            if stamp_s - self._past[1].stamp_s <= _FLOW_INTERVAL_S - JITTER_S:
+            if stamp_s - self._past[1].stamp_s <= _FLOW_INTERVAL_S - _JITTER_S:
                 break  # flow is measured since the oldest one
             self._past.popleft()
         kept: list[_Frame] = []
         for frame in self._past:
-            is_recent = stamp_s - frame.stamp_s <= self.params.interval_s + JITTER_S
+            is_recent = stamp_s - frame.stamp_s <= self.params.interval_s + _JITTER_S
             apart_s = _APART_S if is_recent else 0.5 * self.params.slow_interval_s
             if not kept or frame.stamp_s - kept[-1].stamp_s > apart_s:
                 kept.append(frame)
@@ -427,7 +423,7 @@ class MotionTrigger:
 
     def _newest(self, current: _Frame) -> _Frame | None:
         """Newest image that is `_FLOW_INTERVAL_S` old."""
-        min_age_s = _FLOW_INTERVAL_S - JITTER_S
+        min_age_s = _FLOW_INTERVAL_S - _JITTER_S
         return next((frame for frame in reversed(self._past) if current.stamp_s - frame.stamp_s > min_age_s), None)
 
     def _reference(self, current: _Frame) -> _Frame | None:

@@ -414,7 +414,8 @@ class Tracker:
                     states[k], detections[k] = result
             state = state._replace(cameras=(states[0], states[1]), score=_WHOLE_SCORE)
             return state, (detections[0], detections[1]), None
-        silhouette = next((found[0].target.silhouette for found in whole.values() if found and found[0].target), None)
+        silhouettes = [result[0].target.silhouette for result in whole.values() if result and result[0].target]
+        silhouette = next(iter(silhouettes), None)
         for k in regions:
             target = states[k].target
             if whole[k] is None and target and target.silhouette and silhouette:  # the other eye's is newer
@@ -456,11 +457,11 @@ class Tracker:
         association = state.tracks[0].association if state.tracks else self._initial.association
         cameras = scene.cameras
         if self.params.initial_boxes is not None and state.view is None:
-            boxed = [
+            left, right = (
                 outline_in_box(camera.image, [side / self.params.reduction for side in box], optics)
                 for camera, box, optics in zip(cameras, self.params.initial_boxes, self._optics, strict=True)
-            ]
-            return partial(self._start_marker, cameras, (boxed[0], boxed[1])), (boxed[0], boxed[1]), _NO_MODELS
+            )
+            return partial(self._start_from, cameras, (left, right)), (left, right), _NO_MODELS
         if self.params.mode == "marker":
             if state.view is None:  # whether anything has moved is known from the second frame on
                 return None
@@ -468,7 +469,7 @@ class Tracker:
                 blobs = self._acquisition.find_marker(
                     self.params.marker, cameras, scene.view, scene.stamp_s, association
                 )
-            return None if blobs is None else (partial(self._start_marker, cameras, blobs), blobs, _NO_MODELS)
+            return None if blobs is None else (partial(self._start_from, cameras, blobs), blobs, _NO_MODELS)
         pair = self._acquisition.step(cameras, scene.view, scene.stamp_s, association, followed)
         if pair is None:
             return None
@@ -498,8 +499,8 @@ class Tracker:
                 seen = None
                 if silhouette is not None and observation is not None:
                     mask, region = silhouette
-                    at = camera.view, observation.p_root, outline.center_px
-                    seen = Silhouette(mask, region, *at, observation.radius_m)
+                    p_root, radius_m = observation.p_root, observation.radius_m
+                    seen = Silhouette(mask, region, camera.view, p_root, outline.center_px, radius_m)
                 appearance = outline.angular_radius_rad, candidate.model, seen
                 target = tracker.image_tracker.start(camera.image, box, *appearance)
                 if candidate.is_part:  # a disc of known size, partly hidden
@@ -511,12 +512,12 @@ class Tracker:
         )
         return track._replace(cameras=(left, right), search_result=pair)
 
-    def _start_marker(self, cameras: CameraFrames, blobs: tuple[Outline, Outline], track: TrackState) -> TrackState:
-        """The track with the targets of a marker's blobs."""
+    def _start_from(self, cameras: CameraFrames, outlines: tuple[Outline, Outline], track: TrackState) -> TrackState:
+        """The track with the targets of a marker's blobs, or of outlines in given boxes."""
         targets = []
-        for tracker, camera, blob in zip(self._cameras, cameras, blobs, strict=True):
-            tracker.background.invalidate(camera.image, camera.view, blob.box_px)
-            targets.append(tracker.image_tracker.start(camera.image, blob.box_px, blob.angular_radius_rad))
+        for tracker, camera, outline in zip(self._cameras, cameras, outlines, strict=True):
+            tracker.background.invalidate(camera.image, camera.view, outline.box_px)
+            targets.append(tracker.image_tracker.start(camera.image, outline.box_px, outline.angular_radius_rad))
         pairs = zip(track.cameras, targets, strict=True)
         left, right = (camera_state._replace(target=target) for camera_state, target in pairs)
         return track._replace(cameras=(left, right))

@@ -28,6 +28,7 @@ _RESIDUAL_PX = 0.5  # median reprojection error; up to 0.07 px in rendered and i
 _SLOWEST = 1.0  # pairs a second, below which no motion is followed from one to the next
 _MOVED = 30.0  # change of a pixel between successive frames where something moves, grey levels of 255
 _MOVED_SHARE = 2e-4  # of such pixels in the image: a disc of 5 px in 320×240
+Successive = list[tuple[StereoFrame, StereoFrame]]
 _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
 
 
@@ -116,7 +117,7 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
             f"cameras that rest, or a recording with joints: the cameras move although declared fixed, by up to "
             f"{turn_deg[0]:.2g}° at {turn_deg[1]:.2g}°/s; only their rotation is compensated"
         )
-    elif (shift_px := _image_shift_px(recording)) > 0:
+    elif recording.robot is None and (shift_px := _image_shift_px(_successive_frames(recording))) > 0:
         yield (
             f"cameras that rest, or a recording with joints: the images shift by {shift_px:.1f} px a frame: "
             "do the cameras move?"
@@ -138,16 +139,17 @@ def _one_image(frames: Sequence[StereoFrame], half: Half) -> bool:
 def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:
     """Likely causes from the counts of the search, and from a change of the whole image."""
     in_both = counts.get("candidates_left", 0) and counts.get("candidates_right", 0)
-    if recording.robot is None and _change(recording) > _WHOLE_IMAGE:
+    successive = _successive_frames(recording)
+    if recording.robot is None and _change(successive) > _WHOLE_IMAGE:
         yield "cameras that rest, or a recording with joints: the whole image changes from frame to frame"
     elif not counts.get("frames"):
         yield "other images: every frame is dark, plain or the same as the one before"
     elif mode == "marker" and not in_both:
         yield "--mode generic: no blob of the marker's green is in both images"
     elif mode == "generic" and not counts.get("motion_left"):
-        if _image_shift_px(recording):
+        if recording.robot is None and _image_shift_px(successive):
             pass  # it was not searched, and the cameras' motion is a fault
-        elif _moved_share(recording) < _MOVED_SHARE:
+        elif _moved_share(successive) < _MOVED_SHARE:
             yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
         elif recording.fps >= _SLOWEST:
             yield "a larger object, nearer or of more contrast: what changes in the images is too little to be followed"
@@ -177,22 +179,20 @@ def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
     return {reason: count for reason, count in counts.items() if reason.startswith("rejected by ")}
 
 
-def _successive_frames(recording: Recording) -> list[tuple[StereoFrame, StereoFrame]]:
+def _successive_frames(recording: Recording) -> Successive:
     """A few frames, spread over the recording, each with the next one."""
     starts = np.unique(np.linspace(0, len(recording) - 2, _SAMPLED).astype(int))
     groups = [tuple(replace(recording, pairs=recording.pairs[k : k + 2])) for k in starts]
     return [(frames[0], frames[1]) for frames in groups if len(frames) == 2]
 
 
-def _image_shift_px(recording: Recording) -> float:
+def _image_shift_px(successive: Successive) -> float:
     """Second largest shift between successive left images of fixed cameras (phase correlation, Kuglin and Hines 1975).
 
-    0 for less than half a pixel, for shifts that do not explain the change of most pixels, and with joints.
+    0 for less than half a pixel, and for shifts that do not explain the change of most pixels.
     """
-    if recording.robot is not None:
-        return 0.0
     shifts_px = [0.0, 0.0]
-    for frames in _successive_frames(recording):
+    for frames in successive:
         first, second = (np.mean(frame.left, axis=2, dtype=np.float32) for frame in frames)
         window = cv2.createHanningWindow((first.shape[1], first.shape[0]), cv2.CV_32F)
         (x, y), _ = cv2.phaseCorrelate(window * first, window * second)  # its argument `window` modifies the images
@@ -202,17 +202,17 @@ def _image_shift_px(recording: Recording) -> float:
     return sorted(shifts_px)[-2]
 
 
-def _change(recording: Recording) -> float:
+def _change(successive: Successive) -> float:
     """Median change of the left image's pixels from a frame to the next, grey levels of 255."""
-    changes = [np.median(np.abs(b.left.astype(float) - a.left)) for a, b in _successive_frames(recording)]
+    changes = [np.median(np.abs(b.left.astype(float) - a.left)) for a, b in successive]
     return float(np.median(changes)) if changes else 0.0
 
 
-def _moved_share(recording: Recording) -> float:
+def _moved_share(successive: Successive) -> float:
     """Largest share of the pixels of either image that change from a frame to the next."""
     changes = [
         np.mean(np.abs(getattr(b, side).astype(np.int16) - getattr(a, side)).max(axis=2) > _MOVED)
-        for a, b in _successive_frames(recording)
+        for a, b in successive
         for side in ("left", "right")
     ]
     return float(max(changes, default=0.0))

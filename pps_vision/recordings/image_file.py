@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from io import BytesIO
@@ -110,19 +110,20 @@ def _pages(path: Path) -> int:
     """The number of images in a file; 1 where it is no stack of TIFF, or cannot be read."""
     if path.suffix.lower() not in _STACKS or not path.is_file():
         return 1
-    try:
-        with PIL.Image.open(path, formats=("TIFF",)) as image:
-            return int(getattr(image, "n_frames", 1))
-    except Exception:  # decoding will say why
-        return 1
+    return _stated(path, ("TIFF",), lambda image: getattr(image, "n_frames", 1))
 
 
 def orientation_of(path: Path) -> int:
     """The orientation (EXIF, 1 to 8) that an image file states; 1 where it states none."""
+    return _stated(path, _FORMATS, lambda image: image.getexif().get(_ORIENTATION, 1))
+
+
+def _stated(path: Path, formats: tuple[str, ...], read: Callable[[PIL.Image.Image], Any]) -> int:
+    """A number in an image's header; 1 where there is none, or it cannot be read."""
     try:
-        with PIL.Image.open(path, formats=_FORMATS) as image:
-            return int(image.getexif().get(_ORIENTATION, 1))
-    except Exception:  # decoding will say why
+        with PIL.Image.open(path, formats=formats) as image:
+            return int(read(image))
+    except Exception:  # each of PIL's parsers raises its own kinds, and decoding will say why
         return 1
 
 

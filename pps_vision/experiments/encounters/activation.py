@@ -11,6 +11,7 @@ from pps_vision.app.encounters.encounter import HARMLESS, Condition
 from pps_vision.app.encounters.suite import Rows, run_tasks
 from pps_vision.app.encounters.training import Trial, events_of, training_trials
 from pps_vision.app.simulation import Side
+from pps_vision.experiments.encounters.controllers import unfinished_folder
 from pps_vision.experiments.encounters.learning import RobotTask, encounter_of, mind, scene, side_of
 from pps_vision.experiments.study import interval, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
@@ -33,8 +34,6 @@ _GOALS = {"press": 95.0, "graze": 80.0, "harmless": 99.0}
 
 def run(study: Any) -> dict[str, Any]:
     """Return by error the shares of encounters and frames as the activation should be, and its calibration error."""
-    from pps_vision.experiments.encounters.controllers import unfinished_folder
-
     tasks = {
         f"robot {k}, {1000 * error_m:g} mm": RobotTask(k, error_m, study.seed, study.share)
         for k in range(-(-study.n_robots // 4))

@@ -22,6 +22,7 @@ from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, Trial, calibrate, learn_from, training_trials
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
+from pps_vision.experiments.encounters.controllers import unfinished_folder
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate
 
@@ -52,8 +53,6 @@ class RobotTask(NamedTuple):
 
 def run(study: Any) -> dict[str, Any]:
     """Return rates and paired differences by the robots' error, with 95 % over robots."""
-    from pps_vision.experiments.encounters.controllers import unfinished_folder
-
     tasks = {
         f"robot {k}, {1000 * error_m:g} mm": RobotTask(
             k, error_m, study.seed, study.share, CONTROLLERS[: None if k < study.n_robots / 5 else _OF_ALL_ROBOTS]
