@@ -417,7 +417,9 @@ def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Arra
 
 
 def nearest_taxels(arm: ArmInput) -> list[NearestPoint]:
-    """The taxel nearest to the object of each body part."""
+    """The taxel nearest to the object of each body part that has taxels."""
+    if not arm.skin.parts:
+        return []
     d = arm.track.position - arm.skin.at(arm.posture)[0]
     distances = np.linalg.norm(d, axis=1)
     near = []

@@ -46,7 +46,7 @@ def memory_of_12_cm(tmp_path: Path) -> Path:
     memory = PPSMemory.empty(icub_skin())
     distance_m = np.linspace(*memory.params.distance_range_m, memory.params.bins[0], endpoint=False)
     counts = np.zeros_like(memory.counts)
-    counts[:, (distance_m >= 0) & (distance_m < 0.12), :, 0] = 20
+    counts[:, (distance_m >= 0) & (distance_m < 0.12), ..., 0] = 20
     save_memory(tmp_path / "memory.npz", replace(memory, counts=counts))
     return tmp_path / "memory.npz"
 

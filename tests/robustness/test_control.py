@@ -70,6 +70,6 @@ def test_the_attack_finds_what_the_arm_and_the_last_stage_prevent(monkeypatch):
 
     monkeypatch.setattr(limits, "limit", only_stamped)
     monkeypatch.setattr(SelfCollision, "parting", lambda *_: (np.empty(0), np.empty((0, 7))))
-    faults = " ".join(attack(600, 1, 40).faults)
+    faults = " ".join(attack(1200, 3, 60).faults)
     for fault in ("joint limits left", "acceleration limit left", "self-collision distance"):
         assert fault in faults
