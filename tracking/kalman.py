@@ -43,10 +43,10 @@ class KalmanParams:
     """Prior standard deviation of velocity, acceleration and jerk, m/s, m/s², m/s³."""
     adaptation_rate: float = 0.2
     """Rate at which the process noise follows the innovations; 0 keeps it constant."""
-    gate_chi2: float = 14.0
-    """NIS (3 degrees of freedom) above which the motion may have jumped."""
-    jump_chi2: float = 26.0
-    """NIS for the inflated covariance of a jump above which a measurement is an outlier (1e-5 of a χ² distribution)."""
+    jump_probability: float = 0.01
+    """Prior probability that the motion has jumped since the last measurement; 0: it never does."""
+    gate_chi2: float = 26.0
+    """NIS above which a measurement is an outlier (1e-5 of a χ² distribution with 3 degrees of freedom)."""
     max_rejections: int = 3
     """Number of outliers in a row after which the filter restarts from the newest."""
     decay_s: tuple[float, float] = (0.4, 0.03)
@@ -55,12 +55,14 @@ class KalmanParams:
     def __post_init__(self) -> None:
         if self.order not in NOISE_DENSITY:
             raise InputError("Kalman filter", f"filter order {self.order}; expected 1, 2, 3 or 4")
-        if not (self.noise_density > 0 and self.gate_chi2 > 0 and self.jump_chi2 > 0 and self.max_rejections >= 1):
+        if not (self.noise_density > 0 and self.gate_chi2 > 0 and self.max_rejections >= 1):
             raise InputError(
                 "Kalman filter",
-                f"noise density {self.noise_density}, gate {self.gate_chi2}, gate of jumps {self.jump_chi2}, "
-                f"rejections {self.max_rejections}: expected positive numbers",
+                f"noise density {self.noise_density}, gate {self.gate_chi2}, rejections {self.max_rejections}: "
+                "expected positive numbers",
             )
+        if not 0 <= self.jump_probability < 1:
+            raise InputError("Kalman filter", f"probability of a jump {self.jump_probability}; expected 0 to 1")
         if not min(self.decay_s) > 0:
             raise InputError(
                 "Kalman filter", f"acceleration and jerk decay within {self.decay_s} s; expected more than 0"
@@ -174,8 +176,8 @@ def update(
 ) -> Belief:
     """Return the belief after a measurement at its stamp.
 
-    A measurement outside the gate is first taken for a jump of the motion (`_inflated`).  If it does not fit that
-    either, it is an outlier: the state stays, and after `max_rejections` of them the filter restarts.
+    A measurement outside the gate is an outlier: the state stays, and after `max_rejections` of them the filter
+    restarts.
 
     Args:
         position: (3,) m.
@@ -193,15 +195,19 @@ def update(
 def gate(
     params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None = None
 ) -> GatedMeasurement | None:
-    """Gate a measurement by its NIS, first for the belief, then for the inflated belief.
+    """Gate a measurement by its NIS, for the belief or, if that is more probable, for one whose motion has jumped.
 
     Arguments as for `update`; None for an outlier.
     """
     gated = _compared(params, belief, position, cov, correlated)
-    if gated.nis <= params.gate_chi2:
-        return gated
-    gated = _compared(params, _inflated(params, belief), position, cov, correlated)
-    return gated if gated.nis <= params.jump_chi2 else None
+    p = params.jump_probability
+    log_odds = math.log(p / (1 - p)) if p > 0 else -math.inf
+    if gated.nis > -2 * log_odds:  # else no jump is more probable
+        jumped = _compared(params, _inflated(params, belief), position, cov, correlated)
+        information_ratio = np.linalg.det(jumped.information) / np.linalg.det(gated.information)
+        if gated.nis - jumped.nis + math.log(information_ratio) > -2 * log_odds:
+            gated = jumped
+    return gated if gated.nis <= params.gate_chi2 else None
 
 
 def correct(params: KalmanParams, gated: GatedMeasurement) -> Belief:

@@ -17,7 +17,7 @@ from tracking.kalman import Belief, KalmanParams, discretise, predict, scaled, s
 
 # Tests against an exact model set `adaptation_rate=0`: the model's process noise is known there and constant, while a
 # filter that follows its innovations is by design another one than theirs.
-EXACT = {"adaptation_rate": 0, "gate_chi2": 1e9}
+EXACT = {"adaptation_rate": 0, "jump_probability": 0, "gate_chi2": 1e9}
 
 
 def _close(result: Belief, x: np.ndarray, P: np.ndarray, tolerance: float) -> None:
@@ -161,10 +161,10 @@ def _moving(params: KalmanParams, k: int, R: np.ndarray) -> Belief:
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("missed", [0, 3])
-def test_gates_are_at_their_mahalanobis_distances(order, missed):
-    """Just inside and just outside each gate: an update, a change of motion (with the prior spread and a reversal at
-    any time since the last update, and noise_scale as at the start), an outlier."""
-    params = replace(KalmanParams.of_order(order), gate_chi2=9.0, jump_chi2=16.0)
+def test_a_jump_is_taken_where_it_is_more_probable_and_an_outlier_beyond_the_gate(order, missed):
+    """Just inside and just outside each border: an update, a change of motion (with the prior spread and a reversal at
+    any time since the last update, and noise_scale as at the start), an outlier.  Order 1 has no motion to change."""
+    params = replace(KalmanParams.of_order(order), gate_chi2=60.0)
     R = np.diag([1e-6, 2e-6, 3e-6])
     correlated = 0.5 * R
     initial = _moving(params, 12, 0.5 * R)
@@ -184,11 +184,16 @@ def test_gates_are_at_their_mahalanobis_distances(order, missed):
         S = P[:3, :3] + 0.5 * R
         return x[:3] + away * math.sqrt(chi / (away @ np.linalg.solve(S, away)))
 
-    changed = ahead.cov if order == 1 else loose  # of order 1 there is nothing but the position to loosen
+    S, S_jumped = (P[:3, :3] + 0.5 * R for P in (ahead.cov, loose))
+    share = (away @ np.linalg.solve(S_jumped, away)) / (away @ np.linalg.solve(S, away))
+    log_ratio = np.linalg.slogdet(S_jumped)[1] - np.linalg.slogdet(S)[1]
+    border = math.inf if order == 1 else (2 * math.log(0.99 / 0.01) + log_ratio) / (1 - share)
+    assert order == 1 or border < 59  # else the borders could not be told apart
+    last = ahead.cov if order == 1 else loose
     for z, P, noise_scale in (
-        (at(8.99, ahead.cov), ahead.cov, ahead.noise_scale),
-        (at(9.01, ahead.cov), changed, 1.0),
-        (at(15.99, loose), changed, 1.0),
+        (at(min(0.98 * border, 59.9), ahead.cov), ahead.cov, ahead.noise_scale),
+        *([(at(1.02 * border, ahead.cov), loose, 1.0)] if order > 1 else []),
+        (at(59.9, last), last, 1.0 if order > 1 else ahead.noise_scale),
     ):
         after = update(params, ahead, z, R, correlated)
         mean, cov, nis = corrected(x, P, z, 0.5 * R)
@@ -199,7 +204,7 @@ def test_gates_are_at_their_mahalanobis_distances(order, missed):
         )
         assert (after.updated_s, after.stamp_s) == (ahead.stamp_s, ahead.stamp_s)
         np.testing.assert_allclose(after.correlated_cov, 0.5 * R)
-    outside = update(params, ahead, at(16.01, loose), R, correlated)
+    outside = update(params, ahead, at(60.1, last), R, correlated)
     assert outside.rejections == 1
     _close(outside, x, ahead.cov, 1e-12)
     assert (outside.updated_s, outside.noise_scale) == (initial.updated_s, ahead.noise_scale)
@@ -259,7 +264,7 @@ def test_twice_as_far_off_all_lengths_are_twice_as_large():
         ("order", (0, 5), (1, 4)),
         ("noise_density", (0.0, -1.0, math.nan), (1e-9,)),
         ("gate_chi2", (0.0, math.nan), (0.5,)),
-        ("jump_chi2", (0.0, math.nan), (0.5,)),
+        ("jump_probability", (-0.01, 1.0, math.nan), (0.0, 0.5)),
         ("max_rejections", (0,), (1,)),
         ("decay_s", ((0.0, 0.1), (0.1, 0.0)), ((0.5, 0.01), (math.inf, math.inf))),
         ("adaptation_rate", (-0.01, 1.01), (0.0, 1.0)),

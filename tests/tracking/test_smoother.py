@@ -65,7 +65,7 @@ def test_it_is_least_squares_over_the_whole_path(order, jump, shift, rng):
     from the fifth measurement on a point 2 cm aside is measured."""
     params = replace(KalmanParams.of_order(order), adaptation_rate=0)
     if jump is None:
-        params = replace(params, gate_chi2=1e9)
+        params = replace(params, jump_probability=0, gate_chi2=1e9)
         stamps = np.cumsum(rng.uniform(0.03, 0.08, 15)).round(6)
         z = 0.05 * np.sin(3 * stamps)[:, None] + rng.standard_normal((15, 3)) * np.sqrt(np.diag(R))
         z[6:9] = np.nan
