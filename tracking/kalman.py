@@ -44,7 +44,7 @@ class KalmanParams:
     adaptation_rate: float = 0.2
     """Rate at which the process noise follows the innovations; 0 keeps it constant."""
     jump_probability: float = 0.01
-    """Prior probability that the motion has jumped since the last measurement; 0: it never does."""
+    """Prior probability that the motion has turned, or jumped, since the last measurement; 0: it never does."""
     gate_chi2: float = 26.0
     """NIS above which a measurement is an outlier (1e-5 of a χ² distribution with 3 degrees of freedom)."""
     max_rejections: int = 3
@@ -195,18 +195,19 @@ def update(
 def gate(
     params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None = None
 ) -> GatedMeasurement | None:
-    """Gate a measurement by its NIS, for the belief or, if that is more probable, for one whose motion has jumped.
+    """Gate a measurement by its NIS, for the belief or, if that is more probable, for one whose motion has turned
+    or jumped.
 
     Arguments as for `update`; None for an outlier.
     """
     gated = _compared(params, belief, position, cov, correlated)
     p = params.jump_probability
-    log_odds = math.log(p / (1 - p)) if p > 0 else -math.inf
-    if gated.nis > -2 * log_odds:  # else no jump is more probable
-        jumped = _compared(params, _inflated(params, belief), position, cov, correlated)
-        information_ratio = np.linalg.det(jumped.information) / np.linalg.det(gated.information)
-        if gated.nis - jumped.nis + math.log(information_ratio) > -2 * log_odds:
-            gated = jumped
+    surprise = 2 * math.log((1 - p) / p) if p > 0 else math.inf
+    if gated.nis > surprise:  # else neither change is more probable
+        changes = (
+            _compared(params, changed(params, belief), position, cov, correlated) for changed in (_turning, _inflated)
+        )
+        gated = min((gated, 0.0), *((change, surprise) for change in changes), key=_cost)[0]
     return gated if gated.nis <= params.gate_chi2 else None
 
 
@@ -255,6 +256,20 @@ def _compared(
     R = _white(belief.noise_scale, cov, correlated)
     innovation, information, nis = _innovation(belief.mean, belief.cov, position, R)
     return GatedMeasurement(belief, innovation, information, nis, cov - R)
+
+
+def _cost(hypothesis: tuple[GatedMeasurement, float]) -> float:
+    """−2 log of a hypothesis's probability, up to a constant: measurement and prior cost."""
+    gated, prior_cost = hypothesis
+    return gated.nis - math.log(np.linalg.det(gated.information)) + prior_cost
+
+
+def _turning(params: KalmanParams, belief: Belief) -> Belief:
+    """Return the belief if the motion has been as unsteady as it can be since the last update."""
+    age_s = belief.stamp_s - belief.updated_s
+    Q = discretise(params.order, age_s, params.decay_s)[1]
+    added = (_NOISE_SCALE_RANGE[1] - belief.noise_scale) * params.noise_density * np.kron(Q, np.eye(3))
+    return belief._replace(cov=belief.cov + added, noise_scale=max(belief.noise_scale, 1.0))
 
 
 def _inflated(params: KalmanParams, belief: Belief) -> Belief:

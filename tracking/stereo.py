@@ -329,6 +329,19 @@ def with_pose_error(
     )
 
 
+def with_velocity_error(
+    observation: Observation3D, view: StereoView, late_s: tuple[float, float], velocity_cov: Array
+) -> Observation3D:
+    """Return the observation of a moving object with the error of its velocity, if its outlines were seen `late_s`
+    (left, right) after the observation's stamp and moved there by its predicted velocity, which has a covariance
+    (3, 3) m²/s²."""
+    J_left, J_right = (eye.project_jacobian(observation.p_root) for eye in (view.left, view.right))
+    J = np.concatenate([J_left, J_right])
+    moved = np.concatenate([late_s[0] * J_left, late_s[1] * J_right])
+    D = np.linalg.solve(J.T @ J, J.T @ moved)  # ∂position / ∂velocity
+    return replace(observation, cov_root=observation.cov_root + D @ velocity_cov @ D.T)
+
+
 def apparent_velocity(previous: StereoView, view: StereoView, p_root: Array, dt_s: float) -> Array:
     """(3,) m/s in the root frame of a point that rests in both images, now at `p_root` (3,), while the head turns and
     the eyes converge from the previous view to this one."""

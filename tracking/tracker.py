@@ -35,6 +35,7 @@ from tracking.stereo import (
     camera_frames,
     outline_shift_var,
     with_pose_error,
+    with_velocity_error,
 )
 
 Appearance = MarkerParams | ColorModel
@@ -556,13 +557,14 @@ class Tracker:
         left, right = detections
         if left is None or right is None:
             return state, None
-        shift, view, stamp_s, cameras = None, scene.view, scene.stamp_s, scene.cameras
-        if predicted is not None and len(predicted.mean) > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
+        shift, view, stamp_s = None, scene.view, scene.stamp_s
+        late_left_s, late_right_s = (camera.stamp_s - stamp_s for camera in scene.cameras)
+        if predicted is not None and len(predicted.mean) > 1 and late_left_s != late_right_s:
             p, v = predicted.mean[0], predicted.mean[1]
-            shift_left, shift_right = (
-                camera.view.project_jacobian(p) @ v * (stamp_s - camera.stamp_s) for camera in cameras
+            shift = (
+                -late_left_s * (view.left.project_jacobian(p) @ v),
+                -late_right_s * (view.right.project_jacobian(p) @ v),
             )
-            shift = shift_left, shift_right
         observation = state.association.observe(view, left.outline, right.outline, stamp_s, shift)
         if observation is None:
             return state, None
@@ -570,6 +572,9 @@ class Tracker:
             learned = state.association.learned(view, observation, left.outline, right.outline)
             state = state._replace(association=learned)
             observation = learned.observe(view, left.outline, right.outline, stamp_s, shift) or observation
+            if shift is not None:
+                late_s, velocity_cov = (late_left_s, late_right_s), predicted.cov[3:6, 3:6]
+                observation = with_velocity_error(observation, view, late_s, velocity_cov)
         if located is not None:
             observation = replace(
                 observation, p_root=located.measured, cov_root=observation.cov_root + located.measured_cov

@@ -257,7 +257,8 @@ def test_eyes_that_look_one_after_the_other(world, tracker, rng):
         steps.append(tracker.step(pair))
     off = off_m(world, steps)
     assert len(off) > 9
-    assert rms(off) < 0.0008
+    assert max(off) < 0.003  # the first velocities are uncertain
+    assert rms(off[6:]) < 0.0003
 
 
 def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world, tracker, rng):
