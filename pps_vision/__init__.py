@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pps_vision.app.pipeline import Pipeline as Pipeline
     from pps_vision.app.render import render as render
     from pps_vision.app.track import track as track
+    from pps_vision.app.triangulate import triangulate as triangulate
     from pps_vision.errors import InputError as InputError
     from pps_vision.recordings.open import open_recording as open_recording
     from tracking.tracker import Tracker as Tracker
@@ -33,6 +34,7 @@ _MODULES = {
     "open_recording": "pps_vision.recordings.open",
     "render": "pps_vision.app.render",
     "track": "pps_vision.app.track",
+    "triangulate": "pps_vision.app.triangulate",
 }
 __all__ = sorted([*_MODULES, "__version__"])
 

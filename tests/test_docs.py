@@ -85,6 +85,13 @@ def test_own_camera(workdir):
         assert np.median(errors_mm(workdir / name / "trajectory.csv")) < 10
 
 
+def test_points_of_another_detector(workdir, capsys):
+    run("docs/howto/points.md")
+    assert "40 pairs, noise 0.0" in capsys.readouterr().out
+    assert errors_mm(workdir / "points" / "trajectory.csv").max() < 0.1
+    assert (workdir / "points" / "report.html").is_file()
+
+
 @pytest.mark.long
 def test_a_calibration_by_hand(workdir, capsys):
     run("docs/howto/calibration.md")

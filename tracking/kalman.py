@@ -200,12 +200,12 @@ def gate(
 
     Arguments as for `update`; None for an outlier.
     """
-    gated = _compared(params, belief, position, cov, correlated)
+    gated = compared(params, belief, position, cov, correlated)
     p = params.jump_probability
     surprise = 2 * math.log((1 - p) / p) if p > 0 else math.inf
     if gated.nis > surprise:  # else neither change is more probable
         changes = (
-            _compared(params, changed(params, belief), position, cov, correlated) for changed in (_turning, _inflated)
+            compared(params, changed(params, belief), position, cov, correlated) for changed in (_turning, inflated)
         )
         gated = min((gated, 0.0), *((change, surprise) for change in changes), key=_cost)[0]
     return gated if gated.nis <= params.gate_chi2 else None
@@ -250,9 +250,10 @@ def _white(noise_scale: float, cov: Array, correlated: Array | None) -> Array:
     return white
 
 
-def _compared(
+def compared(
     params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None
 ) -> GatedMeasurement:
+    """Return the measurement with its NIS for the belief, inside the gate or not; arguments as for `update`."""
     R = _white(belief.noise_scale, cov, correlated)
     innovation, information, nis = _innovation(belief.mean, belief.cov, position, R)
     return GatedMeasurement(belief, innovation, information, nis, cov - R)
@@ -272,7 +273,7 @@ def _turning(params: KalmanParams, belief: Belief) -> Belief:
     return belief._replace(cov=belief.cov + added, noise_scale=max(belief.noise_scale, 1.0))
 
 
-def _inflated(params: KalmanParams, belief: Belief) -> Belief:
+def inflated(params: KalmanParams, belief: Belief) -> Belief:
     """Return the belief if the motion jumped at any time t since the last update: P + mean of F(t) D F(t)ᵀ.
 
     D is the prior covariance of the derivatives, plus a reversal of the velocity, (2v)².  The mean is Simpson's rule,

@@ -650,7 +650,7 @@ class Tracker:
         status = Status.COASTING if observation is None else Status.TRACKING
         ahead = belief.mean[0] - scene.view.midpoint
         angles = scene.poses.rotation_std_rad, self.params.aspect_rad
-        mean, cov = _full_state(belief.mean, belief.cov, belief.correlated_cov, ahead, *angles)
+        mean, cov = full_state(belief.mean, belief.cov, belief.correlated_cov, ahead, *angles)
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status, track_id)
 
     def _learn_backgrounds(
@@ -737,7 +737,7 @@ def _with_radius(state: TrackState, observation: Observation3D) -> TrackState:
 
 
 @njit(cache=True, error_model="numpy")
-def _full_state(
+def full_state(
     mean: Array, cov: Array, correlated: Array, ahead: Array, error_rad: float, aspect_rad: float
 ) -> tuple[Array, Array]:
     """State (4, 3), zero where the filter does not model a derivative, and its covariance (12, 12).

@@ -32,6 +32,29 @@ class Size(TypedDict):
     high_95_m: float
 
 
+class Reprojection(TypedDict):
+    """Points of one camera beside those that the filter predicts from the past: number of pairs, median distance, mean
+    NIS and the share outside the 95 % ellipse, each with its expected value."""
+
+    pairs: int
+    median_px: float | None
+    nis: float | None
+    nis_expected: float
+    outside_95: float | None
+    outside_95_expected: float
+
+
+class PointNoise(TypedDict):
+    """Standard deviation of image points, px (a factor where their covariance is stated), of each group by its largest
+    likelihood (of the last: any, or none), and how much of the variance successive images share."""
+
+    likelihood_up_to: list[float]
+    std: list[float]
+    correlated_share: float
+    inside_gate: int  # pairs inside the epipolar gate
+    pairs: int
+
+
 class TrackNumbers(TypedDict):
     """Results of one track: the number of its frames by status and of those in which it was attended."""
 
@@ -44,6 +67,9 @@ class TrackNumbers(TypedDict):
     object: NotRequired[Size]
     residual_px: float | None
     errors: NotRequired[Mapping[str, float | None]]
+    name: NotRequired[str]
+    outliers: NotRequired[int]
+    reprojection: NotRequired[dict[str, Reprojection]]  # of the left and the right camera
 
 
 class SearchSummary(TypedDict):
@@ -75,6 +101,7 @@ class TrackSummary(TypedDict):
     errors: NotRequired[Mapping[str, float | None]]
     objects: NotRequired[int]  # largest number at a time
     tracks: NotRequired[list[TrackNumbers]]  # the longest attended first
+    points: NotRequired[PointNoise]
     smoothed: NotRequired[bool]
     joints: NotRequired[str | None]
     map: NotRequired[str | None]

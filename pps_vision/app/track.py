@@ -141,7 +141,7 @@ class TrackedRecording:
 
     def arrays(self, smooth: bool = False) -> TrackArrays:
         """Track the recording and return the path of the attended object as arrays; `smooth` as in `path`."""
-        return _arrays(step.track for step in self.path(self, smooth))
+        return track_arrays(step.track for step in self.path(self, smooth))
 
     def arrays_by_track(self, smooth: bool = False) -> dict[int, TrackArrays]:
         """Track the recording and return the path of each object that was known, by `track_id`; `smooth` as in
@@ -149,7 +149,7 @@ class TrackedRecording:
         steps = list(self.path(self, smooth))
         known = [{track.track_id: track for track in step.tracks if track.is_known} for step in steps]
         return {
-            track_id: _arrays(
+            track_id: track_arrays(
                 row.get(track_id, Track3D.unknown(step.track.stamp_s)) for row, step in zip(known, steps, strict=True)
             )
             for track_id in sorted({track_id for row in known for track_id in row})
@@ -161,8 +161,8 @@ def _tracked_pair(images: tuple[Path, Path], step: TrackerStep, others: tuple[Tr
     return TrackedPair(images, step.track, step.detections, residual_px, others)
 
 
-def _arrays(tracks: Iterable[Track3D]) -> TrackArrays:
-    """One track of each pair as arrays."""
+def track_arrays(tracks: Iterable[Track3D]) -> TrackArrays:
+    """Return one track of each pair as arrays."""
     rows = []
     covs = []
     status = []

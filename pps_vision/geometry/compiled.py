@@ -164,6 +164,26 @@ def triangulated(left: Sighting, right: Sighting) -> tuple[bool, Vector, Symmetr
 
 
 @njit(cache=True, error_model="numpy")
+def triangulated_points(
+    p: Pose, left: Lens, q: Pose, right: Lens, pixels: Array, covs: Array
+) -> tuple[Array, Array, Array]:
+    """`triangulated` for pixels (n, 4) u, v of both cameras with covariances (n, 6) uu, uv, vv of both: points (n, 3),
+    covariances (n, 3, 3) and RMS reprojection errors (n,) px, NaN where the rays do not meet."""
+    n = len(pixels)
+    points, cov, residuals = np.full((n, 3), math.nan), np.full((n, 3, 3), math.nan), np.full(n, math.nan)
+    for k in range(n):
+        (u, v, s, t), (a, b, c, d, e, f) = pixels[k], covs[k]
+        meet, at, (xx, xy, xz, yy, yz, zz), moved2, _ = triangulated(
+            (p, left, u, v, a, b, c), (q, right, s, t, d, e, f)
+        )
+        if meet:
+            points[k] = at
+            cov[k] = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+            residuals[k] = 0.5 * math.sqrt(moved2)
+    return points, cov, residuals
+
+
+@njit(cache=True, error_model="numpy")
 def _undistorted(eye: Sighting) -> Point:
     """Approximate normalised point of the pixel, by fixed-point iteration."""
     lens = eye[1]

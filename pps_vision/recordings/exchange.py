@@ -8,11 +8,12 @@
 | coco | coco.json | images, boxes with score, frame and `track_id`; pixels count from 0 |
 | ros2 | trajectory_ros2/ (MCAP) | geometry_msgs/PoseWithCovarianceStamped of every known position on /object |
 
-Positions are those of the attended object, boxes those of all objects.
+Positions are those of the attended object, boxes those of all objects.  Of several named points all positions are
+written: in columns of their names in Anipose's table, in trajectory_1.tum, … and on /object_1, …, in their order.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -30,8 +31,8 @@ from pps_vision.recordings.tables import Box, open_table
 from pps_vision.types import Array, Detection2D, Track3D
 
 _POINT = "object"  # name of the object in Anipose's columns and COCO's category
-_ANIPOSE = (
-    *(f"{_POINT}_{name}" for name in ("x", "y", "z", "error", "ncams", "score")),
+_ANIPOSE_POINT = ("x", "y", "z", "error", "ncams", "score")
+_ANIPOSE_FRAME = (
     *(f"M_{row}{column}" for row in range(3) for column in range(3)),
     *("center_0", "center_1", "center_2", "fnum"),
 )
@@ -71,11 +72,15 @@ _Add = Callable[[TrackedPair, int], object]
 
 
 @contextmanager
-def open_forms(folder: Path, forms: Iterable[Form], size: tuple[int, int]) -> Iterator[Callable[[TrackedPair], None]]:
-    """A function that adds the next pair to the files of these forms in a folder; `size` is width and height."""
+def open_forms(
+    folder: Path, forms: Iterable[Form], size: tuple[int, int], names: Sequence[str] = (_POINT,)
+) -> Iterator[Callable[[TrackedPair], None]]:
+    """A function that adds the next pair to the files of these forms in a folder.
+
+    `size` is width and height; of several `names`, the objects of each pair are those points."""
     frames = count(1)
     with ExitStack() as stack:
-        adds: list[_Add] = [stack.enter_context(_WRITERS[form](folder, size)) for form in dict.fromkeys(forms)]
+        adds: list[_Add] = [stack.enter_context(_WRITERS[form](folder, size, names)) for form in dict.fromkeys(forms)]
 
         def add(pair: TrackedPair) -> None:
             frame = next(frames)
@@ -86,11 +91,24 @@ def open_forms(folder: Path, forms: Iterable[Form], size: tuple[int, int]) -> It
 
 
 @contextmanager
-def _tum(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
+def _tum(folder: Path, _: tuple[int, int], names: Sequence[str]) -> Iterator[_Add]:
     """TUM's form, "stamp x y z qx qy qz qw", of the known positions; a tracked point has no rotation."""
-    with (folder / "trajectory.tum").open("w") as stream:
-        stream.write(_TUM_HEADER)
-        yield lambda pair, _: pair.track.is_known and stream.write(_tum_row(pair.track.stamp_s, pair.track.position))
+    with ExitStack() as stack:
+        streams = [stack.enter_context((folder / f"trajectory{end}.tum").open("w")) for end in _endings(names)]
+        for stream in streams:
+            stream.write(_TUM_HEADER)
+
+        def add(pair: TrackedPair, _: int) -> None:
+            for stream, item in zip(streams, pair.objects, strict=False):
+                if item.track.is_known:
+                    stream.write(_tum_row(item.track.stamp_s, item.track.position))
+
+        yield add
+
+
+def _endings(names: Sequence[str]) -> list[str]:
+    """Endings of the names of files for these points."""
+    return [f"_{k}" for k in range(1, len(names) + 1)] if len(names) > 1 else [""]
 
 
 def write_tum_rows(file: Path, stamps_s: Iterable[float], positions: Iterable[Array]) -> None:
@@ -103,21 +121,24 @@ def _tum_row(stamp_s: float, position: Array) -> str:
 
 
 @contextmanager
-def _anipose(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
-    """The table that Anipose's triangulation makes, with one point "object"; score is that of the worse image."""
-    with open_table(folder / "trajectory_anipose.csv", _ANIPOSE) as write:
+def _anipose(folder: Path, _: tuple[int, int], names: Sequence[str]) -> Iterator[_Add]:
+    """The table that Anipose's triangulation makes; score is that of the worse image."""
+    columns = [f"{name}_{column}" for name in names for column in _ANIPOSE_POINT]
+    with open_table(folder / "trajectory_anipose.csv", (*columns, *_ANIPOSE_FRAME)) as write:
 
         def add(pair: TrackedPair, frame: int) -> None:
-            detections = pair.detections if pair.track.is_known else ()
-            score = min((float(detection.score) for detection in detections), default=0.0)
-            row = (*pair.track.position, pair.residual_px, len(detections), score)
+            row: list[object] = []
+            for item in pair.objects[: len(names)]:
+                detections = item.detections if item.track.is_known else ()
+                score = min((float(detection.score) for detection in detections), default=0.0)
+                row += (*item.track.position, item.residual_px, len(detections), score)
             write((*row, *np.eye(3).ravel(), *np.zeros(3), frame - 1))  # no rotation, no offset
 
         yield add
 
 
 @contextmanager
-def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
+def _ros2(folder: Path, _: tuple[int, int], names: Sequence[str]) -> Iterator[_Add]:
     """A ROS 2 bag of the known positions, in the frame "root"; a tracked point has no rotation, whose variance is
     -1.  InputError without the extra `ros`."""
     bag_folder = folder / "trajectory_ros2"
@@ -130,25 +151,27 @@ def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
     kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
     make: Any = {name.rsplit("/", 1)[-1]: message for name, message in store.types.items()}
     with Writer(bag_folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        connection = bag.add_connection(f"/{_POINT}", kind, typestore=store)
+        connections = [bag.add_connection(f"/{_POINT}{end}", kind, typestore=store) for end in _endings(names)]
 
         def add(pair: TrackedPair, _: int) -> None:
-            if not pair.track.is_known:
-                return
-            nanoseconds = round(1e9 * pair.track.stamp_s)
-            header = make["Header"](make["Time"](nanoseconds // 10**9, nanoseconds % 10**9), "root")
-            point = make["Point"](*pair.track.position.tolist())
-            pose = make["Pose"](point, make["Quaternion"](0.0, 0.0, 0.0, 1.0))
-            cov = np.diag([0.0, 0, 0, -1, -1, -1])
-            cov[:3, :3] = pair.track.cov[:3, :3]
-            message = make["PoseWithCovarianceStamped"](header, make["PoseWithCovariance"](pose, cov.ravel()))
-            bag.write(connection, nanoseconds, store.serialize_cdr(message, kind))
+            for connection, item in zip(connections, pair.objects, strict=False):
+                track = item.track
+                if not track.is_known:
+                    continue
+                nanoseconds = round(1e9 * track.stamp_s)
+                header = make["Header"](make["Time"](nanoseconds // 10**9, nanoseconds % 10**9), "root")
+                point = make["Point"](*track.position.tolist())
+                pose = make["Pose"](point, make["Quaternion"](0.0, 0.0, 0.0, 1.0))
+                cov = np.diag([0.0, 0, 0, -1, -1, -1])
+                cov[:3, :3] = track.cov[:3, :3]
+                message = make["PoseWithCovarianceStamped"](header, make["PoseWithCovariance"](pose, cov.ravel()))
+                bag.write(connection, nanoseconds, store.serialize_cdr(message, kind))
 
         yield add
 
 
 @contextmanager
-def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
+def _mot(folder: Path, _: tuple[int, int], names: Sequence[str]) -> Iterator[_Add]:
     with ExitStack() as stack:
         files = {camera: stack.enter_context((folder / f"mot_{camera}.txt").open("w")) for camera in _CAMERAS}
 
@@ -160,7 +183,7 @@ def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
 
 
 @contextmanager
-def _coco(folder: Path, size: tuple[int, int]) -> Iterator[_Add]:
+def _coco(folder: Path, size: tuple[int, int], names: Sequence[str]) -> Iterator[_Add]:
     with open_coco(folder / "coco.json", size) as add_image:
 
         def add(pair: TrackedPair, frame: int) -> None:
@@ -180,7 +203,7 @@ def _boxes(pair: TrackedPair, frame: int, camera: str) -> list[SeenBox]:
     ]
 
 
-_WRITERS: Mapping[Form, Callable[[Path, tuple[int, int]], AbstractContextManager[_Add]]]
+_WRITERS: Mapping[Form, Callable[[Path, tuple[int, int], Sequence[str]], AbstractContextManager[_Add]]]
 _WRITERS = {"tum": _tum, "anipose": _anipose, "mot": _mot, "coco": _coco, "ros2": _ros2}
 
 

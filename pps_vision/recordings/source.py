@@ -62,7 +62,18 @@ class SourceOptions(CalibrationOptions, _Files):
     """X Y W H: look at this part of both images only, top-left corner and size, pixels; the rest is taken as grey."""
 
 
-class Options(TypedDict, total=False):
+class CalibrationArguments(TypedDict, total=False):
+    """The fields of `CalibrationOptions` as a caller may give them."""
+
+    unit_m: float
+    cameras: tuple[str, str] | None
+    lens: Lens | None
+    crop: tuple[int, int] | None
+    scaled: bool
+    rectified: bool
+
+
+class Options(CalibrationArguments, total=False):
     """The fields of `Source` as a caller may give them."""
 
     left: Names
@@ -71,12 +82,6 @@ class Options(TypedDict, total=False):
     times: Names
     times_unit: TimeUnit | None
     fps: float | None
-    unit_m: float
-    cameras: tuple[str, str] | None
-    lens: Lens | None
-    crop: tuple[int, int] | None
-    scaled: bool
-    rectified: bool
     joints: Path | str | None
     max_skew_s: float
     layout: Layout

@@ -26,7 +26,7 @@ _DEFAULT = CalibrationOptions()
 
 def read_stereo_calibration(
     paths: Sequence[Path],
-    image_size: tuple[int, int],
+    image_size: tuple[int, int] | None,
     options: CalibrationOptions = _DEFAULT,
     images: tuple[Sequence[str], Sequence[str]] = ((), ()),
     right_size: tuple[int, int] | None = None,
@@ -37,7 +37,7 @@ def read_stereo_calibration(
 
     Args:
         paths: The files of the calibration.
-        image_size: Width and height of the images.
+        image_size: Width and height of the images; None: as the calibration states.
         options: What the calibration does not say.
         images: Paths of the left and the right images, which may hold the names of two of the cameras.
         right_size: Width and height of the right images, where they are of another size.
@@ -59,7 +59,7 @@ def read_stereo_calibration(
 
 def cameras_of(
     cameras: Sequence[CalibratedCamera],
-    image_size: tuple[int, int],
+    image_size: tuple[int, int] | None,
     options: CalibrationOptions = _DEFAULT,
     images: tuple[Sequence[str], Sequence[str]] = ((), ()),
     right_size: tuple[int, int] | None = None,
@@ -67,6 +67,8 @@ def cameras_of(
     """The same of cameras that have been read."""
     if not 0 < options.unit_m < float("inf"):
         raise InputError("calibration", f"unit_m {options.unit_m}; expected the positive length of the unit in metres")
+    if image_size is None:
+        image_size, right_size = (_own_size(camera, options) for camera in _pair(cameras, options.cameras, images))
     sizes = image_size, right_size or image_size
     sized = [camera for camera in cameras if camera.size in sizes]
     chosen = sized if len(sized) == 2 and options.cameras is None else cameras
@@ -83,6 +85,14 @@ def cameras_of(
     if not 1e-5 <= baseline_m <= 1e4:  # products of larger or smaller numbers leave the range of doubles
         raise InputError(file, f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
     return left, right, T_left_right
+
+
+def _own_size(camera: CalibratedCamera, options: CalibrationOptions) -> tuple[int, int]:
+    """The size of the images that a camera was calibrated with; InputError where it is not stated."""
+    own = camera.rectified if options.rectified and camera.rectified else camera
+    if own.size is None:
+        raise InputError(camera.file, "does not state the size of the images; expected --size WIDTH HEIGHT")
+    return round(own.size[0]), round(own.size[1])
 
 
 def _form(document: Document, modules: Sequence[ModuleType]) -> ModuleType:

@@ -20,7 +20,7 @@ NAMES = {"InputError", "Pipeline", "ReachableMap", "Tracker", "__version__", "le
 
 
 def test_the_names_are_there():
-    assert set(dir(pv)) == NAMES | {"track"}
+    assert set(dir(pv)) == NAMES | {"track", "triangulate"}
     assert all(getattr(pv, name) is not None for name in dir(pv))
     assert issubclass(pv.InputError, ValueError)
     with pytest.raises(AttributeError, match="no attribute 'tracks'"):

@@ -57,6 +57,10 @@ def write_laboratory(folder: Path) -> None:
         film(folder / f"{name}.mp4", images)
     for name in "ab":
         film(folder / f"recs/{name}.mp4", side_by_side[:20])
+    for side, name in enumerate(("left", "right")):
+        points = [f"{k},{','.join(map(str, place(side, at)))},0.97" for k, at in enumerate(PATH)]
+        head = "scorer,net,net,net\nbodyparts,ball,ball,ball\ncoords,x,y,likelihood\n"
+        (folder / f"{name}_points.csv").write_text(head + "\n".join(points) + "\n")
     rows = [(*(c - 29 for c in place(0, at)), 60, 60) for at in PATH]  # pixels count from 1, as in OTB
     np.savetxt(folder / "true_boxes.txt", rows, delimiter=",")
     store(folder / "calibration.yml", K1=K[0], K2=K[1], R=R, T=T)

@@ -14,7 +14,19 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from pps_vision.errors import InputError
 
 COMMANDS = (
-    *("render", "info", "calibrate", "track", "track2d", "batch", "evaluate", "truth", "learn", "joints"),
+    *(
+        "render",
+        "info",
+        "calibrate",
+        "track",
+        "triangulate",
+        "track2d",
+        "batch",
+        "evaluate",
+        "truth",
+        "learn",
+        "joints",
+    ),
     *("report", "show", "convert-taxels", "reach", "demo", "bench"),
 )
 _DESCRIPTION = (

@@ -323,6 +323,14 @@ def _numbers_table(summary: TrackSummary) -> Markup:
     rows += [[key, _text(value)] for key, value in summary.get("errors", {}).items()]
     if len(tracks := summary.get("tracks", [])) > 1:
         rows += [[f"track {item['track_id']}: pairs, attended", _pairs(item)] for item in tracks]
+    for item in tracks:
+        for side, check in item.get("reprojection", {}).items():
+            name = f"{item.get('name')}: {side} image, beside the prediction"
+            wanted = f"{check['nis_expected']:.0f} expected, outside the 95 % ellipse {_text(check['outside_95'])}"
+            rows.append([name, f"{_text(check['median_px'])} px (median), NIS {_text(check['nis'])}, {wanted}"])
+        if "outliers" in item:
+            rows.append([f"{item.get('name')}: outliers", _text(item["outliers"])])
+    rows += [[f"points: {key}", _text(value)] for key, value in summary.get("points", {}).items()]
     rows += [["reach: " + key, _text(value)] for key, value in summary.get("reach", {}).items()]
     rows += [["cameras: " + key, _text(value)] for key, value in summary["cameras"].items() if value is not None]
     return page.table(["", "value"], rows)
