@@ -59,7 +59,7 @@ _MIN_AREA_PX = 16  # area of an object
 _MIN_FILL = 0.35  # share of its box
 _MAX_SHARE = 0.25  # share of the image
 _MIN_LIKENESS = 0.7  # Bhattacharyya coefficient of an object's colours in both images
-_MAX_RATIO = 1.2  # largest ratio of an object's angular radii in both images
+_MAX_RATIO = 1.2  # largest ratio of an object's radii (m) in both images
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours suffice without the foreground
 _ALIGNED_PX = 1.0  # standard deviation of the centre of an aligned silhouette
 _LOW_SATURATION = 0.4  # share of the object's mean squared saturation below which a colour is the surroundings'
@@ -83,6 +83,11 @@ class Candidate:
     is_partly_occluded: bool = False  # whether it appears from behind an occluder, possibly still partly hidden
     is_part: bool = False  # whether it is a vivid part of a moving region, such as an object in a hand
     silhouette: tuple[Mask, Box] | None = None  # of the whole object, where the image's border cuts `mask` off
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether a part of the object may be hidden or beyond the border, and its outline does not tell which."""
+        return self.is_partly_occluded or (self.outline.is_cut and not self.outline.is_edge)
 
 
 class Acquisition:
@@ -108,7 +113,6 @@ class Acquisition:
         self,
         cameras: CameraFrames,
         view: StereoView,
-        stamp_s: float,
         association: Association,
         followed: FollowedBoxes = ((), ()),
     ) -> tuple[Candidate, Candidate] | None:
@@ -131,7 +135,7 @@ class Acquisition:
                 for eye, (camera, regions) in enumerate(zip(cameras, (left, right), strict=True))
             )
             self._counts.update(candidates_left=len(a), candidates_right=len(b))
-            return self._best_pair(association, cameras, view, a, b, stamp_s)
+            return self._best_pair(association, cameras, view, a, b)
 
     def remember(self, cameras: CameraFrames, followed: FollowedBoxes) -> None:
         """Keep both images for later comparisons, without a search."""
@@ -139,7 +143,7 @@ class Acquisition:
             self._remember(eye, camera, followed[eye])
 
     def find_marker(
-        self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
+        self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, association: Association
     ) -> tuple[Outline, Outline] | None:
         """The marker in both images, or None.
 
@@ -154,13 +158,10 @@ class Acquisition:
         self._counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
         pairs = []
         for a, b in itertools.product(lefts, rights):
-            ratio = a.angular_radius_rad / b.angular_radius_rad
-            if max(ratio, 1 / ratio) > _MAX_RATIO:
-                self._counts["rejected by size"] += 1
-            elif association.observe(view, a, b, stamp_s):
-                pairs.append((a, b))
+            if reason := association.refusal(view, a, b, _MAX_RATIO):
+                self._counts[f"rejected by {reason}"] += 1
             else:
-                self._counts[f"rejected by {association.refusal(view, a, b)}"] += 1
+                pairs.append((a, b))
         if pairs and self._backgrounds[0].rests(cameras[0].view):
             return pairs[0]
         moving = [
@@ -222,7 +223,6 @@ class Acquisition:
         view: StereoView,
         left: list[Candidate],
         right: list[Candidate],
-        stamp_s: float,
     ) -> tuple[Candidate, Candidate] | None:
         """The consistent pair of candidates with most evidence, or None."""
         best = None
@@ -234,38 +234,35 @@ class Acquisition:
                 continue
             whole_a = self._whole(0, cameras, a, b)
             whole_b = self._whole(1, cameras, b, a)
-            neither_is_whole = a.is_partly_occluded and b.is_partly_occluded
-            if whole_a is None or whole_b is None or neither_is_whole:
+            if whole_a is None or whole_b is None or (whole_a.is_incomplete and whole_b.is_incomplete):
                 self._counts["rejected since half hidden"] += 1
                 continue
             outlines = whole_a.outline, whole_b.outline
-            ratio = outlines[0].angular_radius_rad / outlines[1].angular_radius_rad
             rank = a.is_part and b.is_part, likeness * float(np.sqrt(a.evidence * b.evidence))
-            if max(ratio, 1 / ratio) > _MAX_RATIO:
-                self._counts["rejected by size"] += 1
-            elif rank > best_rank and association.observe(view, *outlines, stamp_s):
+            if rank <= best_rank:
+                continue
+            if reason := association.refusal(view, *outlines, _MAX_RATIO):
+                self._counts[f"rejected by {reason}"] += 1
+            else:
                 best = whole_a, whole_b
                 best_rank = rank
-            elif rank > best_rank:
-                self._counts[f"rejected by {association.refusal(view, *outlines)}"] += 1
         return best
 
     def _whole(self, eye: int, cameras: CameraFrames, candidate: Candidate, partner: Candidate) -> Candidate | None:
         """The candidate with the outline of the whole object, if the other image shows more of it: a disc of that size,
         or the silhouette in the other image, where the image's border cuts it off; None if it is partly occluded."""
         own = None if candidate.is_partly_occluded else candidate
-        ratio = partner.outline.angular_radius_rad / candidate.outline.angular_radius_rad
+        view, other_view = cameras[eye].view, cameras[1 - eye].view
+        baseline = other_view.center - view.center
+        sine = _sine(baseline, view.rays(candidate.outline.center_px))
+        nearer = sine / _sine(baseline, other_view.rays(partner.outline.center_px))  # by the law of sines
+        ratio = nearer * partner.outline.angular_radius_rad / candidate.outline.angular_radius_rad
         if ratio < (1.0 if candidate.outline.is_partial or candidate.is_partly_occluded else _MAX_RATIO):
             return candidate
         if not partner.outline.is_disc:
             is_cut = candidate.outline.is_cut and not partner.outline.is_partial
             return _aligned(candidate, partner, self._optics[eye]) if is_cut else own
-        view = cameras[eye].view
-        other_view = cameras[1 - eye].view
-        baseline = other_view.center - view.center
-        sine = _sine(baseline, view.rays(candidate.outline.center_px))
-        nearer = sine / _sine(baseline, other_view.rays(partner.outline.center_px))  # by the law of sines
-        area_px = candidate.outline.area_px * (nearer * ratio) ** 2
+        area_px = candidate.outline.area_px * ratio**2
         image = cameras[eye].image
         outline = fit_outline(image, candidate.mask, candidate.box, self._optics[eye], area_px)
         return own if outline is None else replace(candidate, outline=outline)

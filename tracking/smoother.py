@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pps_vision.geometry.camera import sight
 from pps_vision.types import Array, Track3D
 from tracking import kalman
 from tracking.kalman import Belief, KalmanParams
@@ -122,8 +123,7 @@ class _Segment:
         self.steps = [first]
         self._start: Belief | None = None
         if (observation := first.observation) is not None:
-            distance_m = float(np.linalg.norm(observation.p_root - first.midpoint_root))
-            self._params = kalman.scaled(params, distance_m)
+            self._params = kalman.scaled(params, float(np.linalg.norm(sight(first.centers_root, observation.p_root))))
             self._start = kalman.start(
                 self._params,
                 first.track.stamp_s,

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoView, View
+from pps_vision.geometry.camera import StereoView, View, sight
 from pps_vision.geometry.se3 import move_points
 from pps_vision.geometry.triangulation import Triangulation, triangulate
 from pps_vision.jit import njit
@@ -19,7 +19,7 @@ Outlines = list[Outline] | None
 
 _MIN_ERROR_PX = 0.005  # smallest standard deviation of the calibration's error: the covariance stays regular
 _MEMORY_PAIRS = 20.0  # number of pairs over which the residuals are averaged
-_MAX_RADIUS_RATIO = 1.7  # ratio between both angular radii
+_MAX_RADIUS_RATIO = 1.7  # ratio between the radii (m) that both outlines give an object
 # Chosen on independent films (seeds 4100, 4101), judged on others (4200, 4201: 95 % ellipsoid 84 → 94 %).
 _OUTLINE_RATE = 0.2  # at which the outlines' variance follows a pair; 0.1 and 0.35 do as well
 # Ratio of the variances of an edge's first harmonic, which shifts the centre, to its second and third where both eyes
@@ -37,8 +37,8 @@ _CONTOUR = 0.18
 _OBLIQUE = 0.3
 
 Refusal = Literal["size", "point behind the cameras", "epipolar gate", "distance"]
-"""Reason why two outlines do not show one object: ratio of their radii, intersection of their lines of sight, epipolar
-residual, or distance in baselines."""
+"""Reason why two outlines do not show one object: ratio of the radii at its distances, intersection of their lines of
+sight, epipolar residual, or distance in baselines."""
 
 
 class CameraFrame(NamedTuple):
@@ -73,17 +73,15 @@ class StereoParams:
     """Prior standard deviation of the calibration's error, as a share of the image's width."""
     gate_sigma: float = 3.5
     """Width of the epipolar gate in standard deviations of the expected residual."""
-    distance_range: tuple[float, float] = (0.7, 300.0)
-    """Smallest and largest distance, in baselines."""
+    farthest: float = 300.0
+    """Largest distance, in baselines."""
 
     def __post_init__(self) -> None:
-        if not (
-            self.unknown_error > 0 and self.gate_sigma > 0 and 0 <= self.distance_range[0] < self.distance_range[1]
-        ):
+        if not (self.unknown_error > 0 and self.gate_sigma > 0 and self.farthest > 0):
             raise InputError(
                 "stereo association",
-                f"error of the calibration {self.unknown_error}, gate {self.gate_sigma}, distances "
-                f"{self.distance_range}; expected positive numbers and a rising range",
+                f"error of the calibration {self.unknown_error}, gate {self.gate_sigma}, largest distance "
+                f"{self.farthest}; expected positive numbers",
             )
 
 
@@ -171,7 +169,7 @@ class Association:
         where its contour is, which is in front of the centre or behind it: half a side in front of it for a cube that
         shows one face.  They pass beside the centre as far as the shape is turned away.
         """
-        line = p_root - view.midpoint
+        line = sight(view.centers, p_root)
         distance2 = float(line @ line)
         focal2 = view.left.camera.focal_px**2
         blur = _BLURRED / (left.angular_radius_rad * right.angular_radius_rad * focal2)
@@ -181,27 +179,35 @@ class Association:
         cov: Array = angle_var * distance2 * np.eye(3) + (flat_var / distance2 - angle_var) * np.outer(line, line)
         return cov
 
-    def refusal(self, view: StereoView, left: Outline, right: Outline) -> Refusal | None:
-        """Return the reason why `observe` returns None for two outlines; None if it does not."""
-        result = self._triangulated(view, left, right, left.center_px, right.center_px)
+    def refusal(
+        self, view: StereoView, left: Outline, right: Outline, max_ratio: float = _MAX_RADIUS_RATIO
+    ) -> Refusal | None:
+        """Return the reason why `observe` returns None for two outlines, or "size" if their radii at the object differ
+        by more than `max_ratio`; else None."""
+        result = self._triangulated(view, left, right, left.center_px, right.center_px, max_ratio)
         return result if isinstance(result, str) else None
 
     def _triangulated(
-        self, view: StereoView, left: Outline, right: Outline, left_px: Array, right_px: Array
+        self,
+        view: StereoView,
+        left: Outline,
+        right: Outline,
+        left_px: Array,
+        right_px: Array,
+        max_ratio: float = _MAX_RADIUS_RATIO,
     ) -> Triangulation | Refusal:
         """Return the point that two outlines with these centres show, or the reason why they do not show one object."""
-        ratio = left.angular_radius_rad / right.angular_radius_rad
-        if max(ratio, 1 / ratio) > _MAX_RADIUS_RATIO:
-            return "size"
         point = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
         if point is None:
             return "point behind the cameras"
+        left_m = math.dist(point.p_root, view.left.place)
+        ratio = left_m * left.angular_radius_rad / math.dist(point.p_root, view.right.place) / right.angular_radius_rad
+        if max(ratio, 1 / ratio) > max_ratio:
+            return "size"
         gate_px2 = self.params.gate_sigma**2 * (_mean_var(left, right) + self.gate_var_px2)
         if 4 * point.residual_px**2 > gate_px2:
             return "epipolar gate"
-        nearest, farthest = self.params.distance_range
-        baseline_m = math.dist(view.right.place, view.left.place)
-        if not nearest * baseline_m <= math.dist(point.p_root, view.left.place) <= farthest * baseline_m:
+        if left_m > self.params.farthest * math.dist(view.right.place, view.left.place):
             return "distance"
         return point
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
+from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image, sight
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import FollowedBy, Mode, frame_checks, kalman
@@ -105,8 +105,8 @@ class TrackerParams:
 
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
-    """Result of one frame for one object: its track, the detections and the observation behind it, and the point (3,)
-    midway between the cameras, m, root frame.
+    """Result of one frame for one object: its track, the detections and the observation behind it, and where the
+    cameras are, (2, 3) m.
 
     `followed_by` is the cheapest that tells the object apart: its colours; where its surroundings have them too, what
     differs from the learned background of either eye; a marker's hue.  None while no object is followed.
@@ -117,7 +117,7 @@ class TrackerStep:
     track: Track3D
     detections: tuple[Detection2D, ...]
     observation: Observation3D | None
-    midpoint_root: Array
+    centers_root: Array
     followed_by: FollowedBy | None = None
     others: tuple["TrackerStep", ...] = ()
 
@@ -275,7 +275,7 @@ class Tracker:
         attended_id = None if attended is None else attended.track.track_id
         state = TrackerState(tracks, attended_id, state.last_id, state.frames + 1, stamps_s, images, poses.view)
         if attended is None:
-            return state, TrackerStep(Track3D.unknown(frame.stamp_s), (), None, poses.view.midpoint)
+            return state, TrackerStep(Track3D.unknown(frame.stamp_s), (), None, poses.view.centers)
         return state, replace(attended, others=tuple(step for step in steps if step is not attended))
 
     def _track(self, item: _Followed, scene: _Scene) -> tuple[TrackState, TrackerStep, Detections]:
@@ -296,7 +296,7 @@ class Tracker:
         messages = tuple(
             tracker.detection(camera, detection) for tracker, camera, detection in parts if detection is not None
         )
-        step = TrackerStep(result, messages, observation, scene.view.midpoint, self._followed_by(track))
+        step = TrackerStep(result, messages, observation, scene.view.centers, self._followed_by(track))
         return track, step, detections
 
     def _followed_by(self, track: TrackState) -> FollowedBy | None:
@@ -441,11 +441,11 @@ class Tracker:
         """(3, 3) m² within which the object is searched: of the prediction, an error of the pixels, and a `shift` (3,)
         m that a sudden stop or turn would take back."""
         p = predicted.mean[0]
-        sight = p - 0.5 * (cameras[0].view.center + cameras[1].view.center)
+        line = sight(np.stack([camera.view.center for camera in cameras]), p)
         baseline_m = math.dist(cameras[0].view.place, cameras[1].view.place)
-        distance_m = float(np.linalg.norm(sight))
+        distance_m = float(np.linalg.norm(line))
         pixel_m = _PIXELS * distance_m / self.searched_rig.left.focal_px
-        along = sight / distance_m
+        along = line / distance_m
         cov = predicted.cov[:3, :3] + np.outer(shift, shift) + pixel_m**2 * np.eye(3)
         cov += (pixel_m * distance_m / baseline_m) ** 2 * np.outer(along, along)
         scale = min((_WIDEST_PX / _PIXELS * pixel_m) ** 2 / float(np.trace(cov)), 1.0)
@@ -467,11 +467,9 @@ class Tracker:
             if state.view is None:  # whether anything has moved is known from the second frame on
                 return None
             with self.stages("image"):
-                blobs = self._acquisition.find_marker(
-                    self.params.marker, cameras, scene.view, scene.stamp_s, association
-                )
+                blobs = self._acquisition.find_marker(self.params.marker, cameras, scene.view, association)
             return None if blobs is None else (partial(self._start_from, cameras, blobs), blobs, _NO_MODELS)
-        pair = self._acquisition.step(cameras, scene.view, scene.stamp_s, association, followed)
+        pair = self._acquisition.step(cameras, scene.view, association, followed)
         if pair is None:
             return None
         outlines = pair[0].outline, pair[1].outline
@@ -603,7 +601,7 @@ class Tracker:
             belief = kalman.update(state.kalman, kalman.shifted(predicted, shift_var), *measurement)
             return state, belief, belief.rejections == 0
         view = scene.view
-        params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
+        params = kalman.scaled(self.params.kalman, float(np.linalg.norm(sight(view.centers, observation.p_root))))
         flows = (state.search_result[0].flow, state.search_result[1].flow) if state.search_result else (None, None)
         white_cov = observation.cov_root - observation.correlated_cov_root
         measured = velocity(flows, view, observation.p_root, params.prior_std[:2], white_cov) or (None, None)
@@ -648,7 +646,7 @@ class Tracker:
         if state.hits < self.params.confirm_frames:
             return state, Track3D.unknown(stamp_s, track_id=track_id)
         status = Status.COASTING if observation is None else Status.TRACKING
-        ahead = belief.mean[0] - scene.view.midpoint
+        ahead = sight(scene.view.centers, belief.mean[0])
         angles = scene.poses.rotation_std_rad, self.params.aspect_rad
         mean, cov = full_state(belief.mean, belief.cov, belief.correlated_cov, ahead, *angles)
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status, track_id)
@@ -691,7 +689,7 @@ def _urgency(step: TrackerStep) -> tuple[float, float]:
     An object within two standard deviations of rest does not move.
     """
     track = step.track
-    offset = track.position - step.midpoint_root
+    offset = track.position - step.centers_root.mean(axis=0)
     distance_m = float(np.linalg.norm(offset))
     cov = track.cov[3:6, 3:6]
     closing_m_s = -float(track.velocity @ offset) / distance_m

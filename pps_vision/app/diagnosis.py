@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pps_vision.app.scene_points import faults_by_points, faults_of_joints, length, match
+from pps_vision.app.scene_points import axes_angle, faults_by_points, faults_of_joints, length, match
 from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
@@ -17,6 +17,7 @@ _ENOUGH_TRACKED = 0.1  # share of pairs
 _SAMPLED = 5  # frames, spread over the recording
 _DARK = 12.0  # mean grey level of 255, below which colours are noise
 _BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
+_FARTHEST_M = 10.0  # where the axes of cameras far apart meet
 _WIDEST_DEG = 150.0  # field of view that a pinhole with distortion describes
 _RADIANS = np.pi  # largest reading in degrees that is suspected to be in radians
 _CONTINUES = 4.0  # times the usual step between columns; 0.4–3.1 within 80 images, 5.7–32 between stereo images
@@ -107,7 +108,8 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         field_deg = float(np.rad2deg(np.arccos(np.clip(edges[0] @ edges[1], -1, 1))))
         if field_deg > _WIDEST_DEG and not left.fisheye:
             yield f"another calibration: the left camera's field of view is {field_deg:.0f}°"
-        if not _BASELINE_M[0] <= baseline <= _BASELINE_M[1]:
+        widest = 2 * _FARTHEST_M * np.sin(axes_angle(view) / 2)
+        if not _BASELINE_M[0] <= baseline <= max(_BASELINE_M[1], widest):
             low, high = _USUAL_BASELINE_M
             apart_m = {unit: baseline / recording.unit_m * unit for unit in _UNITS_M}
             units = [f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]

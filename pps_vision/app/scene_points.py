@@ -31,6 +31,7 @@ _AS_GOOD = 1.3  # misfit after a remedy relative to that after the best
 _TURNED_DEG = 2.0  # by which joints and images may differ: nearby points shift as the head moves
 _TURNED_SHARE = 0.5  # of the turn
 _STILL_DEG = 0.1
+_ALIKE = np.pi / 4  # angle between the optical axes up to which images show the same: SIFT matches up to about 40°
 _LEFT = "to the LEFT of"
 
 
@@ -80,7 +81,7 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
             yield f"the {name} image not mirrored: {n} points match and fit the cameras once it is mirrored back"
             return
     if as_is is None:
-        if side == _LEFT:
+        if side == _LEFT and axes_angle(view) < _ALIKE:
             yield f"--left and --right exchanged, or another calibration: by it {lies}"
         return
     possible = _OF_IMAGES if by_joints else _OF_IMAGES | _OF_POSE
@@ -111,6 +112,11 @@ def side_of(view: StereoView) -> str:
     x, y, z = view.left.T_camera_root[:3, :3] @ (view.right.center - view.left.center)
     sides = {"to the right of": x, _LEFT: -x, "below": y, "above": -y, "ahead of": z, "behind": -z}
     return max(sides, key=sides.__getitem__)
+
+
+def axes_angle(view: StereoView) -> float:
+    """Angle (rad) between both optical axes."""
+    return float(np.arccos(np.clip(view.left.T_root_camera[:3, 2] @ view.right.T_root_camera[:3, 2], -1, 1)))
 
 
 def matches(frames: Sequence[StereoFrame], rig: StereoRig) -> list[Matches]:

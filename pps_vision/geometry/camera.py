@@ -282,6 +282,22 @@ class StereoView:
         """(3,) m, midway between the cameras."""
         return 0.5 * (self.left.center + self.right.center)
 
+    @property
+    def centers(self) -> Array:
+        """(2, 3) m, the left and the right camera's."""
+        return np.stack([self.left.center, self.right.center])
+
+
+def sight(centers: Array, p_root: Array) -> Array:
+    """(3,) m: the mean direction of a point (3,) from cameras at `centers` (2, 3), as long as its mean distance.
+
+    From cameras side by side it is the vector from their midpoint; cameras that face each other have that beside the
+    point."""
+    offsets = p_root - centers
+    distances_m = np.linalg.norm(offsets, axis=1)
+    direction = (offsets / distances_m[:, None]).sum(axis=0)
+    return np.asarray(distances_m.mean() / np.linalg.norm(direction) * direction)
+
 
 @dataclass(frozen=True)
 class StereoRig:

@@ -21,7 +21,7 @@ def test_the_cross_is_centred_on_the_projected_position(pixel, side, scale):
     camera = Camera(side, side, 100.0, 100.0, 49.5, 49.5)
     view = StereoRig.fixed(camera, camera, np.eye(4)).view()
     track = track_at([(pixel[0] - 49.5) / 100, (pixel[1] - 49.5) / 100, 1.0])
-    step = TrackerStep(track, (), None, np.zeros(3))
+    step = TrackerStep(track, (), None, np.zeros((2, 3)))
     drawn = draw_pair(StereoFrame(*np.zeros((2, side, side, 3), np.uint8), 0.0, 0.0), view, step)
     light = drawn[TEXT_ROWS : 100 * scale, : 100 * scale].sum(axis=2, dtype=float)
     rows, columns = np.nonzero(light)
@@ -39,7 +39,7 @@ def test_each_track_has_its_colour_and_the_attended_one_a_thicker_ring():
         TrackerStep(
             track_at((0, 0, 1), track_id=track_id),
             (Detection2D(0.0, "left", center_px, np.eye(2), 0.9, 0.1, (0, 0, 9, 9)),),
-            *(None, np.zeros(3)),
+            *(None, np.zeros((2, 3))),
         )
         for track_id, center_px in enumerate(centers_px, start=1)
     )

@@ -31,13 +31,13 @@ def step(k: int) -> TrackerStep:
     beside another track at rest."""
     stamp_s = START_S + 0.05 * k
     if k == 2:
-        return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, np.zeros(3))
+        return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, np.zeros((2, 3)))
     cov = np.eye(12)
     cov[:3, :3] = COV
     track = track_at(position(k), -0.5 * position(k) / np.linalg.norm(position(k)), stamp_s, cov)
     detection = Detection2D(stamp_s, "left", np.array([10.5 + k, 20.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))
-    other = TrackerStep(track_at(OTHER, stamp_s=stamp_s, track_id=2), (), None, np.zeros(3))
-    return TrackerStep(track, (detection,), None, np.zeros(3), others=(other,) if k == N - 1 else ())
+    other = TrackerStep(track_at(OTHER, stamp_s=stamp_s, track_id=2), (), None, np.zeros((2, 3)))
+    return TrackerStep(track, (detection,), None, np.zeros((2, 3)), others=(other,) if k == N - 1 else ())
 
 
 @pytest.fixture

@@ -118,7 +118,7 @@ def _values(rng: np.random.Generator, factor: float) -> Values:
         mean = np.zeros((4, 3))
         mean[:2] = np.stack([p, v]) + factor * rng.multivariate_normal(np.zeros(6), cov[:6, :6]).reshape(2, 3)
         track = Track3D(float(stamp_s), mean, cov, 0.03, 0.0, Status.TRACKING)
-        steps.append(TrackerStep(track, (), None, np.zeros(3)))
+        steps.append(TrackerStep(track, (), None, np.zeros((2, 3))))
     image, q = np.zeros((2, 2, 3), np.uint8), np.zeros(1)
     frames = tuple(StereoFrame(image, image, float(s), float(s), q, q) for s in stamps)
     seen, boxes = np.ones(N_TRACKS + 1, bool), ((None, None),) * (N_TRACKS + 1)

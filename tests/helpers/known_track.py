@@ -47,7 +47,7 @@ class KnownTrack:
         if state is not None:
             mean = np.array([*state, np.zeros(3), np.zeros(3)])
             track = Track3D(frame.stamp_s, mean, self.cov, 0.02, 1e-8, Status.TRACKING)
-        return TrackerStep(track, (), None, np.zeros(3))
+        return TrackerStep(track, (), None, np.zeros((2, 3)))
 
 
 @dataclass

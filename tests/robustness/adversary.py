@@ -52,7 +52,7 @@ class AdversarialTracker:
 
     def step(self, frame: StereoFrame) -> TrackerStep:
         """Return the track."""
-        return TrackerStep(self.track, (), None, np.zeros(3))
+        return TrackerStep(self.track, (), None, np.zeros((2, 3)))
 
 
 def attack(

@@ -46,7 +46,7 @@ class Search:
     def step(self, frame: StereoFrame, is_learned: bool = False) -> tuple[Candidate, Candidate] | None:
         """The candidates of a frame, which the backgrounds learn afterwards if it is."""
         cameras = camera_frames(frame, self._view)
-        pair = self._acquisition.step(cameras, self._view, frame.stamp_s, self._association)
+        pair = self._acquisition.step(cameras, self._view, self._association)
         for camera, background in zip(cameras, self._backgrounds, strict=True):
             if is_learned:
                 background.update(camera.image, camera.view, frame.stamp_s)
@@ -54,7 +54,7 @@ class Search:
 
     def find_marker(self, left: Image, right: Image, stamp_s: float = 0.0) -> tuple[Outline, Outline] | None:
         cameras = camera_frames(StereoFrame(left, right, stamp_s, stamp_s), self._view)
-        return self._acquisition.find_marker(MarkerParams(), cameras, self._view, stamp_s, self._association)
+        return self._acquisition.find_marker(MarkerParams(), cameras, self._view, self._association)
 
 
 @pytest.fixture

@@ -117,7 +117,7 @@ def _filtered(
         P[: 3 * n, : 3 * n] = belief.cov
         P[:3, :3] += belief.correlated_cov + 1e-6 * np.eye(3)  # an error of shape
         track = Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
-        yield TrackerStep(track, (), None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1), np.zeros(3))
+        yield TrackerStep(track, (), None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1), np.zeros((2, 3)))
 
 
 TRUTH = np.array([[0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0] for k in range(40)])
@@ -160,7 +160,7 @@ def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng):
     with the one before it."""
     steps = _steps(rng)
     elsewhere = Observation3D(-0.1, np.array([0.2, 0.3, 0.1]), np.diag([4e-6, 4e-6, 1e-5]), 0.03, 1e-6, 0.1)
-    nothing = TrackerStep(Track3D.unknown(-0.05), (), None, np.zeros(3))
+    nothing = TrackerStep(Track3D.unknown(-0.05), (), None, np.zeros((2, 3)))
     earlier = [replace(nothing, track=Track3D.unknown(-0.1), observation=elsewhere), nothing]
     alone = list(smoothed_steps(KalmanParams(), steps))
     later = [replace(step, track=replace(step.track, stamp_s=step.track.stamp_s + 2.0)) for step in steps]

@@ -299,7 +299,7 @@ def test_what_one_eye_alone_sees_is_still_reported(mode, world, rng):
         (TrackerParams, {"lost_after_s": 0.0}, "lost after 0"),
         (TrackerParams, {"aspect_rad": 0.0}, "aspect 0"),
         (TrackerParams, {"stamp_error_s": -0.01}, r"± -0\.01 s"),
-        (StereoParams, {"distance_range": (2.0, 1.0)}, "a rising range"),
+        (StereoParams, {"farthest": -1.0}, "expected positive numbers"),
         (ParticleFilterParams, {"count": 1}, "count=1"),
     ],
 )

@@ -20,7 +20,7 @@ from pps_vision.experiments.films.recordings import KINDS, Footage, of_kind
 from pps_vision.experiments.films.score import steps_of
 from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, rms
 from pps_vision.experiments.timing import timed
-from pps_vision.geometry.camera import Camera, StereoView, View
+from pps_vision.geometry.camera import Camera, StereoView, View, sight
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Mask
@@ -98,7 +98,7 @@ def measurements(recording: Footage, seed: int) -> Measurements:
         np.array([o.p_root for o in observations]),
         np.array([o.cov_root - o.correlated_cov_root for o in observations]),
         recording.position[known],
-        float(np.linalg.norm(observations[0].p_root - steps[known[0]].midpoint_root)),
+        float(np.linalg.norm(sight(steps[known[0]].centers_root, observations[0].p_root))),
         (~recording.jumped[known]) & (np.arange(len(known)) >= _SETTLED),
     )
 
