@@ -1,20 +1,23 @@
 """Move an arm away from an object that is predicted to touch its skin, and return home (R, "Avoidance and reaching").
 
 Every taxel above the activation threshold withdraws against its normal.  Beyond R: links without taxels keep clear; and
-where withdrawal is predicted to leave too little clearance, the taxels leave the object's path sideways.
+where withdrawal is predicted to leave too little clearance, the arm moves as leaves most.
 `control_point` is R eq. 6 itself.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import ClassVar, Literal
 
 import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
 
 from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from pps_vision.errors import InputError
 from pps_vision.geometry.paths import passing_distances
-from pps_vision.geometry.se3 import inverse, move_points, rotation_to
+from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.bare_links import BareLinks, NearestPoint
 from pps_vision.robot.model import Posture
 from pps_vision.robot.self_collision import SelfCollision
@@ -31,10 +34,13 @@ _RETURN_PER_S = 3.0  # rate of the return, of the angles from home
 _EASE_IN_S = 0.3  # time in which the return speeds up
 _LINK_CLEARANCE_M = 0.03  # smallest distance that links without taxels approach the object to
 _LINK_LEAD_S = 0.5  # prediction horizon for links without taxels
-_ESCAPE_DIRECTIONS = 8  # directions across the object's path that are compared
-_ESCAPE_GAIN_M = 0.01  # clearance by which another direction must exceed the present one
+_DIRECTIONS = 32  # directions in which the taxels leave the object's path that are compared
+_VARIANTS = 64  # variations of the best joint rates that are compared
+_SPREADS = 0.5, 0.2  # their standard deviations, as shares of its norm
+_FASTEST = 1.5  # speed of any taxel, as a multiple of the speed of those that respond
+_ESCAPE_GAIN_M = 0.01  # clearance by which other joint rates must exceed the present ones
 _MIN_PATH_SPEED_M_S = 0.01  # a slower object has no path
-_PREDICTION_INSTANTS = 12
+_PREDICTION_INSTANTS = 8
 _PASSED_M = 0.05  # the prediction ends when the object is this far beyond the last taxel
 
 Mode = Literal["idle", "avoid", "reach", "hold", "return"]
@@ -87,8 +93,8 @@ class AvoidanceParams(ResponseParams):
 
     mode: ClassVar[Mode] = "avoid"
     escape_clearance_m: float = 0.05
-    """Taxels leave the object's path sideways where withdrawal along the normals is predicted to leave less than this
-    between skin and object, and moving sideways to leave more; 0: never (R)."""
+    """Where withdrawal along the normals is predicted to leave less than this between skin and object, the arm moves as
+    leaves most; 0: never (R)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -124,7 +130,7 @@ class ArmState:
     active_since_s: float = np.inf  # begin of the uninterrupted activation of any taxel; inf without one
     points: Points = ()  # control points with their commanded velocities, the most activated first
     blocked_by: Array | None = None  # (3,) m, position of the object that interrupted the return
-    escape_direction: Array | None = None  # (3,) across the object's path, of all points; None: against the normals
+    escape_rad_s: Array | None = None  # (k,) rates out of the object's path; None: against the normals
     target_taxel: int | None = None  # of reaching: number of the taxel that the object's path passes nearest
     positions: tuple[tuple[float, Array], ...] = ()  # stamps and positions (3,) m of the object in the last half second
     track_id: int = 0  # of the object that was last known
@@ -158,12 +164,16 @@ def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmSt
     dq = np.zeros_like(arm.posture.q_rad)
     if state.mode == "avoid":
         state = replace(state, points=threats or state.points)
-        escape = state.escape_direction if last_mode == "avoid" else None
+        escape = state.escape_rad_s if last_mode == "avoid" else None
         motion = ArmMotion(params, arm, clearance)
         if threats and arm.track.is_known and arm.skin.parts and params.escape_clearance_m > 0:
-            escape = _escape_direction(motion, state.points, escape, params.escape_clearance_m)
-        state = replace(state, escape_direction=escape, points=_redirected(state.points, escape))
-        dq = motion.rates(state.points)
+            escape = _escape_rates(motion, state.points, escape, params.escape_clearance_m)
+        state = replace(state, escape_rad_s=escape)
+        if escape is None:
+            dq = motion.rates(state.points)
+        else:
+            dq[motion.constraints.columns] = motion.scaled(state.points, escape[None])[0]
+            state = replace(state, points=motion.moving(state.points, dq))
     elif state.mode == "return":
         taxels = nearest_taxels(arm) if arm.track.is_known else []
         dq = return_home(params, arm, arm.stamp_s - state.since_s, clearance_rows(arm, [*link_points, *taxels]))
@@ -342,6 +352,30 @@ class ArmMotion:
             self._jacobians[key] = self.arm.posture.jacobian(point.frame, point.point)[:3]
         return self._jacobians[key]
 
+    def towards(self, points: Points, directions: Array) -> Array:
+        """Joint rates (m, k) that move the points along directions (m, 3), free across; of any length."""
+        columns = self.constraints.columns
+        along = np.einsum("md,ndk->mnk", directions, [self._jacobian(point)[:, columns] for point in points])
+        weights = np.array([point.weight for point in points])
+        damping = self.params.arm.damping_m**2 * np.eye(len(columns))
+        squares = np.einsum("n,mnk,mnl->mkl", weights, along, along) + damping
+        return np.asarray(np.linalg.solve(squares, np.einsum("n,mnk->mk", weights, along)[..., None])[..., 0])
+
+    def scaled(self, points: Points, rates: Array) -> Array:
+        """Joint rates (m, k) as fast as the constraints allow: no point faster than `speed_m_s`, no taxel than
+        `_FASTEST` times that."""
+        columns, limits, _, rows, most = self.constraints
+        J = np.array([self._jacobian(point)[:, columns] for point in points])
+        J = np.concatenate([J, self.arm.skin.jacobians(self.arm.posture, columns) / _FASTEST])
+        fastest = np.linalg.norm(np.einsum("ndk,mk->mnd", J, rates), axis=2).max(axis=1)
+        rates = np.clip(rates * (self.params.speed_m_s / np.maximum(fastest, 1e-9))[:, None], *limits)
+        excess = np.max(rates @ rows.T / np.maximum(most, 1e-9), axis=1, initial=1.0)
+        return np.asarray(rates / excess[:, None])
+
+    def moving(self, points: Points, dq: Array) -> Points:
+        """The points with the velocities that joint rates (n_joints,) give them."""
+        return tuple(point._replace(velocity_root=self._jacobian(point) @ dq) for point in points)
+
     def unhindered_share(self, rates: Array) -> float:
         """Share of rates (k,) that the self-collision check of the last stage (`limits`) lets through."""
         if self.arm.self_collision is None:
@@ -351,48 +385,44 @@ class ArmMotion:
         return self.arm.self_collision.clear_share(self.arm.posture.q_rad, change, LimitParams().clearance_m)
 
 
-def _redirected(points: Points, direction: Array | None) -> Points:
-    """Control points that move in a direction (3,), if there is one, at their speeds."""
-    if direction is None:
-        return points
-    return tuple(p._replace(velocity_root=float(np.linalg.norm(p.velocity_root)) * direction) for p in points)
+def _escape_rates(motion: ArmMotion, points: Points, current: Array | None, clearance_m: float) -> Array | None:
+    """Rates (k,) rad/s of the arm's joints that leave the largest predicted distance to the object, as in the dynamic
+    window of Fox et al. (1997); None: against the normals, as the `points` move.
 
-
-def _escape_direction(motion: ArmMotion, points: Points, current: Array | None, clearance_m: float) -> Array | None:
-    """Direction (3,) across the object's path in which control points leave the largest predicted distance, as in the
-    dynamic window of Fox et al. (1997); None: against the normals.
-
-    The `current` direction is kept unless another one leaves 1 cm more; withdrawal against the normals, in which the
-    `points` move, while it leaves `clearance_m`.
+    Compared are the `current` rates, kept unless others leave 1 cm more, withdrawal against the normals, kept while it
+    leaves `clearance_m`, motions of the points in all directions, and variations of the best.
     """
-    velocity = motion.arm.track.velocity
-    speed = float(np.linalg.norm(velocity))
-    if speed < _MIN_PATH_SPEED_M_S:
+    if float(np.linalg.norm(motion.arm.track.velocity)) < _MIN_PATH_SPEED_M_S:
         return None
     columns = motion.constraints.columns
-
-    def distances(rates: Array) -> Array:
-        return predicted_distances(motion.arm, columns, rates)
-
     withdrawal = motion.rates(points)[columns]
     withdrawal = motion.unhindered_share(withdrawal) * withdrawal
-    if current is None and distances(withdrawal[None])[0] > clearance_m:
+    if current is None and predicted_distances(motion.arm, columns, withdrawal[None])[0] > clearance_m:
         return None
-    across = rotation_to(velocity / speed)[:, :2]
-    angles = 2 * np.pi * np.arange(_ESCAPE_DIRECTIONS) / _ESCAPE_DIRECTIONS
-    directions = [None, *(np.column_stack([np.cos(angles), np.sin(angles)]) @ across.T)]
-    if current is not None:
-        directions.append(current)
-    rates = np.array([withdrawal, *(motion.rates(_redirected(points, d))[columns] for d in directions[1:])])
-    bonus_m = np.zeros(len(rates))
-    bonus_m[0 if current is None else -1] = _ESCAPE_GAIN_M
-    scores = bonus_m + distances(rates)
-    checked = {0}  # the body may slow the arm in the best direction: score the slowed motion
-    while (best := int(scores.argmax())) not in checked:
-        checked.add(best)
-        if (share := motion.unhindered_share(rates[best])) < 1:
-            scores[best] = bonus_m[best] + distances(share * rates[best][None])[0]
-    return directions[best]
+    kept = withdrawal if current is None else motion.scaled(points, current[None])[0]
+    more = motion.scaled(points, motion.towards(points, _directions(_DIRECTIONS, 3)))
+    rates = np.vstack([kept, withdrawal, more])
+    scores = predicted_distances(motion.arm, columns, rates)
+    scores[0] += _ESCAPE_GAIN_M
+    for spread in _SPREADS:
+        best = rates[scores.argmax()]
+        variants = best + spread * np.linalg.norm(best) * _directions(_VARIANTS, len(columns))
+        rates = np.vstack([rates, more := motion.scaled(points, variants)])
+        scores = np.append(scores, predicted_distances(motion.arm, columns, more))
+    checked = set()  # the body may slow the best motion: score the slowed one
+    while (k := int(scores.argmax())) not in checked:
+        checked.add(k)
+        if (share := motion.unhindered_share(rates[k])) < 1:
+            rates[k] *= share
+            scores[k] = predicted_distances(motion.arm, columns, rates[k][None])[0] + _ESCAPE_GAIN_M * (k == 0)
+    return np.asarray(rates[k])
+
+
+@cache
+def _directions(n: int, k: int) -> Array:
+    """Unit vectors (n, k), evenly spread (Halton 1960)."""
+    vectors = ndtri(qmc.Halton(k, scramble=False).random(n + 1)[1:])
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Array:
@@ -407,13 +437,16 @@ def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Arra
     J = arm.skin.jacobians(posture, columns)
     speed = float(np.linalg.norm(velocity))
     last_m = float(((taxels - position) @ velocity).max()) / speed + _PASSED_M
-    times = np.linspace(0.0, np.clip(last_m / speed, 0.1, HORIZON_S), _PREDICTION_INSTANTS + 1)[1:]
+    times = np.linspace(0.0, np.clip(last_m / speed, 0.1, HORIZON_S), _PREDICTION_INSTANTS)
     q = posture.q_rad[columns]
     lower = np.minimum(posture.robot.lower_rad[columns], q)
     upper = np.maximum(posture.robot.upper_rad[columns], q)
     turned = np.clip(q + times[:, None] * rates[:, None], lower, upper) - q
     d = np.einsum("ndk,mtk->mtnd", J, turned) + taxels - (position + times[:, None] * velocity)[:, None]
-    return np.asarray(np.sqrt(np.sum(d * d, axis=3).min(axis=(1, 2))) - arm.object_radius_m)
+    step = np.diff(d, axis=1)  # between two instants the taxels move straight
+    share = np.clip(-np.sum(d[:, :-1] * step, axis=3) / np.maximum(np.sum(step * step, axis=3), 1e-12), 0.0, 1.0)
+    nearest = d[:, :-1] + share[..., None] * step
+    return np.asarray(np.sqrt(np.sum(nearest * nearest, axis=3).min(axis=(1, 2))) - arm.object_radius_m)
 
 
 def nearest_taxels(arm: ArmInput) -> list[NearestPoint]:

@@ -97,11 +97,10 @@ def recent(path: Sequence[tuple[float, Array]], stamp_s: float) -> Path:
 
 def path_velocities(track: Track3D, path: Path) -> Array:
     """(3, 3) m/s velocities of an object: the filter's, and those of its positions since 0.1 s and up to 0.25 s ago,
-    NaN without such positions."""
+    the filter's too while there are none."""
     since = [(track.stamp_s - stamp_s, p) for stamp_s, p in path if track.stamp_s - stamp_s >= _PATH_S[0] - _EPS_S]
-    if not since:
-        return np.array([track.velocity, *np.full((2, 3), np.nan)])
-    return np.array([track.velocity, *((track.position - p) / age_s for age_s, p in (since[-1], since[0]))])
+    by_positions = [(track.position - p) / age_s for age_s, p in since[-1:] + since[:1]]
+    return np.array([track.velocity] * (3 - len(by_positions)) + by_positions)
 
 
 def perceive_path(
@@ -119,8 +118,8 @@ def perceive_path(
         cov_v: Covariance (…, 3, 3) of the filter's velocity.
 
     The closing speed is the smallest of the three: the filter's overshoots when an object stops, the positions do not.
-    Without earlier positions there is no TTC yet; nor has an object that touches and moves away.  Taxels count as at
-    rest, so that the activation persists while the arm withdraws, and its own motion causes none.
+    An object that touches and moves away has no TTC.  Taxels count as at rest, so that the activation persists while
+    the arm withdraws, and its own motion causes none.
     """
     D, times = perceive(params, positions, normals, p, velocities, radius_m, cov_v)
     towards = np.einsum("...nj,k...j->k...n", positions - p[..., None, :], velocities)
