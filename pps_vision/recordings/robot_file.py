@@ -16,11 +16,13 @@
 
 A skin's table (.csv) has a row for each taxel, its position and outward normal in a frame of the robot.  The iCub's
 file (.ini, .txt) has `name`, `taxel2Repr` (the virtual taxel of each physical one, −1 none) and, below [calibration], a
-row x y z nx ny nz for each physical taxel; its frame is called as the part.
+row x y z nx ny nz for each physical taxel; its frame is called as the part, or PART_skin.  Rows without a normal are
+left out, with a warning that counts them.
 """
 
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,6 +42,7 @@ from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, icub_setup
 from pps_vision.robot.model import FrameNames, Robot
 from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.skin import Skin, SkinPart
+from pps_vision.robot.urdf import names_in
 from pps_vision.types import Array
 
 _TAXEL = ("part", "frame", "taxel", "x_m", "y_m", "z_m", "nx", "ny", "nz")
@@ -74,11 +77,13 @@ def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -
     links = {key: toml.word(key) for key in _LINKS}
     frames: Any = {**{eye: frame for eye, (frame, _) in eyes.items()}, **joints}
     names = FrameNames(palms=(links["left_palm"], links["right_palm"]), index_tips=("", ""), **frames)
-    robot = Robot(urdf_file, names, links["root"] or None, mounted)
+    link_names, joint_names = names_in(urdf_file)
     for key in _JOINTS:
-        toml.check_known(key, joints[key], robot.joint_names)
-    for key in _LINKS:
-        toml.check_known(key, [links[key]] if links[key] else [], robot.frame_ids)
+        toml.check_known(key, joints[key], joint_names)
+    for key in (*_LINKS, *_EYES):
+        link = links[key] if key in links else mounted[key][0] if key in mounted else eyes[key][0]
+        toml.check_known(key, [link] if link else [], link_names)
+    robot = Robot(urdf_file, names, links["root"] or None, mounted)
     for side in ("left", "right"):
         if bool(names.arm(side)) != bool(links[f"{side}_palm"]):
             key = f"{side}_arm" if names.arm(side) else f"{side}_palm"
@@ -196,6 +201,8 @@ def read_skin(files: Sequence[Path], robot: Robot) -> Skin:
     for file in files:
         for row in _skin_table(file) if file.suffix.lower() == ".csv" else _icub_part(file):
             line, part, frame, taxel, values = row
+            if file.suffix.lower() != ".csv" and f"{part}_skin" in robot.frame_ids:
+                frame = f"{part}_skin"
             if not part.isidentifier():
                 raise InputError(file, f"part {part!r}; expected a name of letters, digits and _", line)
             if frame not in robot.frame_ids:
@@ -205,7 +212,7 @@ def read_skin(files: Sequence[Path], robot: Robot) -> Skin:
             if not np.linalg.norm(values[3:]) > 0.5:
                 raise InputError(file, f"normal {values[3:]}; expected one of length 1", line)
             taxels_read.add((part, taxel))
-            parts.setdefault((part, frame), []).append(row)
+            parts.setdefault((part, frame), []).append((line, part, frame, taxel, values))
     names = [part for part, _ in parts]
     if not parts or len(set(names)) < len(names):
         reason = "no taxel" if not parts else f"part {max(names, key=names.count)} in several frames"
@@ -236,7 +243,7 @@ def _icub_part(file: Path) -> list[Row]:
     physical = []
     calibrated = False
     for line, text in enumerate(read_lines(file, "a skin part's calibration"), start=1):
-        key, _, value = text.strip().partition(" ") if not calibrated else ("", "", text)
+        key, value = (*text.split(maxsplit=1), "", "")[:2] if not calibrated else ("", text)
         try:
             if calibrated and text.split():
                 numbers = [finite(word) for word in text.split()[:6]]
@@ -252,6 +259,8 @@ def _icub_part(file: Path) -> list[Row]:
         calibrated = calibrated or key == "[calibration]"
     if not part or not physical:
         raise InputError(file, f"{'no name' if not part else 'no taxel'}; expected name and rows below [calibration]")
+    if without := sum(not any(numbers[3:]) for _, numbers in physical):
+        warnings.warn(f"{file}: {without} of {len(physical)} rows without a normal are left out", stacklevel=2)
     ids = range(len(physical)) if representatives is None else sorted({i for i in representatives if i >= 0})
     return [
         (physical[i][0], part, part, i, physical[i][1]) for i in ids if i < len(physical) and any(physical[i][1][3:])

@@ -18,7 +18,10 @@ _KEYS = ("modality", "size", "nTaxels", "ext", "binsNum", "Mapping")
 _LIMITS = {"1D": 2, "2D": 4}  # numbers in ext
 _LARGEST = 2**53  # as in the memory that they are converted to
 
-OUR_NAMES = {"l_hand": "left_palm", "r_hand": "right_palm", "l_forearm": "left_forearm", "r_forearm": "right_forearm"}
+OUR_NAMES = {
+    **{"l_hand": "left_palm", "l_forearm": "left_forearm", "l_upper_arm": "left_upper_arm"},
+    **{"r_hand": "right_palm", "r_forearm": "right_forearm", "r_upper_arm": "right_upper_arm"},
+}
 """Of the parts that the robot calls otherwise."""
 
 

@@ -26,6 +26,7 @@ class Chain:
     order: tuple[int, ...]  # the columns from root to tip
     screws: Array  # (k, 6) (v, ω) of each joint in the root frame with the chain's joints at zero
     T_root_frame: Array  # (4, 4) pose of the frame with the chain's joints at zero
+    gains: Array | None = None  # (m, k) positions of m screws by those of the k joints, where others follow them
 
     def frames(self, q_rad: ArrayLike) -> tuple[Array, Array]:
         """Rotations (N, 3, 3) and origins (N, 3) in m of the frame at postures `q_rad` (N, k)."""
@@ -41,7 +42,7 @@ class Chain:
 
     def pose(self, q_rad: Array) -> Array:
         """`T_root_frame` (4, 4) at one posture (k,)."""
-        return np.asarray(_forward(self.screws, self._order, self.T_root_frame, q_rad[None])[0][0])
+        return np.asarray(self._forward(q_rad[None], self.T_root_frame)[0][0])
 
     @cached_property
     def _order(self) -> NDArray[np.intp]:
@@ -51,7 +52,10 @@ class Chain:
         q = np.ascontiguousarray(q_rad, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.joints):
             raise ValueError(f"postures of shape {q.shape}: expected (N, {len(self.joints)}), one column a joint")
-        return _forward(self.screws, self._order, T_zero, q)
+        if self.gains is None:
+            return _forward(self.screws, self._order, T_zero, q)
+        T, J = _forward(self.screws, self._order, T_zero, q @ self.gains.T)
+        return T, J @ self.gains
 
 
 @njit(cache=True, error_model="numpy")

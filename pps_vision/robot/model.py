@@ -78,7 +78,9 @@ class Robot:
         root: str | None = None,
         mounted: Mapping[str, tuple[str, Array]] | None = None,
     ) -> None:
-        """Read a URDF of revolute and prismatic joints; InputError for a missing file, link or joint.
+        """Read a URDF of revolute, continuous and prismatic joints; InputError for a missing file, link or joint.
+
+        Joints that mimic others are in the configuration too, where they follow their masters.
 
         Args:
             urdf: File; its meshes are looked for in the folders above it and in ROS_PACKAGE_PATH.
@@ -89,7 +91,7 @@ class Robot:
         names = names or FrameNames()
         self.urdf = urdf
         try:
-            text = read_urdf(urdf)
+            text, followers = read_urdf(urdf)
             self.model = pin.buildModelFromXML(text)
             self.geometry = pin.buildGeomFromUrdfString(self.model, text, pin.GeometryType.VISUAL)
         except (ValueError, RuntimeError) as error:
@@ -101,6 +103,11 @@ class Robot:
             self._rebase(root)
         self.names = names
         self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
+        self.followers = {item.joint: item for item in followers}
+        self._following = [  # positions of joint and master, factor, offset
+            (self.joint_names.index(item.joint), self.joint_names.index(item.master), item.factor, item.offset)
+            for item in followers
+        ]
         self.lower_rad: Array = self.model.lowerPositionLimit.copy()
         self.upper_rad: Array = self.model.upperPositionLimit.copy()
         self.lower_rad.flags.writeable = self.upper_rad.flags.writeable = False
@@ -146,6 +153,12 @@ class Robot:
             raise ValueError(f"no joint {unknown[0]!r}; this robot has {', '.join(self.joint_names)}")
         return [self.joint_names.index(name) for name in joints]
 
+    def frame_id(self, frame: str) -> int:
+        """Pinocchio's number of a frame; ValueError for an unknown one."""
+        if frame not in self.frame_ids:
+            raise ValueError(f"no frame {frame!r}; this robot has {', '.join(self.frame_ids)}")
+        return self.frame_ids[frame]
+
     def at(self, q_rad: ArrayLike) -> "Posture":
         """The robot at configuration `q_rad` (n_joints,)."""
         return Posture(self, self._checked(q_rad))
@@ -170,16 +183,50 @@ class Robot:
         indices = self.indices(joints)
         q = np.zeros(self.n_joints) if q_base is None else np.array(q_base, dtype=float)
         q[indices] = 0.0
-        T_root_frame = np.ascontiguousarray(self.at(q).T_root(frame))
+        q = self.complete(q)
+        q[indices] = 0.0  # also of joints that follow
         data = self.model.createData()
-        J = pin.computeFrameJacobian(self.model, data, q, self.frame_ids[frame], pin.ReferenceFrame.WORLD)
+        pin.framesForwardKinematics(self.model, data, q)
+        T_root_frame = np.ascontiguousarray(data.oMf[self.frame_id(frame)].homogeneous)
+        J = pin.computeFrameJacobian(self.model, data, q, self.frame_id(frame), pin.ReferenceFrame.WORLD)
+        gains = np.eye(len(joints))
+        for name in self._supports(frame):
+            if name in self.followers and name not in joints and self.followers[name].master in joints:
+                indices.append(self.joint_names.index(name))
+                gains = np.vstack(
+                    [gains, self.followers[name].factor * gains[joints.index(self.followers[name].master)]]
+                )
         order = tuple(int(i) for i in np.argsort(indices))  # Pinocchio numbers parents before children
-        return Chain(joints, order, np.ascontiguousarray(J.T[indices]), T_root_frame)
+        screws = np.ascontiguousarray(J.T[indices])
+        return Chain(joints, order, screws, T_root_frame, gains if len(gains) > len(joints) else None)
 
     def moving(self, frame: str) -> tuple[str, ...]:
-        """The names of the joints that move a frame, from root to tip."""
+        """The names of the joints that move a frame, from root to tip; then the masters of those that follow."""
+        supports = self._supports(frame)
+        masters = [self.followers[name].master for name in supports if name in self.followers]
+        return tuple(dict.fromkeys((*supports, *masters)))
+
+    def _supports(self, frame: str) -> list[str]:
+        """The names of the joints between the root and a frame."""
         supports = self.model.supports[self.model.frames[self.frame_ids[frame]].parentJoint]
-        return tuple(self.joint_names[joint - 1] for joint in supports if joint)
+        return [self.joint_names[joint - 1] for joint in supports if joint]
+
+    def complete(self, q_rad: Array, is_change: bool = False) -> Array:
+        """The configuration (n_joints,), or a change, with the joints that follow where their masters bring them."""
+        if not self._following:
+            return q_rad
+        q = q_rad.copy()
+        for joint, master, factor, offset in self._following:
+            q[joint] = factor * q[master] + (0.0 if is_change else offset)
+        return q
+
+    def fold(self, J: Array) -> Array:
+        """The Jacobian (m, n_joints) by the joints that move by themselves: the columns of others are added to their
+        masters'."""
+        for joint, master, factor, _ in self._following:
+            J[:, master] += factor * J[:, joint]
+            J[:, joint] = 0.0
+        return J
 
     def _checked(self, q_rad: ArrayLike) -> Array:
         """A copy of a configuration (n_joints,); InputError for a wrong length or a value that is not finite."""
@@ -187,7 +234,7 @@ class Robot:
         if q.shape != (self.n_joints,) or not math.isfinite(sum(q.tolist())):
             reason = f"joints {np.array2string(q, precision=3)}"
             raise InputError("posture", f"{reason}; expected {self.n_joints} finite angles")
-        return q
+        return self.complete(q)
 
     def clamp(self, q_rad: Array) -> Array:
         """The nearest configuration within the joint limits."""
@@ -228,14 +275,9 @@ class Posture:
         """Return Pinocchio's data for reuse by a later posture."""
         self.robot.spare_data.append(self._data)
 
-    def _frame_id(self, frame: str) -> int:
-        if frame not in self.robot.frame_ids:
-            raise ValueError(f"no frame {frame!r}; this robot has {', '.join(self.robot.frame_ids)}")
-        return self.robot.frame_ids[frame]
-
     def T_root(self, frame: str) -> Array:
         """`T_root_frame` (4, 4)."""
-        return np.asarray(self._data.oMf[self._frame_id(frame)].homogeneous)
+        return np.asarray(self._data.oMf[self.robot.frame_id(frame)].homogeneous)
 
     def point(self, frame: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """A point (…, 3) of `frame` in root coordinates."""
@@ -246,10 +288,10 @@ class Posture:
 
         The point (3,) is fixed in `frame`.
         """
-        index = self._frame_id(frame)
+        index = self.robot.frame_id(frame)
         J: Array = pin.computeFrameJacobian(
             self.robot.model, self._data, self.q_rad, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         lever = self._data.oMf[index].rotation @ np.asarray(point, dtype=float)
         J[:3] -= pin.skew(lever) @ J[3:]
-        return J
+        return self.robot.fold(J)

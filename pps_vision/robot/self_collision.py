@@ -27,6 +27,7 @@ class SelfCollision:
 
     def __init__(self, robot: Robot, ignored: tuple[str, ...] = ()) -> None:
         """Compare all `robot.bodies` but those named in `ignored`."""
+        self._robot = robot
         self._model = robot.model
         self._data = robot.model.createData()
         self._bodies = robot.bodies
@@ -60,7 +61,7 @@ class SelfCollision:
 
     def distance_m(self, q_rad: ArrayLike) -> float:
         """The smallest distance at a configuration (n_joints,); negative where bodies overlap."""
-        q = np.asarray(q_rad, dtype=float)
+        q = self._robot.complete(np.asarray(q_rad, dtype=float))
         nearest = pin.computeDistances(self._model, self._data, self._geometry, self._distances, q)
         return float(self._distances.distanceResults[nearest].min_distance)
 
@@ -70,7 +71,7 @@ class SelfCollision:
         The rates (k, n), m/rad, are n·(v₂ − v₁) of the nearest points along their connection n, both bodies taken to
         carry the same point p: [n, p×n] times the difference of their spatial Jacobians.
         """
-        q = np.asarray(q_rad, dtype=float)
+        q = self._robot.complete(np.asarray(q_rad, dtype=float))
         self.distance_m(q)
         pin.computeJointJacobians(self._model, self._data, q)
         results = self._distances.distanceResults
@@ -81,10 +82,10 @@ class SelfCollision:
             n = results[k].normal
             p = results[k].getNearestPoint1()
             J_first, J_second = (
-                pin.getJointJacobian(self._model, self._data, joint, pin.ReferenceFrame.WORLD)[:, joints]
+                pin.getJointJacobian(self._model, self._data, joint, pin.ReferenceFrame.WORLD)
                 for joint in self._pairs[k].joints
             )
-            rates[row] = np.concatenate([n, pin.skew(p) @ n]) @ (J_second - J_first)
+            rates[row] = np.concatenate([n, pin.skew(p) @ n]) @ self._robot.fold(J_second - J_first)[:, joints]
         return np.array([results[k].min_distance for k in near]), rates
 
     def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
@@ -93,6 +94,7 @@ class SelfCollision:
         The motion leads from `q_rad` to `q_rad + change_rad` (n_joints,).  Two bodies that are nearer already, or
         overlap, may not come nearer than at the start.
         """
+        q_rad, change_rad = self._robot.complete(q_rad), self._robot.complete(change_rad, is_change=True)
         turn = np.abs(change_rad) * self.moving
         if turn @ self._lever_m <= _NO_MOTION_M:
             return 1.0

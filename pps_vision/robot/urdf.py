@@ -1,5 +1,7 @@
 """A URDF made safe for Pinocchio: bounded, its joints and shapes checked, its meshes replaced by their bounding boxes.
 
+Continuous joints become revolute ones from −π to π.
+
 Pinocchio's parser ends the process for a deep model, and the readers of meshes hang or crash on some files; those run
 in a process of their own (`mesh_bounds`).
 """
@@ -12,6 +14,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement, TreeBuilder, tostring
 from xml.parsers import expat
 
@@ -30,15 +33,36 @@ _MESHES_S = 60.0
 _SHAPES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "box": ("size",)}
 
 
-def read_urdf(file: Path) -> str:
-    """Return the text of a URDF file without collision shapes and meshes.
+class Follower(NamedTuple):
+    """A joint that mimics another: its position is factor times its master's plus an offset (rad, m)."""
+
+    joint: str
+    master: str
+    factor: float
+    offset: float
+
+
+def names_in(file: Path) -> tuple[list[str], list[str]]:
+    """Return the names of the links, and of the joints that move by themselves; InputError as of `read_urdf`."""
+    root = _Urdf(file).root
+    moving = [item for item in root.iterfind("joint") if item.get("type") != "fixed" and item.find("mimic") is None]
+    return [link.get("name", "") for link in root.iterfind("link")], [joint.get("name", "") for joint in moving]
+
+
+def read_urdf(file: Path) -> tuple[str, tuple[Follower, ...]]:
+    """Return the text of a URDF file without collision shapes and meshes, and the joints that mimic others.
+
+    A mesh that is not found is left out, with a warning.
 
     Raises:
         InputError: Names line and joint or link of what no robot has, or the mesh that cannot be read.
     """
     urdf = _Urdf(file)
-    for joint in urdf.root.iterfind("joint"):
+    joints = urdf.root.findall("joint")
+    for joint in joints:
         urdf.check_joint(joint)
+    masters = [joint.get("name") for joint in joints if joint.get("type") != "fixed" and joint.find("mimic") is None]
+    followers = tuple(urdf.follower(joint, masters) for joint in joints if joint.find("mimic") is not None)
     links = urdf.root.findall("link")
     if len(links) > _MOST_LINKS:
         raise InputError(file, f"{len(links)} links; expected at most {_MOST_LINKS}")
@@ -49,7 +73,7 @@ def read_urdf(file: Path) -> str:
         for shape in link.iterfind("visual/geometry/*"):
             urdf.check_shape(link, shape)
     urdf.replace_meshes()
-    return tostring(urdf.root, encoding="unicode")
+    return tostring(urdf.root, encoding="unicode"), followers
 
 
 class _Urdf:
@@ -104,28 +128,40 @@ class _Urdf:
         return values
 
     def check_joint(self, joint: Element) -> None:
-        """InputError for a joint that cannot move, a warning for one that mimics another."""
+        """InputError for a joint that cannot move; a continuous one gets limits."""
         name = f"joint {joint.get('name')!r}"
         kind = joint.get("type")
-        if kind not in ("fixed", "revolute", "prismatic"):
-            raise self.refuse(joint, f"{name} is {kind}; expected revolute, prismatic or fixed joints")
+        if kind not in ("fixed", "revolute", "prismatic", "continuous"):
+            raise self.refuse(joint, f"{name} is {kind}; expected revolute, continuous, prismatic or fixed joints")
         if kind == "fixed":
             return
         axis = joint.find("axis")
         if axis is not None and not np.linalg.norm(self.numbers(axis, "xyz", "1 0 0")) > 1e-6:
             raise self.refuse(axis, f"{name} has an axis without length; expected a direction")
         limit = joint.find("limit")
+        if kind == "continuous":
+            joint.set("type", "revolute")
+            if limit is None:
+                limit = SubElement(joint, "limit", effort="0", velocity="0")
+            limit.set("lower", repr(-math.pi))
+            limit.set("upper", repr(math.pi))
         if limit is None:
             raise self.refuse(joint, f"{name} has no limit; expected lower and upper")
         lower, upper = (self.numbers(limit, key, "0")[0] for key in ("lower", "upper"))
-        largest = _MOST_TURN_RAD if kind == "revolute" else math.inf
+        largest = math.inf if kind == "prismatic" else _MOST_TURN_RAD
         if not -largest <= lower <= upper <= largest:
             expected = "lower ≤ upper" + (", within two turns, in radians" if kind == "revolute" else "")
             raise self.refuse(limit, f"{name} from {lower:g} to {upper:g}; expected {expected}")
+
+    def follower(self, joint: Element, masters: Sequence[str | None]) -> Follower:
+        """The joint that mimics another; InputError unless that moves by itself."""
         mimic = joint.find("mimic")
-        if mimic is not None:
-            place = f"{self.file}:{self._lines[mimic]}"
-            warnings.warn(f"{place}: {name} mimics {mimic.get('joint')!r}; taken as a joint of its own", stacklevel=2)
+        assert mimic is not None  # by the choice of `joint`
+        name, master = joint.get("name", ""), mimic.get("joint", "")
+        if master not in masters or joint.get("type") == "fixed":
+            raise self.refuse(mimic, f"joint {name!r} mimics {master!r}; expected a joint that moves by itself")
+        factor, offset = self.numbers(mimic, "multiplier", "1")[0], self.numbers(mimic, "offset", "0")[0]
+        return Follower(name, master, factor, offset)
 
     def check_shape(self, link: Element, shape: Element) -> None:
         """InputError for a shape without extent."""
@@ -136,9 +172,23 @@ class _Urdf:
                 raise self.refuse(shape, f"{text}; expected a positive {key}")
 
     def replace_meshes(self) -> None:
-        """Put a box in the place of every mesh."""
-        visuals = [visual for visual in self.root.iterfind("link/visual") if visual.find("geometry/mesh") is not None]
-        files = [self._mesh_file(visual.find("geometry/mesh")) for visual in visuals]
+        """Put a box in the place of every mesh that is found; warn of the others, which are left out."""
+        visuals, files, missing = [], [], []
+        for link in self.root.iterfind("link"):
+            for visual in link.findall("visual"):
+                if (mesh := visual.find("geometry/mesh")) is None:
+                    continue
+                if file := self._mesh_file(mesh.get("filename", "")):
+                    visuals.append(visual)
+                    files.append(file)
+                else:
+                    link.remove(visual)
+                    missing.append(mesh)
+        if missing:
+            place = f"{self.file}:{self._lines[missing[0]]}: mesh {missing[0].get('filename')}"
+            others = f" and {len(missing) - 1} others are" if missing[1:] else " is"
+            where = "the folders above, in those of ROS_PACKAGE_PATH and of AMENT_PREFIX_PATH"
+            warnings.warn(f"{place}{others} in none of {where}; left out, no body is there", stacklevel=2)
         bounds = dict(zip(dict.fromkeys(files), mesh_bounds(tuple(dict.fromkeys(files))), strict=True))
         for visual, file in zip(visuals, files, strict=True):
             geometry = visual.find("geometry")
@@ -154,18 +204,29 @@ class _Urdf:
             xyz, rpy = (np.array(self.numbers(origin, key, "0 0 0")) for key in ("xyz", "rpy"))
             origin.set("xyz", _words(xyz + pin.rpy.rpyToMatrix(rpy) @ (0.5 * (low + high))))
 
-    def _mesh_file(self, mesh: Element | None) -> Path:
-        """The file of a mesh: below the URDF's folder, one of those above, or ROS_PACKAGE_PATH."""
-        assert mesh is not None
-        name = mesh.get("filename", "")
-        relative = name.removeprefix("package://").removeprefix("file://")
-        above = self.file.resolve().parents
-        folders = [*above, *map(Path, filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(":")))]
-        file = next((folder / relative for folder in folders if (folder / relative).exists()), None)
-        if file is None:
-            raise self.refuse(mesh, f"mesh {name} is in none of the folders above; expected a file")
-        check_regular(file, "a mesh")
+    def _mesh_file(self, name: str) -> Path | None:
+        """The file of a mesh, None if there is none: below the URDF's folder or one of those above; package://PACKAGE/…
+        also in the folders of ROS_PACKAGE_PATH (packages or what holds them) and AMENT_PREFIX_PATH (share/PACKAGE)."""
+        relative = Path(name.removeprefix("package://").removeprefix("file://"))
+        folders = [*self.file.resolve().parents, *_folders("ROS_PACKAGE_PATH")]
+        places = [folder / relative for folder in folders]
+        places += [prefix / "share" / relative for prefix in _folders("AMENT_PREFIX_PATH")]
+        if name.startswith("package://") and len(relative.parts) > 1:
+            package, *below = relative.parts
+            for folder in _folders("ROS_PACKAGE_PATH"):
+                packages = [folder] * (folder.name == package) + [
+                    file.parent for file in folder.glob(f"*/{package}/package.xml")
+                ]
+                places += [Path(found, *below) for found in packages]
+        file = next((place for place in places if place.exists()), None)
+        if file is not None:
+            check_regular(file, "a mesh")
         return file
+
+
+def _folders(variable: str) -> list[Path]:
+    """The folders that an environment variable lists."""
+    return [*map(Path, filter(None, os.environ.get(variable, "").split(":")))]
 
 
 def _words(values: Sequence[float]) -> str:

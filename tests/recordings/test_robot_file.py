@@ -37,6 +37,15 @@ def test_a_palm_without_an_arm_is_refused(tmp_path):
         read_robot(written(tmp_path, 'left_palm = "palm"'))
 
 
+def test_a_joint_that_follows_another_is_no_joint_of_an_arm(tmp_path):
+    file = written(tmp_path, "")
+    text = ARM7.with_name("arm.urdf").read_text()
+    joint = text[text.index('<joint name="a7"') :].partition("</joint>")[0]
+    (tmp_path / "mimic.urdf").write_text(text.replace(joint, joint + '<mimic joint="a6"/>'))
+    with pytest.raises(InputError, match=r"robot\.toml:7: unknown 'a7' in right_arm; expected some of a1, .*, a6$"):
+        read_robot(file, urdf=tmp_path / "mimic.urdf")
+
+
 def test_without_skin_there_is_no_robot(tmp_path):
     file = written(tmp_path, "")
     file.write_text(file.read_text().replace(f'skin = "{ARM7.with_name("skin.csv")}"', "skin = []"))

@@ -50,7 +50,15 @@ def test_a_physical_taxel_outside_the_mapping_is_left_out(tmp_path, mapping, tou
 
 @pytest.mark.parametrize(
     ("number", "part"),
-    [(1, "left_palm"), (2, "left_forearm"), (4, "right_palm"), (5, "right_forearm"), (3, ""), (6, "")],
+    [
+        (1, "left_palm"),
+        (2, "left_forearm"),
+        (4, "right_palm"),
+        (5, "right_forearm"),
+        (3, "left_upper_arm"),
+        (6, "right_upper_arm"),
+        (8, ""),
+    ],
 )
 def test_skin_parts_have_the_numbers_of_the_robots_skin_library(tmp_path, number, part):
     """iCub's skinDynLib: hand, forearm and upper arm on the left are 1, 2 and 3, on the right 4, 5 and 6."""

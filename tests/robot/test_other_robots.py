@@ -136,7 +136,8 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path):
         ("a4 = 60", "b4 = 60", r"robot\.toml:12: unknown joint b4"),
         ("rpy_deg = [-113.7, 0, 180]}\nright", "rpy_deg = [0, 0]}\nright", r"robot\.toml:5: left_eye .*rpy_deg"),
         ("rpy_deg = [-113.7, 0, 180]}\nright", "rpy_deg = [0, nan, 0]}\nright", r"robot\.toml:5: left_eye .*rpy_deg"),
-        ('link = "base"', 'link = "bass"', r"arm\.urdf: lacks link 'bass', which is to carry left_eye"),
+        ('link = "base"', 'link = "bass"', r"robot\.toml:5: unknown 'bass' in left_eye; expected some of base"),
+        ('root = "base"', 'root = "bass"', r"robot\.toml:4: unknown 'bass' in root; expected some of base"),
         ('root = "base"', "root = 3", r"robot\.toml:4: root 3; expected a name in quotes"),
         ('"a7"]', "7]", r"robot\.toml:7: no list of names: .* of right_arm"),
         ('skin = "skin.csv"', "skin = [1]", r"robot\.toml:3: no list of names: \[1\] of skin"),
@@ -194,6 +195,28 @@ def test_the_icubs_own_skin_file_has_our_taxels():
     np.testing.assert_allclose(part.normals[where], ours.normals, atol=2e-3)
 
 
+def test_the_skin_of_the_upper_arm_lies_on_it(tmp_path):
+    """With a TAB or a space behind `name`; its frame is that after the shoulder's yaw: the elbow does not move it."""
+    rows = "taxel2Repr (3 3 3 3 -2 3)\n\n[calibration]\n" + 3 * "0 0 0 0 0 0\n" + "0.01 0.02 0.03 0 0 1\n"
+    robot = icub_setup().robot
+    for space in "\t", " ":
+        (tmp_path / "part.txt").write_text(f"name{space}l_upper_arm\n{rows}")
+        with pytest.warns(UserWarning, match="part.txt: 3 of 4 rows without a normal are left out"):
+            (part,) = read_skin([tmp_path / "part.txt"], robot).parts
+        assert (part.name, part.ids) == ("left_upper_arm", (3,))
+    elbow = robot.chain(("left_shoulder_yaw", "left_elbow"), part.frame)
+    assert np.ptp(elbow.positions([[0.3, 0.5], [0.3, 1.5]], (0, 0, 0.1))[0], axis=0).max() < 1e-12
+    np.testing.assert_allclose(
+        robot.at(np.zeros(robot.n_joints)).point(part.frame),
+        robot.at(np.zeros(robot.n_joints)).point("left_lower_arm"),
+        atol=1e-12,
+    )
+    (tmp_path / "part.txt").write_text(f"name torso\n{rows}")
+    with pytest.warns(UserWarning, match="rows without a normal"):
+        (part,) = read_skin([tmp_path / "part.txt"], robot).parts
+    assert set(robot.moving(part.frame)) == {"torso_pitch", "torso_roll", "torso_yaw"}
+
+
 def test_a_skin_part_in_the_icubs_form_is_read(tmp_path):
     """Taxel 1 is represented by 0, 3 by none, and 2 has no normal; what follows six numbers of a row does not count."""
     robot = read_robot(ARM7).robot
@@ -237,7 +260,7 @@ def test_a_camera_may_be_a_link_of_the_model(tmp_path):
         robot = read_robot(tmp_path / "robot.toml").robot
         np.testing.assert_allclose(robot.eye_poses(q)[0], robot.at(q).T_root("palm"), atol=1e-9)
     (tmp_path / "robot.toml").write_text(text.replace('root = "base"', 'root = "ground"'))
-    with pytest.raises(InputError, match="lacks link 'ground', which is to be the root frame"):
+    with pytest.raises(InputError, match=r"robot\.toml:4: unknown 'ground' in root; expected some of base"):
         read_robot(tmp_path / "robot.toml")
     with pytest.raises(ValueError, match="side 'middle': expected left or right"):
         robot.names.arm("middle")

@@ -43,7 +43,10 @@ _DEPTH_SUFFIXES = (".float", ".floatzip")
 _VIDEOS = ("video.mkv", "video.avi")
 _FRAME = re.compile(r"frame_([0-9]{8,9})", re.ASCII)
 _STAMP_RESOLUTION_S = 1e-6  # of the digits in a log, and of a double in seconds since 1970
-SKIN_PARTS = {1: "left_palm", 2: "left_forearm", 4: "right_palm", 5: "right_forearm"}
+SKIN_PARTS = {
+    **{1: "left_palm", 2: "left_forearm", 3: "left_upper_arm"},
+    **{4: "right_palm", 5: "right_forearm", 6: "right_upper_arm", 7: "torso"},
+}
 """The robot's numbers of the skin parts that have virtual taxels here."""
 _MOST_FOLDERS = 1000
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
