@@ -148,33 +148,48 @@ class Acquisition:
         """The marker in both images, or None.
 
         Of the consistent pairs of blobs of its hue, the first that has moved (in both images if the cameras move), or
-        with moving cameras the only pair, if it is nearer than its surroundings (not a patch of a wall).
+        with moving cameras the only one that is nearer than its surroundings (not a patch of a wall).  If there is
+        none, the same with parts of the range of its colours: it may be before something of its hue.
         """
         self.remember(cameras, ((), ()))
+        self._counts.update(frames=1)
+        counts = self._counts  # of the whole range of colours alone
+        for part in marker.narrowed():
+            pairs = self._marker_pairs(part, cameras, view, association, counts)
+            if pairs and self._backgrounds[0].rests(cameras[0].view):
+                return pairs[0]
+            for a, b in pairs:
+                if self._moves(0, a) and self._moves(1, b):
+                    return a, b
+            nearer = [pair for pair in pairs if is_nearer_than_surroundings(association, cameras, view, *pair)]
+            if len(nearer) == 1:
+                return nearer[0]
+            counts.update({"rejected since it did not move": len(pairs)})
+            counts = Counter()
+            cameras = cameras[0]._replace(outlines=None), cameras[1]._replace(outlines=None)  # of the whole range too
+        return None
+
+    def _marker_pairs(
+        self,
+        marker: MarkerParams,
+        cameras: CameraFrames,
+        view: StereoView,
+        association: Association,
+        counts: SearchCounts,
+    ) -> list[tuple[Outline, Outline]]:
+        """The consistent pairs of blobs of a marker's hue."""
         lefts, rights = (
             moved_markers(marker, camera, optics, background)
             for camera, optics, background in zip(cameras, self._optics, self._backgrounds, strict=True)
         )
-        self._counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
+        counts.update(candidates_left=len(lefts), candidates_right=len(rights))
         pairs = []
         for a, b in itertools.product(lefts, rights):
             if reason := association.refusal(view, a, b, _MAX_RATIO):
-                self._counts[f"rejected by {reason}"] += 1
+                counts[f"rejected by {reason}"] += 1
             else:
                 pairs.append((a, b))
-        if pairs and self._backgrounds[0].rests(cameras[0].view):
-            return pairs[0]
-        moving = [
-            {id(outline): self._moves(eye, outline) for outline in pair}
-            for eye, pair in enumerate(zip(*pairs, strict=True))
-        ]
-        is_only = len(lefts) == len(rights) == 1
-        for a, b in pairs:
-            moves = moving[0][id(a)] and moving[1][id(b)]
-            if moves or (is_only and is_nearer_than_surroundings(association, cameras, view, a, b)):
-                return a, b
-        self._counts.update({"rejected since it did not move": len(pairs)})
-        return None
+        return pairs
 
     def _moves(self, eye: int, outline: Outline) -> bool:
         """Whether the optical flow of a camera's last image shows that an outline moves relative to the scene."""

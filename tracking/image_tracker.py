@@ -20,7 +20,7 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram, share
 from tracking.foreground import Background, ForegroundParams
 from tracking.kalman import Belief
-from tracking.marker import MarkerParams, find_markers
+from tracking.marker import MarkerParams, colors_of, find_markers
 from tracking.masks import Box, BoxPx
 from tracking.outline import Optics, Outline, at_visible_edge, fit_outline, fit_visible_disc, fit_visible_edge
 from tracking.particle_filter import Evidence, Eye, Located, Map, Silhouette, template_of
@@ -385,6 +385,7 @@ class CameraState(NamedTuple):
     target: Target | None = None  # state of the image tracker; None before an object is acquired
     offset_px: tuple[float, float] = (0.0, 0.0)  # from the projected track to the outline's centre: calibration error
     by_background: bool = False  # whether the likelihood is the foreground, since colours do not separate the object
+    marker: MarkerParams | None = None  # a marker's own colours
 
 
 class CameraTracker:
@@ -552,21 +553,33 @@ class CameraTracker:
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
     ) -> tuple[ImageDetection | None, bool]:
-        """The blob nearest to the prior, None if its area does not fit (then its hue does not separate it); and whether
-        there is any blob."""
+        """The blob of the marker's own colours, else of its hue, nearest to the prior, None if its area does not fit
+        (then its hue does not separate it); and whether there is any blob."""
         x, y = prior.center_px.tolist()
         near = (x, y, prior.size_px + 4 * prior.std_px + 3)
         area_px = math.pi / 4 * prior.size_px**2
         rests = self.background.rests(camera.view)
         differs = partial(self.background.differs, camera.image, camera.view) if rests else None
-        blobs = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
-        nearest = min(blobs, key=lambda blob: math.dist(blob.center_px.tolist(), (x, y)), default=None)
-        if nearest is None:
-            return None, False
-        ratio = (self._size_px(nearest) / prior.size_px) ** 2
-        if not MIN_SCORE <= ratio <= _LARGER_BLOB:
-            return None, True
-        return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True
+        is_there = False
+        for part in (state.marker, marker):
+            if part is None:
+                continue
+            blobs = find_markers(part, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
+            nearest = min(blobs, key=lambda blob: math.dist(blob.center_px.tolist(), (x, y)), default=None)
+            if nearest is None:
+                continue
+            is_there = True
+            ratio = (self._size_px(nearest) / prior.size_px) ** 2
+            if MIN_SCORE <= ratio <= _LARGER_BLOB:
+                return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True
+        return None, is_there
+
+    def start_from(self, state: CameraState, camera: CameraFrame, outline: Outline) -> CameraState:
+        """The state with the target of an outline, behind which the background is unknown."""
+        self.background.invalidate(camera.image, camera.view, outline.box_px)
+        target = self.image_tracker.start(camera.image, outline.box_px, outline.angular_radius_rad)
+        own = None if self.marker is None else colors_of(self.marker, camera.image, outline)
+        return state._replace(target=target, marker=own)
 
     def _given(self, state: CameraState, outlines: list[Outline], prior: Prior) -> ImageDetection | None:
         """The outline of `outlines` that lies near the prior and has the predicted size."""

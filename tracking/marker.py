@@ -1,7 +1,7 @@
 """Marker of known hue: threshold in HSV, blobs, sub-pixel outlines; which blobs have moved or are near."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import islice
@@ -23,7 +23,7 @@ from tracking.stereo import Association, CameraFrame, CameraFrames
 
 _MAX_ELONGATION = 2.0  # ratio of a marker's sides
 _RING_SIZE = 1.3  # inner size of the surroundings, relative to the marker's
-_RING_POINTS = 300  # pixels of the surroundings that are compared
+_COMPARED_PIXELS = 300  # of a marker, and of its surroundings
 _MAX_INVERSE_DISTANCE = 0.8  # largest inverse distance of the surroundings, relative to the marker's
 _DISTANCES = 16  # hypotheses of the surroundings' distance
 _MAX_RATIO = 0.7  # ratio of the image differences at the surroundings' distance and at the marker's
@@ -32,9 +32,13 @@ _MIN_AREA_PX = 8  # smallest blob
 _CHANGED = 0.3  # least foreground share of a marker's box
 _MAX_COMPARED = 40  # blobs that are compared with the background
 _MAX_BLOBS = 4  # blobs that are outlined, the largest and roundest: it limits the time in an image full of the hue
-_COMMON_SHARE = 0.02  # share of the image from which a hue belongs to the scene
-_SAMPLE_PX = 4  # distance of the pixels that are sampled for it
-_OUTLIER = 4.0  # standard deviations above the hue's median saturation
+_LARGER = 1.03  # ratio of the hue's area and the expected one from which thin parts are removed
+_INSIDE = 0.9  # share of a marker's width and height in which its own colours are taken
+_THIN = 0.4  # radius of the disc that removes them, relative to the root of the expected area (a disc's is 0.56)
+_OUTLIER = 4.0  # standard deviations of a marker's own colours from their median
+_MIN_HUE_DEG = 6.0  # three of OpenCV's steps: least tolerance of its own hue
+_MIN_SATURATION = 0.05  # the same of its saturation
+_SATURATIONS = (0.6, 0.7, 0.8, 0.9)  # least saturations that separate a marker from a scene of its hue
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,16 @@ class MarkerParams:
         floor = (255 * self.min_saturation, 255 * self.min_value)
         shifts = [shift for shift in (-180.0, 0.0, 180.0) if low + shift <= 180 and high + shift >= 0]
         return [(np.array([low + shift, *floor]), np.array([high + shift, 255.0, 255.0])) for shift in shifts]
+
+    def narrowed(self) -> Iterator["MarkerParams"]:
+        """The parameters, then parts of their range, for a marker before something of its hue: more and more saturated,
+        then of half the tolerance."""
+        half = 0.5 * self.hue_tolerance_deg
+        parts = [(self.hue_deg, self.hue_tolerance_deg), *((self.hue_deg + k * half, half) for k in (0, -1, 1))]
+        for hue_deg, tolerance_deg in parts:
+            part = replace(self, hue_deg=hue_deg % 360, hue_tolerance_deg=tolerance_deg)
+            yield part
+            yield from (replace(part, min_saturation=level) for level in _SATURATIONS if level > self.min_saturation)
 
     def __post_init__(self) -> None:
         if not (0 <= self.hue_deg < 360 and 0 < self.hue_tolerance_deg <= 90):
@@ -99,30 +113,35 @@ def find_markers(
     mask = threshold(params, image[y0:y1, x0:x1])
     if differs is not None:
         mask = np.where(differs(box), mask, np.uint8(0))
+    if expected_area_px is not None and np.count_nonzero(mask) > _LARGER * expected_area_px:
+        whole = masks.filled(masks.closed(mask > 0, masks.square(1)))
+        mask = masks.opened(whole, int(_THIN * math.sqrt(expected_area_px))).view(np.uint8)
     return blob_outlines(image, mask, box, optics, is_candidate, expected_area_px)
 
 
-def find_vivid_markers(
-    params: MarkerParams,
-    image: Image,
-    optics: Optics,
-    is_candidate: Callable[[int, int, int, int], bool] = lambda *_: True,
-) -> list[Outline]:
-    """Return the outlines of blobs that are far more saturated than the scene, where the scene has the marker's hue.
+def colors_of(params: MarkerParams, image: Image, outline: Outline) -> MarkerParams:
+    """Return the part of a marker's range of colours that one with this outline has: median and spread."""
+    x, y, w, h = outline.box_px
+    box = masks.clipped((int(x), int(y), math.ceil(x + w), math.ceil(y + h)), image.shape[1], image.shape[0])
+    hsv = cv2.cvtColor(image[box[1] : box[3], box[0] : box[2]], cv2.COLOR_RGB2HSV)
+    hue, saturation, _ = hsv[masks.ellipse(box, outline.center_px, _INSIDE * w, _INSIDE * h)].astype(float).T
+    if not len(hue):
+        return params
+    off_deg = (2 * hue - params.hue_deg + 180) % 360 - 180
+    middle_deg = float(np.median(off_deg))
+    tolerance_deg = max(_OUTLIER * _spread(off_deg), _MIN_HUE_DEG)
+    lowest = float(np.median(saturation)) / 255 - max(_OUTLIER * _spread(saturation) / 255, _MIN_SATURATION)
+    return replace(
+        params,
+        hue_deg=(params.hue_deg + middle_deg) % 360,
+        hue_tolerance_deg=min(tolerance_deg, params.hue_tolerance_deg),
+        min_saturation=max(lowest, params.min_saturation),
+    )
 
-    The marker may be joined with the scene there (a green marker before grass).
-    """
-    sample = image[::_SAMPLE_PX, ::_SAMPLE_PX]
-    levels = cv2.cvtColor(sample, cv2.COLOR_RGB2HSV)[..., 1][threshold(params, sample) > 0].astype(float)
-    if len(levels) < _COMMON_SHARE * sample.shape[0] * sample.shape[1]:
-        return []
-    median = float(np.median(levels))
-    std = 1.4826 * float(np.median(np.abs(levels - median)))
-    min_saturation = (median + _OUTLIER * std) / 255
-    if min_saturation >= 1:
-        return []
-    vivid = replace(params, min_saturation=max(min_saturation, params.min_saturation))
-    return find_markers(vivid, image, optics, is_candidate=is_candidate)
+
+def _spread(values: Array) -> float:
+    """Robust standard deviation of values (n,)."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def blob_outlines(
@@ -208,42 +227,40 @@ def moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, bac
         outlines = find_markers(params, camera.image, optics, is_candidate=is_candidate)
     else:
         outlines = [outline for outline in camera.outlines if is_candidate(*map(round, outline.box_px))]
-    vivid = find_vivid_markers(params, camera.image, optics, is_candidate=is_candidate)
-    plain = [outline for outline in outlines if not any(_contains(outline, marker) for marker in vivid)]
-    if plain or vivid or not refused or not rests:
-        return plain + vivid
+    if outlines or not refused or not rests:
+        return outlines
     return find_markers(params, camera.image, optics, is_candidate=is_compact, differs=differs)
 
 
 def is_nearer_than_surroundings(
     association: Association, cameras: CameraFrames, view: StereoView, left: Outline, right: Outline
 ) -> bool:
-    """Whether an object is nearer than its surroundings: these match the right image much better at some larger
-    distance than at the object's."""
+    """Whether two outlines show an object that is nearer than its surroundings.
+
+    These match the right image much better at some larger distance than at the object's.  Its own pixels do not: else
+    it is a patch of its surroundings, and the right outline is another one.
+    """
     observation = association.observe(view, left, right, cameras[0].stamp_s)
     if observation is None:
         return False
     x, y, w, h = left.box_px
     around = (int(x - w), int(y - h), int(x + 2 * w) + 1, int(y + 2 * h) + 1)
     box = masks.clipped(around, view.left.camera.width, view.left.camera.height)
-    rows, columns = np.nonzero(~masks.ellipse(box, left.center_px, _RING_SIZE * w, _RING_SIZE * h))
-    step = len(rows) // _RING_POINTS + 1
-    rows = rows[::step] + box[1]
-    columns = columns[::step] + box[0]
-    colors = cameras[0].image[rows, columns].astype(np.float32)
-    rays = view.left.rays(np.stack([columns, rows], axis=-1).astype(float))
     distance_m = math.dist(observation.p_root, view.left.place)
+    inverse_distances = np.array([1.0, *np.linspace(_MAX_INVERSE_DISTANCE, 0.05, _DISTANCES)])  # the object's first
 
-    def difference(inverse_distance: float) -> float:
-        points = view.left.center + distance_m / inverse_distance * rays
-        return color_difference(colors, points, cameras[1].image, view.right)
+    def differences(mask: Mask) -> Array:
+        """Mean difference from the right image of the pixels of a mask, by inverse distance."""
+        rows, columns = np.nonzero(mask)
+        step = len(rows) // _COMPARED_PIXELS + 1
+        rows = rows[::step] + box[1]
+        columns = columns[::step] + box[0]
+        colors = cameras[0].image[rows, columns].astype(np.float32)
+        rays = distance_m * view.left.rays(np.stack([columns, rows], axis=-1).astype(float))
+        points = (view.left.center + rays / inverse for inverse in inverse_distances)
+        return np.array([color_difference(colors, place, cameras[1].image, view.right) for place in points])
 
-    farther = min(map(difference, np.linspace(_MAX_INVERSE_DISTANCE, 0.05, _DISTANCES)))
-    return farther < _MAX_RATIO * difference(1.0)
-
-
-def _contains(outline: Outline, marker: Outline) -> bool:
-    """Whether the marker's centre lies in the outline's box."""
-    x, y, w, h = outline.box_px
-    u, v = marker.center_px
-    return bool(x <= u < x + w and y <= v < y + h)
+    surroundings = differences(~masks.ellipse(box, left.center_px, _RING_SIZE * w, _RING_SIZE * h))
+    own = differences(masks.ellipse(box, left.center_px, w, h))
+    farther = 1 + int(surroundings[1:].argmin())
+    return bool(surroundings[farther] < _MAX_RATIO * surroundings[0] and own[0] < _MAX_RATIO * own[farther])

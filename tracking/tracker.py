@@ -513,12 +513,10 @@ class Tracker:
 
     def _start_from(self, cameras: CameraFrames, outlines: tuple[Outline, Outline], track: TrackState) -> TrackState:
         """The track with the targets of a marker's blobs, or of outlines in given boxes."""
-        targets = []
-        for tracker, camera, outline in zip(self._cameras, cameras, outlines, strict=True):
-            tracker.background.invalidate(camera.image, camera.view, outline.box_px)
-            targets.append(tracker.image_tracker.start(camera.image, outline.box_px, outline.angular_radius_rad))
-        pairs = zip(track.cameras, targets, strict=True)
-        left, right = (camera_state._replace(target=target) for camera_state, target in pairs)
+        left, right = (
+            tracker.start_from(state, camera, outline)
+            for tracker, state, camera, outline in zip(self._cameras, track.cameras, cameras, outlines, strict=True)
+        )
         return track._replace(cameras=(left, right))
 
     def _passes_gate(

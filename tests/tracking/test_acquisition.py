@@ -334,9 +334,13 @@ def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig, view):
         np.testing.assert_allclose(marker.center_px, [159.5, 109.5], atol=0.4)
 
 
-@pytest.mark.parametrize(("nearness", "is_nearer"), [(0.9, False), (0.75, True), (0.06, True), (0.0, False)])
-def test_an_object_is_nearer_than_what_surrounds_it_from_a_fifth_on(nearness, is_nearer, rig, view):
-    """A sphere of spots about the left eye, beside that of an object at 0.3 m; of 0 the right eye sees another one."""
+@pytest.mark.parametrize(
+    ("nearness", "is_drawn", "is_nearer"),
+    [(0.9, True, False), (0.75, True, True), (0.06, True, True), (0.0, True, False), (0.06, False, False)],
+)
+def test_an_object_is_nearer_than_what_surrounds_it_from_a_fifth_on(nearness, is_drawn, is_nearer, rig, view):
+    """A sphere of spots about the left eye, behind an object at 0.3 m; of 0 the right eye sees another one.  Where none
+    is drawn, both outlines are patches of the sphere."""
     p = view.left.center + 0.3 * view.left.rays([160.0, 110.0])
     left = cv2.GaussianBlur(np.random.default_rng(7).uniform(0, 255, (240, 320, 3)), (0, 0), 2.0)
     left = np.clip((left - 127.5) * 4 + 127.5, 0, 255).astype(np.uint8)
@@ -354,6 +358,8 @@ def test_an_object_is_nearer_than_what_surrounds_it_from_a_fifth_on(nearness, is
         u, v = eye.project(p).tolist()
         box = (u - 10, v - 10, 20.0, 20.0)
         outlines.append(Outline(np.array([u, v]), 0.01 * np.eye(2), 10 / rig.left.focal_px, 1e-6, box, 314.0, False))
+        if is_drawn:
+            cv2.circle(left if eye is view.left else right, (round(u), round(v)), 10, (25, 170, 40), cv2.FILLED)
     association = Association.untrained(StereoParams(), rig.left.width)
     cameras = camera_frames(StereoFrame(left, right, 0.0, 0.0), view)
     assert is_nearer_than_surroundings(association, cameras, view, *outlines) == is_nearer

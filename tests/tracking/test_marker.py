@@ -8,7 +8,7 @@ import pytest
 
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Image
-from tracking.marker import MarkerParams, find_markers, find_vivid_markers, threshold
+from tracking.marker import MarkerParams, colors_of, find_markers, threshold
 from tracking.outline import Optics
 
 OPTICS = Optics(Camera(160, 120, 150.0, 150.0, 79.5, 59.5))
@@ -97,21 +97,37 @@ def test_what_does_not_differ_from_the_background_is_left_out():
     assert boxes == [(0, 0, 160, 120), (30, 0, 160, 120)]
 
 
-def _common_hue(rng: np.random.Generator, more: float, share: float) -> Image:
-    """Greens whose saturation has a standard deviation of 10 in a share of the image; a disc by `more` of these more
-    saturated."""
-    saturation = np.rint(150 + 10 * rng.standard_normal((120, 160)))
-    saturation[:, round(160 * share) :] = 0
-    disc = np.zeros((120, 160), np.uint8)
-    cv2.circle(disc, (110, 60), 8, (1,), cv2.FILLED)
-    red_blue = 255 - np.where(disc > 0, 150 + 10 * more, saturation)
-    return np.stack([red_blue, np.full((120, 160), 255.0), red_blue], axis=-1).astype(np.uint8)
+def _before(color: tuple[int, int, int], rng: np.random.Generator) -> Image:
+    """A green disc that touches a wide patch of another colour, with noise."""
+    image = drawn((60, 60, 12)).astype(float)
+    image[40:80, 66:150] = color
+    cv2.circle(image, (60, 60), 12, GREEN, cv2.FILLED)
+    return np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize(("more", "share", "n"), [(5, 1.0, 1), (3, 1.0, 0), (5, 0.2, 1), (5, 0.0, 0)])
-def test_what_stands_out_of_a_common_hue_by_four_deviations_is_a_marker(more, share, n, rng):
-    """A hue that only the disc has (1 % of the image) is no common one."""
-    vivid = find_vivid_markers(MarkerParams(120.0), _common_hue(rng, more, share), OPTICS)
-    assert [marker.center_px.round().tolist() for marker in vivid] == [[110, 60]] * n
-    pure = np.full((120, 160, 3), (0, 255, 0), np.uint8)
-    assert find_vivid_markers(MarkerParams(120.0), pure, OPTICS) == []  # nothing can be more saturated
+@pytest.mark.parametrize("patch", [plain(120.0, 0.6, 0.8), plain(145.0, 0.95, 0.8), plain(95.0, 0.95, 0.8)])
+def test_a_marker_before_something_of_its_hue_is_found_by_a_part_of_the_range(patch, rng):
+    """By saturation, or by hue; its own colours then tell it from the patch, and count wholly within the range."""
+    image = _before(tuple(patch[0, 0].tolist()), rng)
+
+    def centers(params: MarkerParams) -> list[list[float]]:
+        return [marker.center_px.round().tolist() for marker in find_markers(params, image, OPTICS)]
+
+    parts = list(MarkerParams(120.0).narrowed())
+    assert parts[0] == MarkerParams(120.0)
+    assert [60, 60] not in centers(parts[0])
+    part = next(part for part in parts if [60, 60] in centers(part))
+    outline = next(m for m in find_markers(part, image, OPTICS) if m.center_px == pytest.approx([60, 60], abs=0.5))
+    own = colors_of(MarkerParams(120.0), image, outline)
+    assert centers(own) == [[60, 60]]
+    assert own.min_saturation >= 0.5
+    assert own.hue_tolerance_deg <= 35
+
+
+def test_what_sticks_out_of_a_marker_of_known_size_is_cut_off():
+    image = drawn((60, 60, 12))
+    image[57:64, 60:110] = GREEN
+    (joined,) = find_markers(MarkerParams(), image, OPTICS)
+    (marker,) = find_markers(MarkerParams(), image, OPTICS, near=(60, 60, 40), expected_area_px=452)
+    assert joined.center_px[0] > 65
+    assert marker.center_px == pytest.approx([60, 60], abs=1.0)
