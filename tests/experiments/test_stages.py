@@ -9,7 +9,7 @@ from data import SEED
 
 from control.arm import ArmParams
 from pps_vision.experiments.films.recordings import FPS, Footage
-from pps_vision.experiments.stages import Stages, arm, filter, stereo, trigger
+from pps_vision.experiments.stages import Stages, arm, filter, points, stereo, trigger
 from pps_vision.experiments.stages.arm import Task, damped_least_squares
 from pps_vision.experiments.stages.filter import Measurements
 from pps_vision.experiments.stages.image_tracker import DEFAULT, BoxedFilm
@@ -158,3 +158,11 @@ def test_rates_are_finite_at_a_singular_posture_and_clipped_at_the_limits():
         assert np.abs(dq).max() <= ArmParams().max_rate_rad_s + 1e-9
         end = q + 0.5 * dq
         assert np.array_equal(ROBOT.clamp(end), end) == stays
+
+
+def test_points_are_nearer_than_by_a_median_filter_and_their_ellipsoids_hold():
+    measured = points.methods()
+    path = points.simulated("outliers", 3)
+    smoothed, median = (measured[name](path, 0) for name in (points.DEFAULT, "median of 5"))
+    assert np.median(smoothed["error_mm"]) < 0.6 * np.median(median["error_mm"])
+    assert 0.85 < np.mean(smoothed["inside"]) <= 1

@@ -5,7 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pps_vision.experiments.stages import arm, batches, filter, image_tracker, rendering, solvers, stereo, trigger
+from pps_vision.experiments.stages import (
+    arm,
+    batches,
+    filter,
+    image_tracker,
+    points,
+    rendering,
+    solvers,
+    stereo,
+    trigger,
+)
 from pps_vision.experiments.study import DATA, Part, PartsStudy, TrackingStudy
 
 
@@ -21,6 +31,7 @@ class Stages(PartsStudy, TrackingStudy):
         "image_tracker": Part(image_tracker.run, image_tracker.chart),
         "stereo": Part(stereo.run, stereo.chart),
         "filter": Part(filter.run, filter.chart),
+        "points": Part(points.run, points.chart, points.table),
         "arm": Part(arm.run, arm.chart),
         "solvers": Part(solvers.run, solvers.chart),
         "rendering": Part(rendering.run, rendering.chart),

@@ -166,11 +166,11 @@ def opencv_states(data: Measurements) -> list[Array]:
 
 def flights(folder: Path) -> list[Measurements]:
     """Return every noisy flight of a tt3d folder, triangulated from its two cameras."""
-    view = StereoView(_camera(folder / "side.yaml"), _camera(folder / "oblique.yaml"))
+    view = StereoView(camera_of(folder / "side.yaml"), camera_of(folder / "oblique.yaml"))
     return [_thrown(file, folder / "oblique" / file.name, view) for file in sorted((folder / "side").glob("*.csv"))]
 
 
-def _camera(file: Path) -> View:
+def camera_of(file: Path) -> View:
     """Read rvec, tvec (world to camera), f, w, h.
 
     The principal point is in the middle of the image.
