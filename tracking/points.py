@@ -108,7 +108,7 @@ class Positions(NamedTuple):
 
 def estimate_noise(params: PointParams, view: StereoView, points: Sequence[Pairs]) -> Noise:
     """Return the noise of all points, judged together; InputError without a pair."""
-    parts = [_epipolar(view, item) for item in points]
+    parts = [epipolar_residuals(view, item) for item in points]
     e2 = np.concatenate([part[0] for part in parts]) ** 2
     weight = np.concatenate([part[1] for part in parts])
     likelihood = np.concatenate([item.likelihood for item in points])
@@ -154,7 +154,7 @@ def _correlated_share(
     return min(max(1 - changes / squares - n**-0.5, 0.0), 1.0) if squares > 0 else 0.0
 
 
-def _epipolar(view: StereoView, points: Pairs) -> tuple[Array, Array]:
+def epipolar_residuals(view: StereoView, points: Pairs) -> tuple[Array, Array]:
     """Signed epipolar residuals e (n,) for unit variances, and the shares (n, 2) of both cameras in their variance."""
     gap = view.right.center - view.left.center
     a, a_by_pixel = _rays(view.left, points.pixels[:, 0])
@@ -179,7 +179,7 @@ def triangulate_points(params: PointParams, view: StereoView, points: Pairs, noi
     """Return the positions of all pairs inside the epipolar gate."""
     var = noise.var_of(points.likelihood)
     cov_px2 = points.cov_px2 * var[..., None, None]
-    e, weight = _epipolar(view, points)
+    e, weight = epipolar_residuals(view, points)
     is_pair = np.isfinite(e)
     is_inside = is_pair & (e**2 <= params.gate_sigma**2 * np.sum(weight * var, axis=1))
     flat = np.stack([cov_px2[..., 0, 0], cov_px2[..., 0, 1], cov_px2[..., 1, 1]], axis=-1).reshape(-1, 6)

@@ -55,6 +55,18 @@ class PointNoise(TypedDict):
     pairs: int
 
 
+class ClockNumbers(TypedDict):
+    """Delay of the right camera's stamps at the mean stamp, its drift, their standard errors, whether it was corrected,
+    or why it is unobservable."""
+
+    delay_ms: float | None
+    delay_std_ms: float | None
+    drift_ppm: float | None
+    drift_std_ppm: float | None
+    corrected: bool
+    unobservable: str
+
+
 class TrackNumbers(TypedDict):
     """Results of one track: the number of its frames by status and of those in which it was attended."""
 
@@ -102,6 +114,7 @@ class TrackSummary(TypedDict):
     objects: NotRequired[int]  # largest number at a time
     tracks: NotRequired[list[TrackNumbers]]  # the longest attended first
     points: NotRequired[PointNoise]
+    clock: NotRequired[ClockNumbers]
     smoothed: NotRequired[bool]
     joints: NotRequired[str | None]
     map: NotRequired[str | None]

@@ -13,8 +13,8 @@ from pps_vision.app.results import Reprojection, TrackNumbers, TrackSummary
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import TrackArrays, track_arrays
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, TimeUnit
+from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Clock, TimeUnit
 from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.point_tables import PointTable, read_points
 from pps_vision.recordings.source import CalibrationArguments, Names
@@ -23,6 +23,7 @@ from pps_vision.recordings.times import read_times
 from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
 from pps_vision.types import Array, Detection2D, Status, Track3D
 from tracking import DEFAULT_ORDER
+from tracking.clock import ClockParams, Delay, Interpolator, PointPath, estimate_delay
 from tracking.kalman import KalmanParams
 from tracking.points import (
     Pairs,
@@ -45,21 +46,33 @@ class TriangulatedPoints:
         names: Names of the points; number k of `tracks` and files is k + 1.
         stamps_s: (n,) stamps of the pairs.
         noise: Noise of the image points, from their epipolar residuals.
+        clock: Delay of the right camera's stamps, None where it was not asked for.
         problems: Images and names without a partner, which are left out.
         stopwatch: Time of triangulation and filter.
     """
 
     def __init__(
-        self, left: PointTable, right: PointTable, rig: StereoRig, params: PointParams, max_skew_s: float = MAX_SKEW_S
+        self,
+        left: PointTable,
+        right: PointTable,
+        rig: StereoRig,
+        params: PointParams,
+        max_skew_s: float = MAX_SKEW_S,
+        clock: ClockParams | None = None,
+        points: Sequence[str] = (),
     ) -> None:
-        """Triangulate and filter the points of two tables with stamps."""
+        """Triangulate and filter the `points` (default: all) of two tables with stamps; with `clock` correct their
+        delay first."""
         self.tables = left, right
         self.params = params
         self.view = rig.view()
         self.problems: list[Problem] = []
         self.stopwatch = Stopwatch()
-        columns = self._columns(left, right)
+        columns = self._columns(left, right, points)
         self.names = tuple(left.names[k] for k, _ in columns)
+        self.clock = None if clock is None else _delay(clock, self.view, left, right, columns)
+        if self.clock and self.clock.is_late:
+            right = _resampled(right, left.times + self.clock.at(left.times), left.times)
         rows = _paired(left, right, max_skew_s, self.problems)
         self.stamps_s = 0.5 * (left.times[rows[:, 0]] + right.times[rows[:, 1]])
         with self.stopwatch("total", len(rows)):
@@ -69,19 +82,22 @@ class TriangulatedPoints:
             filtering = params, self.view.midpoint, self.stamps_s
             self._steps = [follow_points(*filtering, item, self.noise.correlated_share) for item in self._positions]
 
-    def _columns(self, left: PointTable, right: PointTable) -> list[tuple[int, int]]:
+    def _columns(self, left: PointTable, right: PointTable, chosen: Sequence[str]) -> list[tuple[int, int]]:
         """Columns of the names in both tables; names of one are left out, unless each table has only one."""
-        if len(left.names) == len(right.names) == 1:
-            return [(0, 0)]
         for table, other in ((left, right), (right, left)):
-            if missing := [name for name in table.names if name not in other.names]:
+            if unknown := [name for name in chosen if name not in table.names]:
+                raise InputError(table.file, f"no point {unknown[0]}; expected one of {', '.join(table.names)}")
+            missing = [name for name in table.names if name not in other.names]
+            if missing and not len(left.names) == len(right.names) == 1:
                 message = f"{', '.join(missing)} not in {other.file}; expected each name in both"
                 self.problems.append(Problem(ProblemKind.UNPAIRED, table.file, None, message, len(missing)))
-        both = [(k, right.names.index(name)) for k, name in enumerate(left.names) if name in right.names]
+        if len(left.names) == len(right.names) == 1:
+            return [(0, 0)]
+        both = [name for name in dict.fromkeys(chosen or left.names) if name in right.names]
         if not both:
             names = f"names {', '.join(right.names)[:100]}, not those of {left.file}: {', '.join(left.names)[:100]}"
             raise InputError(right.file, f"{names}; expected a name that both have")
-        return both
+        return [(left.names.index(name), right.names.index(name)) for name in both]
 
     def arrays(self, name: str | None = None, smooth: bool = False) -> TrackArrays:
         """Return the path of a point, by default the first; with `smooth` corrected by later measurements (RTS).
@@ -175,7 +191,7 @@ class TriangulatedPoints:
         for track in self._tracks(0, False):
             status[track.status.value] += 1
         noise = self.noise
-        return {
+        content: TrackSummary = {
             "source": str(self.tables[0].file),
             "mode": "points",
             "reduction": 1,
@@ -199,6 +215,16 @@ class TriangulatedPoints:
                 "pairs": noise.pairs,
             },
         }
+        if (clock := self.clock) is not None:
+            content["clock"] = {
+                "delay_ms": 1000 * clock.delay_s,
+                "delay_std_ms": 1000 * clock.std_s,
+                "drift_ppm": 1e6 * clock.drift,
+                "drift_std_ppm": 1e6 * clock.drift_std,
+                "corrected": clock.is_late,
+                "unobservable": clock.unobservable,
+            }
+        return content
 
     @property
     def warnings(self) -> list[str]:
@@ -210,7 +236,7 @@ class TriangulatedPoints:
             found.append(f"{share} do not fit one 3D point: are names, frames and cameras those of the calibration?")
         if noise.correlated_share > 0.5:
             std_px = float(np.median(noise.std)) * noise.correlated_share**0.5
-            how = "in the same way in successive images: calibration, clock, or the detector"
+            how = "in the same way in successive images: calibration, clock (--clock auto), or detector"
             found.append(f"the points of both images miss each other by {std_px:.2g} px (σ) {how}")
         return found
 
@@ -242,6 +268,30 @@ def _pairs(tables: tuple[PointTable, PointTable], rows: NDArray[np.intp], column
         np.stack([table.likelihood[row, k] for table, row, k in places], axis=1),
         np.where(is_stated[..., None, None], stated, np.eye(2)),
     )
+
+
+def _delay(
+    params: ClockParams, view: StereoView, left: PointTable, right: PointTable, columns: Sequence[tuple[int, int]]
+) -> Delay:
+    """The delay between two tables, from all names."""
+    return estimate_delay(params, view, [(_path(left, a), _path(right, b)) for a, b in columns])
+
+
+def _path(table: PointTable, column: int) -> PointPath:
+    known = np.isfinite(table.pixels[:, column, 0])
+    return PointPath(table.times[known], table.pixels[known, column])
+
+
+def _resampled(table: PointTable, at_s: Array, stamps_s: Array) -> PointTable:
+    """The table at other times by its own stamps, which `stamps_s` (n,) call; of likelihood and covariance the nearest
+    row's."""
+    rows = _nearest(table.times, at_s)
+    pixels = np.full((len(at_s), len(table.names), 2), np.nan)
+    for k in range(len(table.names)):
+        if len((path := _path(table, k)).stamps_s) > 1:
+            pixels[:, k] = Interpolator(path, ClockParams().gap_frames)(at_s)
+    likelihood, cov_px2 = table.likelihood[rows], table.cov_px2[rows]
+    return replace(table, times=stamps_s, pixels=pixels, likelihood=likelihood, cov_px2=cov_px2)
 
 
 def _stamped(table: PointTable, fps: float | None, file: Path | None, unit: TimeUnit | None) -> PointTable:
@@ -295,6 +345,7 @@ def triangulate(
     times_unit: TimeUnit | None = None,
     max_skew_s: float = MAX_SKEW_S,
     points: Sequence[str] = (),
+    clock: Clock = "stamps",
     order: int = DEFAULT_ORDER,
     params: PointParams | None = None,
     **options: Unpack[CalibrationArguments],
@@ -312,6 +363,7 @@ def triangulate(
         times_unit: Unit of the stamps, where nothing else says it.
         max_skew_s: Largest difference of the stamps of a pair.
         points: Names of the points to use; default: all that both tables have.
+        clock: "auto": estimate the delay and the drift of the right camera's stamps from the points, and correct them.
         order: Order of the Kalman filter, 1–4.
         params: All parameters; replaces `order`.
         options: As `CalibrationOptions`.
@@ -320,7 +372,6 @@ def triangulate(
         InputError: A table or calibration cannot be read, or both tables share no name or no time.
     """
     tables = read_points(Path(left), "left", times_unit), read_points(Path(right), "right", times_unit)
-    tables = _chosen(tables[0], points), _chosen(tables[1], points)
     files = [Path(calib)] if isinstance(calib, Path | str) else [Path(file) for file in calib]
     images = ([str(left)], [str(right)])
     left_camera, right_camera, T_left_right = read_stereo_calibration(
@@ -335,15 +386,5 @@ def triangulate(
     first, second = stamp_files[0] if stamp_files else None, stamp_files[-1] if stamp_files else None
     stamped = (_stamped(tables[0], fps, first, times_unit), _stamped(tables[1], fps, second, times_unit))
     params = params or PointParams(KalmanParams.of_order(order))
-    return TriangulatedPoints(*stamped, rig, params, 0.0 if is_one_clock else max_skew_s)
-
-
-def _chosen(table: PointTable, names: Sequence[str]) -> PointTable:
-    """The table with these names only; InputError for one that it does not have."""
-    if missing := [name for name in names if name not in table.names]:
-        raise InputError(table.file, f"no point {missing[0]}; expected one of {', '.join(table.names)}")
-    if not names:
-        return table
-    keep = [table.names.index(name) for name in dict.fromkeys(names)]
-    columns = table.pixels[:, keep], table.likelihood[:, keep], table.cov_px2[:, keep]
-    return PointTable(table.file, tuple(table.names[k] for k in keep), table.times, table.has_stamps, *columns)
+    clock_params = ClockParams() if clock == "auto" else None
+    return TriangulatedPoints(*stamped, rig, params, 0.0 if is_one_clock else max_skew_s, clock_params, points)

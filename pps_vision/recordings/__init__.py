@@ -15,6 +15,8 @@ MAX_SKEW_S = 0.02
 Form = Literal["tum", "anipose", "mot", "coco", "ros2"]
 """Forms of other tools in which tracks and detections are written; `pps_vision.recordings.exchange` says what is in
 them."""
+Clock = Literal["stamps", "auto"]
+"""Stamps of the right camera as they are, or corrected by the delay that points show."""
 TimeUnit = Literal["s", "ms", "us", "ns"]
 """Units of stamps."""
 Layout = Literal["lr", "rl", "tb", "bt"]

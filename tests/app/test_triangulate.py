@@ -20,17 +20,17 @@ NAMES = ("nose", "tail")
 Pixels = np.ndarray  # (2 cameras, n, names, 2)
 
 
-def paths(n: int = N, seed: int = 0) -> np.ndarray:
+def paths(n: int = N, seed: int = 0, fps: float = FPS) -> np.ndarray:
     """(n, 2 names, 3) m: smooth paths within the view of both cameras."""
     rng = np.random.default_rng(seed)
-    t = np.arange(n)[:, None, None] / FPS
+    t = np.arange(n)[:, None, None] / fps
     waves = [0.05 * np.sin(2 * np.pi * (rng.uniform(0.1, 0.7, (1, 2, 3)) * t + rng.random((1, 2, 3)))) for _ in "ab"]
     return sum(waves) + np.array([[[0.0, 0.0, 0.8], [0.1, 0.05, 0.9]]])
 
 
 def seen(points: np.ndarray) -> Pixels:
     """Pixels (2, n, names, 2) of points (n, names, 3) in the left camera's frame, by OpenCV."""
-    flat = points.reshape(-1, 3)
+    flat = np.ascontiguousarray(points.reshape(-1, 3))
     cameras = [(np.eye(3), np.zeros(3)), (R, T)]
     sides = [cv2.projectPoints(flat, cv2.Rodrigues(turn)[0], t, K[k], D[k])[0] for k, (turn, t) in enumerate(cameras)]
     return np.array(sides).reshape(2, *points.shape[:2], 2)
@@ -221,6 +221,38 @@ def test_images_are_paired_by_stamp_and_gaps_stay_open(tmp_path, calib):
     assert {problem.file.name: problem.count for problem in run.problems} == {"l.csv": 1, "r.csv": 20}
     status = run.arrays().status
     assert status[18] == status[20] == "tracking"  # it starts anew after the gap of 0.7 s
+
+
+def late(tmp_path: Path, delay_s: float, seed: int, still: bool = False) -> tuple[list[Path], np.ndarray]:
+    """Tables whose right stamps are late and lie between the left ones; errors of 0.3 px."""
+    rng = np.random.default_rng(seed)
+    dense = paths(3001, seed, 10 * FPS)[:, :1] if not still else np.tile([[[0.1, 0.1, 0.9]]], (3001, 1, 1))
+    files = [tmp_path / f"late_{side}.csv" for side in ("left", "right")]
+    for file, pixels, first, shift in zip(files, seen(dense)[:, :, 0], (0, 4), (0.0, delay_s), strict=True):
+        stamps = np.arange(len(dense))[first::10] / (10 * FPS) + shift
+        noisy = pixels[first::10] + rng.normal(0, 0.3, pixels[first::10].shape)
+        lines = [f"{t!r},{u!r},{v!r}\n" for t, (u, v) in zip(stamps.tolist(), noisy.tolist(), strict=True)]
+        file.write_text("stamp_s,u,v\n" + "".join(lines))
+    return files, dense[::10, 0]
+
+
+def test_a_late_camera_is_found_and_corrected(tmp_path, calib, capsys):
+    for seed, delay_s in enumerate((0.137, -0.42, 0.005)):
+        files, truth = late(tmp_path, delay_s, seed)
+        run = pv.triangulate(*files, calib=calib, clock="auto")
+        assert run.clock.is_late
+        assert abs(run.clock.delay_s - delay_s) < min(4 * run.clock.std_s, 0.001)
+        path = run.arrays(smooth=True)
+        known = np.isfinite(path.position[:, 0])
+        assert known.mean() > 0.8
+        rows = np.rint(path.stamps_s * FPS).astype(int)
+        assert np.median(np.linalg.norm(path.position - truth[rows], axis=1)[known]) < 0.003
+    files, _ = late(tmp_path, 0.137, 0, still=True)
+    main(["triangulate", *map(str, files), "--calib", str(calib), "--clock", "auto", "--out", str(tmp_path / "still")])
+    assert "unobservable, nothing moves across the epipolar lines" in capsys.readouterr().out
+    clock = json.loads((tmp_path / "still" / "summary.json").read_text())["clock"]
+    assert clock["corrected"] is False
+    main(["report", str(tmp_path / "still")])
 
 
 def test_the_command_writes_what_track_writes(tmp_path, calib, capsys):

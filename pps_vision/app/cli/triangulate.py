@@ -9,7 +9,7 @@ from tyro.conf import Positional
 
 from pps_vision.app.cli.options import command_line, print_skipped
 from pps_vision.errors import InputError
-from pps_vision.recordings import MAX_SKEW_S, SUMMARY, CalibrationOptions, Form, TimeUnit
+from pps_vision.recordings import MAX_SKEW_S, SUMMARY, CalibrationOptions, Clock, Form, TimeUnit
 from tracking import DEFAULT_ORDER
 
 
@@ -42,6 +42,8 @@ class Triangulate(CalibrationOptions):
     """Points further apart in time are no pair."""
     points: tuple[str, ...] = ()
     """Names of the points to use; default: all that both tables have.  The first is the attended one."""
+    clock: Clock = "stamps"
+    """auto: estimate the delay and the drift of the right camera's stamps, and correct them."""
     order: int = DEFAULT_ORDER
     """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
     smooth: bool = False
@@ -64,7 +66,8 @@ class Triangulate(CalibrationOptions):
             raise InputError("triangulate", f"--also {boxes[0]}: points have no boxes; expected tum, anipose or ros2")
         options: Any = {field.name: getattr(self, field.name) for field in fields(CalibrationOptions)}
         options |= {
-            name: getattr(self, name) for name in ("size", "fps", "times", "times_unit", "max_skew_s", "points")
+            name: getattr(self, name)
+            for name in ("size", "fps", "times", "times_unit", "max_skew_s", "points", "clock")
         }
         with whole_folder(self.out) as folder:
             run = triangulate(self.left, self.right, calib=self.calib, order=self.order, **options)
@@ -87,6 +90,8 @@ class Triangulate(CalibrationOptions):
             if self.report:
                 write_report(folder)
         print_skipped(run.problems, run.warnings)
+        if run.clock is not None:
+            print(f"right camera's clock: {run.clock}")
         tracked, outliers = (sum(item[key] for item in run.numbers) for key in ("tracking", "outliers"))
         std = ", ".join(f"{value:.2g}" for value in run.noise.std)
         print(

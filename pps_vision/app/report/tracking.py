@@ -331,6 +331,7 @@ def _numbers_table(summary: TrackSummary) -> Markup:
         if "outliers" in item:
             rows.append([f"{item.get('name')}: outliers", _text(item["outliers"])])
     rows += [[f"points: {key}", _text(value)] for key, value in summary.get("points", {}).items()]
+    rows += [[f"clock: {key}", _text(value)] for key, value in summary.get("clock", {}).items()]
     rows += [["reach: " + key, _text(value)] for key, value in summary.get("reach", {}).items()]
     rows += [["cameras: " + key, _text(value)] for key, value in summary["cameras"].items() if value is not None]
     return page.table(["", "value"], rows)

@@ -1,0 +1,232 @@
+"""The delay between the clocks of two cameras, from points that both follow.
+
+At the true delay τ the right image's point, interpolated at t + τ, and the left one's at t fit one 3D point: the
+epipolar residual e(t, τ) is 0 but for noise and the calibration's error.  The latter is taken to be affine in the
+image, so that
+
+    e(t, τ) = β₀ + β₁ u + β₂ v + noise        ∂e/∂τ = s(t), the rate across the epipolar lines
+
+is solved by Gauss–Newton from the best delay of a search.  Its standard error counts noise that is correlated in time
+(Newey and West 1987).  Where s hardly varies, or no more than noise lets it, the delay is unobservable: nothing moves
+across the epipolar lines, or at a constant rate.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from pps_vision.errors import InputError
+from pps_vision.geometry.camera import StereoView
+from pps_vision.types import Array, Mask
+from tracking.points import Pairs, epipolar_residuals
+
+_ITERATIONS = 8
+_SPAN_FRAMES = 1.5  # half the span of a rate
+_TO_STD = 1.4826  # of a normal distribution's median absolute deviation
+_VALLEYS = 4  # delays from which the best is refined
+_INTERPOLATION = 0.0005  # error of interpolation, frames (simulated, seeds 100 to 129, 0.05 px)
+
+
+@dataclass(frozen=True)
+class ClockParams:
+    """Search range and tests of observability."""
+
+    range_s: float = 1.0
+    """Largest delay, either way."""
+    gate_sigma: float = 3.5
+    """Residuals further out are outliers."""
+    gap_frames: float = 1.6
+    """Longest interval between samples, in median intervals, across which is interpolated."""
+    fewest: int = 30
+    """Pairs that are needed."""
+    signal: float = 4.0
+    """Least ratio of the variance of the rate across the epipolar lines and that of its noise."""
+    ambiguity: float = 1.5
+    """Least ratio of the residuals at the next best delay and at the best."""
+    most_std_frames: float = 0.25
+    """Largest standard error of a delay, in frames."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not getattr(self, field.name) > 0:
+                raise InputError("clock", f"{field.name} {getattr(self, field.name)}; expected more than 0")
+
+
+class PointPath(NamedTuple):
+    """The samples of one point in one camera: rising stamps (n,) s and pixels (n, 2), without gaps as NaN."""
+
+    stamps_s: Array
+    pixels: Array
+
+
+class Delay(NamedTuple):
+    """Delay of the right camera's stamps at a stamp, s, its drift, and their standard errors; or why there is none."""
+
+    delay_s: float = np.nan
+    std_s: float = np.nan
+    drift: float = np.nan
+    drift_std: float = np.nan
+    at_s: float = np.nan
+    unobservable: str = ""
+
+    def __str__(self) -> str:
+        if self.unobservable:
+            return f"unobservable, {self.unobservable}"
+        low_ms, high_ms = (1000 * (self.delay_s + k * self.std_s) for k in (-1.96, 1.96))
+        drift = f", drift {1e6 * self.drift:.0f} ± {1.96e6 * self.drift_std:.0f} ppm" if self.drifts else ""
+        return f"{1000 * self.delay_s:.2f} ms late (95 %: {low_ms:.2f} to {high_ms:.2f}){drift}"
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the delay is observable."""
+        return not self.unobservable
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the drift's 99.9 % interval excludes 0."""
+        return self.is_known and abs(self.drift) > 3.3 * self.drift_std
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the delay's 99.9 % interval excludes 0, or it drifts."""
+        return self.is_known and (abs(self.delay_s) > 3.3 * self.std_s or self.drifts)
+
+    def at(self, stamps_s: Array) -> Array:
+        """The delay at stamps."""
+        return self.delay_s + (self.drift if self.drifts else 0.0) * (stamps_s - self.at_s)
+
+
+def estimate_delay(params: ClockParams, view: StereoView, points: Sequence[tuple[PointPath, PointPath]]) -> Delay:
+    """Return the delay of the right camera's stamps behind the left one's, of fixed cameras.
+
+    Args:
+        params: Parameters.
+        view: The cameras.
+        points: The left and the right path of each point.
+    """
+    paths = [(left, Interpolator(right, params.gap_frames)) for left, right in points if len(right.stamps_s) > 1]
+    stamps = np.concatenate([left.stamps_s for left, _ in paths]) if paths else np.zeros(0)
+    if len(stamps) < params.fewest:
+        return Delay(unobservable=f"{len(stamps)} images with a point; expected {params.fewest}")
+    frame_s = float(np.median(np.concatenate([np.diff(left.stamps_s) for left, _ in paths])))
+    span_s = _SPAN_FRAMES * frame_s
+    at_s = float(stamps.mean())
+    where = np.concatenate([left.pixels for left, _ in paths])
+    where = (where - where.mean(axis=0)) / (where.std(axis=0) + 1e-9)
+    nuisance = np.column_stack([np.ones(len(stamps)), where])
+
+    def residuals(delay_s: Array | float) -> Array:
+        """Epipolar residuals (n,) if the right stamps are that late."""
+        shift = np.broadcast_to(delay_s, stamps.shape)
+        pixels = np.concatenate(
+            [right(left.stamps_s + part) for (left, right), part in zip(paths, _parts(paths, shift), strict=True)]
+        )
+        both = np.stack([np.concatenate([left.pixels for left, _ in paths]), pixels], axis=1)
+        cov = np.broadcast_to(np.eye(2), (len(both), 2, 2, 2))
+        return epipolar_residuals(view, Pairs(both, np.full((len(both), 2), np.nan), cov))[0]
+
+    def refined(delay_s: float) -> tuple[float, Array, Array, Array, Mask]:
+        """Robust scale of the residuals, delay and drift, regressors, residuals, and which are used, by Gauss–Newton
+        from a delay; an infinite scale where too few images remain."""
+        theta = np.array([delay_s, 0.0])
+        for _ in range(_ITERATIONS):
+            at = theta[0] + theta[1] * (stamps - at_s)
+            e = residuals(at)
+            rate = (residuals(at + span_s) - residuals(at - span_s)) / (2 * span_s)
+            X = np.column_stack([rate, rate * (stamps - at_s), nuisance])
+            known = np.isfinite(e) & np.isfinite(rate)
+            if known.sum() < params.fewest:
+                return np.inf, theta, X, e, known
+            outlier = known & ~_without(e, nuisance, params.gate_sigma)[1]
+            used = known & ~np.convolve(outlier, np.ones(5), "same").astype(bool)  # interpolation spreads them
+            theta = theta - np.linalg.lstsq(X[used], e[used], rcond=None)[0][:2]
+        return _scale(e, nuisance, params), theta, X, e, used
+
+    n = int(np.ceil(2 * params.range_s / frame_s))
+    grid = 0.5 * frame_s * np.arange(-n, n + 1)
+    costs = np.nan_to_num([_scale(residuals(delay_s), nuisance, params) for delay_s in grid], nan=np.inf)
+    lower = np.minimum(np.append(np.inf, costs[:-1]), np.append(costs[1:], np.inf))
+    valleys = [k for k in np.argsort(costs) if costs[k] <= lower[k] and np.isfinite(costs[k])][:_VALLEYS]
+    fits = sorted((refined(float(grid[k])) for k in valleys), key=lambda fit: fit[0])
+    if not fits or not np.isfinite(fits[0][0]):
+        return Delay(unobservable=f"no {params.fewest} images of both cameras at one time")
+    scale, theta, X, e, used = fits[0]
+    noise = e[used] - X[used] @ np.linalg.lstsq(X[used], e[used], rcond=None)[0]
+    rate = X[used, 0]
+    own = rate - nuisance[used] @ np.linalg.lstsq(nuisance[used], rate, rcond=None)[0]
+    noise_of_rate = float(np.var(noise)) / (2 * span_s) ** 2  # of two samples of the right camera's half
+    if np.var(own) < params.signal * noise_of_rate:
+        moves = np.mean(rate**2) > 4 * params.signal * noise_of_rate
+        how = "all moves at a constant rate across" if moves else "nothing moves across"
+        return Delay(unobservable=f"{how} the epipolar lines")
+    std, drift_std = np.sqrt(np.diag(_newey_west(X[used], noise))[:2])
+    std = np.hypot(std, _INTERPOLATION * frame_s)
+    if not std < params.most_std_frames * frame_s:
+        return Delay(unobservable=f"uncertain by {1000 * std:.2g} ms (σ): little moves across the epipolar lines")
+    others = [fit[0] for fit in fits if abs(fit[1][0] - theta[0]) > 0.5 * frame_s]
+    if others and others[0] < params.ambiguity * scale:
+        return Delay(unobservable=f"other delays than {1000 * theta[0]:.1f} ms fit about as well")
+    return Delay(float(theta[0]), float(std), float(theta[1]), float(drift_std), at_s)
+
+
+class Interpolator:
+    """A point's pixels between its samples, by cubic Hermite splines; NaN beyond them and in long gaps."""
+
+    def __init__(self, path: PointPath, gap_frames: float) -> None:
+        self._stamps_s = path.stamps_s
+        self._longest_s = gap_frames * float(np.median(np.diff(path.stamps_s)))
+        slopes = np.gradient(path.pixels, path.stamps_s, axis=0)
+        if len(slopes) > 4:  # of fourth order where samples are regular
+            t, x = path.stamps_s, path.pixels
+            steps = np.lib.stride_tricks.sliding_window_view(np.diff(t), 4)
+            regular = np.ptp(steps, axis=1) < 0.2 * steps.mean(axis=1)
+            fourth = (x[:-4] - 8 * x[1:-3] + 8 * x[3:-1] - x[4:]) / (12 * steps.mean(axis=1))[:, None]
+            slopes[2:-2][regular] = fourth[regular]
+        self._spline = CubicHermiteSpline(path.stamps_s, path.pixels, slopes, extrapolate=False)
+
+    def __call__(self, stamps_s: Array) -> Array:
+        """(n, 2) pixels at stamps (n,)."""
+        after = np.clip(np.searchsorted(self._stamps_s, stamps_s), 1, len(self._stamps_s) - 1)
+        gaps = self._stamps_s[after] - self._stamps_s[after - 1]
+        pixels = self._spline(stamps_s)
+        pixels[gaps > self._longest_s] = np.nan
+        return np.asarray(pixels)
+
+
+def _parts(paths: Sequence[tuple[PointPath, Interpolator]], values: Array) -> list[Array]:
+    """Values (n,) of all paths, by path."""
+    return np.split(values, np.cumsum([len(left.stamps_s) for left, _ in paths])[:-1])
+
+
+def _scale(e: Array, nuisance: Array, params: ClockParams) -> float:
+    """Robust standard deviation of residuals beside what the calibration explains; NaN for fewer than half."""
+    known = np.isfinite(e)
+    if known.sum() < max(params.fewest, 0.5 * len(e)):
+        return np.nan
+    return _TO_STD * float(np.median(np.abs(_without(e, nuisance, params.gate_sigma)[0][known])))
+
+
+def _without(e: Array, nuisance: Array, gate_sigma: float) -> tuple[Array, Mask]:
+    """Residuals (n,) without what the calibration explains, and which are no outliers."""
+    known = np.isfinite(e)
+    rest: Array = e - np.median(e[known])
+    for width in (2, 1, 1):
+        std = _TO_STD * max(float(np.median(np.abs(rest[known]))), 1e-6)
+        used = known & (np.abs(rest) <= width * gate_sigma * std)
+        rest = e - nuisance @ np.linalg.lstsq(nuisance[used], e[used], rcond=None)[0]
+    return rest, used
+
+
+def _newey_west(X: Array, noise: Array) -> Array:
+    """Covariance of least squares X β = y whose noise is correlated over neighbouring rows."""
+    scores = X * noise[:, None]
+    lags = max(int(np.ceil(1.5 * len(X) ** (1 / 3))), 2)
+    meat = scores.T @ scores
+    for lag in range(1, lags + 1):
+        cross = scores[lag:].T @ scores[:-lag]
+        meat += (1 - lag / (lags + 1)) * (cross + cross.T)
+    bread = np.linalg.pinv(X.T @ X)
+    return np.asarray(len(X) / max(len(X) - X.shape[1], 1) * bread @ meat @ bread)
