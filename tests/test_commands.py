@@ -1,4 +1,4 @@
-"""Every command of the README runs in a folder that holds its input files.
+"""Every command of the list of commands runs in a folder that holds its input files.
 
 The longer commands run in `make test-all`.
 """
@@ -46,7 +46,7 @@ def is_long(line: str) -> bool:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The input files of the commands, under the names of the README."""
+    """The input files of the commands, under the names of the list."""
     folder = tmp_path_factory.mktemp("files")
     write_laboratory(folder)
     prepare(folder, [])
@@ -109,10 +109,10 @@ def words_of(command: str) -> list[str]:
     "line",
     [
         pytest.param(line, marks=[pytest.mark.long] * is_long(line))
-        for line in typed(ROOT / "README.md") if line.startswith("pps-vision ")
+        for line in typed(ROOT / "docs" / "commands.md") if line.startswith("pps-vision ")
     ],
 )  # fmt: skip
-def test_a_command_of_the_readme(line, files, tmp_path, monkeypatch):
+def test_a_command_of_the_list(line, files, tmp_path, monkeypatch):
     folder = tmp_path / "here"
     shutil.copytree(files, folder, copy_function=os.link)
     monkeypatch.chdir(folder)
