@@ -1,6 +1,7 @@
 """Track an object in the images of one camera."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -8,18 +9,40 @@ from pps_vision.app.progress import progress
 from pps_vision.errors import InputError
 from pps_vision.recordings.tables import Box
 from pps_vision.recordings.video import ImageSequence
+from pps_vision.types import Image
 from tracking.particle_filter import ParticleFilterParams
-from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTracker, TrackerName
+from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, ScoredTracker, csrt_tracker, nano_tracker
+
+Start = Callable[[Image, Box], BoxTracker]
+"""Starts a tracker of the object in a box of the first image."""
 
 
-def track_boxes(
-    sequence: ImageSequence, init: Box, name: TrackerName, seed: int, report: Callable[[str], None]
-) -> list[tuple[int, Box, float]]:
-    """Frame number, box and score of every readable frame; `init` is the box in the first.
+def start_of(name: str, nano_weights: Path | None, seed: int, report: Callable[[str], None]) -> Start:
+    """Return the start of a tracker: `colour`, `csrt`, or NanoTrack with weights.
 
     `report` is called with a warning if the object's colours do not separate it from its surroundings.
     """
-    tracker: BoxTracker | None = None
+    if nano_weights is not None:
+        weights = nano_weights
+        return lambda image, box: nano_tracker(image, box, weights)
+    if name == "csrt":
+        return csrt_tracker
+
+    def by_color(image: Image, box: Box) -> BoxTracker:
+        tracker = ColorTracker(image, box, ParticleFilterParams(), np.random.default_rng(seed))
+        if tracker.similarity > MAX_SIMILARITY:
+            report(
+                f"warning: the object's colours and those of its surroundings are alike (similarity "
+                f"{tracker.similarity:.2f} > {MAX_SIMILARITY:g}), so it may be lost; try --tracker csrt"
+            )
+        return tracker
+
+    return by_color
+
+
+def track_boxes(sequence: ImageSequence, init: Box, start: Start) -> list[tuple[int, Box, float]]:
+    """Frame number, box and score of every readable frame; `init` is the box in the first."""
+    tracker: ScoredTracker | None = None
     rows: list[tuple[int, Box, float]] = []
     for number, image in progress(sequence, total=len(sequence), desc="track2d", unit="frame"):
         if tracker is not None:
@@ -28,13 +51,5 @@ def track_boxes(
         if sequence.problems:
             raise InputError("track2d", f"--init is the box in that image: {sequence.problems[0]}")
         rows.append((number, init, 1.0))
-        if name == "csrt":
-            tracker = CsrtTracker(image, init)
-            continue
-        tracker = ColorTracker(image, init, ParticleFilterParams(), np.random.default_rng(seed))
-        if tracker.similarity > MAX_SIMILARITY:
-            report(
-                f"warning: the object's colours and those of its surroundings are alike (similarity "
-                f"{tracker.similarity:.2f} > {MAX_SIMILARITY:g}), so it may be lost; try --tracker csrt"
-            )
+        tracker = ScoredTracker(start(image, init), image, init)
     return rows

@@ -7,7 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 from data import SEED
+from torch.onnx._internal.torchscript_exporter import onnx_proto_utils
 
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
@@ -42,7 +44,7 @@ def test_every_form_holds_the_boxes(frames, tmp_path, capsys):
     for form, file in files.items():
         main(["track2d", str(frames), *INIT, "--form", form, "--out", str(file)])
         said = capsys.readouterr()
-        assert said.out == f"found in 6 of 6 frames → {file}\n"
+        assert said.out == f"found in 6 of 6 frames (score ≥ 0.5) → {file}\n"
         assert "warning" not in said.err
     for form in ("csv", "mot"):
         assert evaluate_boxes(read_boxes(files[form]), read_boxes(tmp_path / "truth.csv")).mean_iou > 0.95
@@ -76,7 +78,56 @@ def test_csrt_follows_the_block_too(frames, tmp_path, capsys):
     assert sorted(boxes.frames) == list(range(1, N + 1))
     rows = np.loadtxt(tmp_path / "boxes.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(rows[:, 1:5], [box(k) for k in range(N)], atol=3)
-    assert (rows[:, 5] == 1).all()
+    assert (rows[:, 5] >= 0.5).all()
+
+
+class _Backbone(torch.nn.Module):
+    """Mean colour of every square of 16 px."""
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.avg_pool2d(image, 16, 16, padding=8, count_include_pad=False)[:, :, :16, :16]
+
+
+class _Head(torch.nn.Module):
+    """Classes: how near a colour is to that in the middle of the template; boxes: of one size."""
+
+    def forward(self, template: torch.Tensor, search: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        color = template[:, :, 3:5, 3:5].mean(dim=(2, 3), keepdim=True)
+        off = ((search - color) ** 2).sum(dim=1, keepdim=True)
+        nearness = -0.0005 * torch.nn.functional.avg_pool2d(off, 3, 1, padding=1, count_include_pad=False)
+        sides = torch.tensor([34.0, 29.0, 34.0, 29.0]).reshape(1, 4, 1, 1) + 0 * search[:, :1]
+        return torch.cat([-nearness, nearness], dim=1), sides
+
+
+@pytest.fixture
+def weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """NanoTrack's two files with a network that finds the template's colour."""
+    monkeypatch.setattr(onnx_proto_utils, "_add_onnxscript_fn", lambda model, *_: model)  # it needs the package onnx
+    folder = tmp_path / "weights"
+    folder.mkdir()
+    options = {"dynamo": False, "opset_version": 11}
+    names = {"input_names": ["input"], "output_names": ["output"]}
+    torch.onnx.export(_Backbone(), torch.zeros(1, 3, 255, 255), folder / "my_backbone.onnx", **options, **names)
+    names = {"input_names": ["input1", "input2"], "output_names": ["output1", "output2"]}
+    parts = torch.zeros(1, 3, 8, 8), torch.zeros(1, 3, 16, 16)
+    torch.onnx.export(_Head(), parts, folder / "my_head.onnx", **options, **names)
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_nanotrack_follows_the_block_with_the_weights_of_a_folder(frames, weights, tmp_path, capsys):
+    words = ["track2d", str(frames), *INIT, "--nano-weights", str(weights), "--out", str(tmp_path / "boxes.csv")]
+    main(words)
+    assert "of 6 frames" in capsys.readouterr().out
+    rows = np.loadtxt(tmp_path / "boxes.csv", delimiter=",", skiprows=1)
+    centers = rows[:, 1:3] + rows[:, 3:5] / 2
+    np.testing.assert_allclose(centers, [np.add(box(k)[:2], np.array(box(k)[2:]) / 2) for k in range(N)], atol=6)
+    (weights / "my_head.onnx").write_bytes(b"no network")
+    for expected in ("NanoTrack's weights", "expected one file *head*.onnx"):
+        with pytest.raises(SystemExit):
+            main(words)
+        assert expected in capsys.readouterr().err
+        (weights / "my_head.onnx").unlink(missing_ok=True)
 
 
 def test_an_object_like_its_surroundings_is_warned_of_and_not_found(frames, tmp_path, capsys):

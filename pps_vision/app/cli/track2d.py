@@ -9,6 +9,8 @@ from tyro.conf import Positional
 
 from pps_vision.app.cli.options import print_skipped
 
+_FOUND = 0.5  # score from which the object counts as found
+
 
 @dataclass(frozen=True)
 class Track2d:
@@ -19,10 +21,12 @@ class Track2d:
     init: tuple[float, float, float, float]
     """X Y W H of the object in the first image: top-left corner and size, pixels."""
     out: Path
-    """Where to write frame,x,y,w,h,score. The score is 0 where the object is not detected; else, of colour, how well
-    colours and area fit (0–1), of csrt, 1."""
+    """Where to write frame,x,y,w,h,score. The score is the probability that the box still holds the object, whichever
+    tracker placed it; 0 where the tracker reports none."""
     tracker: Literal["colour", "csrt"] = "colour"
     """Colour particle filter, or OpenCV's CSRT, for objects that colour does not separate from their surroundings."""
+    nano_weights: Path | None = None
+    """Folder with your ONNX files of NanoTrack (*backbone*, *head*): follow with it instead."""
     form: Literal["csv", "mot", "coco"] = "csv"
     """What to write: csv as said, or the form of MOTChallenge or COCO."""
     seed: int = 0
@@ -30,7 +34,7 @@ class Track2d:
 
     def run(self) -> None:
         """Track through all frames; unreadable frames are reported and skipped."""
-        from pps_vision.app.track2d import track_boxes
+        from pps_vision.app.track2d import start_of, track_boxes
         from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.exchange import SeenBox, open_coco, write_mot
         from pps_vision.recordings.tables import write_boxes
@@ -38,7 +42,8 @@ class Track2d:
 
         with whole_file(self.out, [self.frames_dir]) as partial:
             sequence = open_frames(self.frames_dir)
-            rows = track_boxes(sequence, self.init, self.tracker, self.seed, lambda line: print(line, file=sys.stderr))
+            start = start_of(self.tracker, self.nano_weights, self.seed, lambda line: print(line, file=sys.stderr))
+            rows = track_boxes(sequence, self.init, start)
             boxes = [SeenBox(frame, 1, box, score) for frame, box, score in rows]
             if self.form == "csv":
                 write_boxes(partial, rows)
@@ -50,4 +55,5 @@ class Track2d:
                     for frame, file in enumerate(sequence.files, start=1):
                         add("", frame, file.path, [box_of_frame[frame]] if frame in box_of_frame else [])
         print_skipped(sequence.problems)
-        print(f"found in {sum(score > 0 for _, _, score in rows)} of {len(rows)} frames → {self.out}")
+        found = sum(score >= _FOUND for _, _, score in rows)
+        print(f"found in {found} of {len(rows)} frames (score ≥ {_FOUND:g}) → {self.out}")

@@ -95,13 +95,7 @@ REAL: dict[str, Callable[[Path], BoxedFilm]] = {
 
 def _particles(count: int, film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
     """Our particle filter."""
-    tracker = ColorTracker(film.images[0], box, ParticleFilterParams(count=count), np.random.default_rng(seed))
-
-    def step(image: Image) -> BoxPx | None:
-        detection = tracker.step(image)
-        return detection.box_px if detection.score > 0 else None
-
-    return step
+    return ColorTracker(film.images[0], box, ParticleFilterParams(count=count), np.random.default_rng(seed)).step
 
 
 def _hue_blob(film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
