@@ -208,9 +208,10 @@ def _sections(
         ),
         (
             "Distance, activation, response, reach",
-            f"One thin line for each taxel of the left forearm and palm. The arm withdraws at 10 cm/s when an "
-            f"activation exceeds {THRESHOLD:g}. Red: touch. Bottom row: degree of reach R of the tracked object for "
-            "the left hand, on green where reachable; no line where nothing is tracked or no gaze fixates it.",
+            f"One thin line for each taxel of the left forearm and palm. The arm withdraws when an activation exceeds "
+            f"{THRESHOLD:g}, these taxels at up to 10 cm/s, and returns 0.3 s after the last. Red: touch. Bottom row: "
+            "degree of reach R of the tracked object for the left hand, on green where reachable; no line where "
+            "nothing is tracked or no gaze fixates it.",
             page.image(figures.episodes(logs, THRESHOLD)),
         ),
         (

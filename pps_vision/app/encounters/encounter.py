@@ -18,7 +18,7 @@ from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 from rendering.motions import START_M, Approach, Motion, Recede, in_cap, make_approach
 from rendering.names import StimulusName
 from rendering.stimuli import make_stimulus
@@ -168,6 +168,17 @@ class EncounterScene:
                 if self.hidden_share(posture, eye.center, center, radius_m) > _MAX_HIDDEN_SHARE:
                     return False
         return True
+
+
+def felt(surface: Skin, skin: Skin, touched: Mask) -> Mask:
+    """Return the taxels (n,) of a `skin` that report touches of points (m,) of a surface: the same points, and all of
+    the hand for parts of the surface beyond the skin's, such as a stick in it."""
+    n = len(skin.taxel_ids)
+    reported = touched[:n].copy()
+    for k, part in enumerate(surface.parts[len(skin.parts) :], len(skin.parts)):
+        if touched[surface.part_index == k].any():
+            reported |= np.array([skin.parts[i].frame == part.frame for i in skin.part_index])
+    return reported
 
 
 class Aim(NamedTuple):

@@ -12,9 +12,10 @@ from control.limits import MAX_HOLD_S, LimitParams, limit
 from learning.pps import learner
 from learning.pps.learner import LearnerState, SkinFrame
 from learning.pps.memory import PPSMemory
+from learning.pps.receptive_field import ReceptiveField
 from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
-from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene
+from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene, felt
 from pps_vision.app.encounters.training import FIELD
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, touched_taxels
@@ -136,13 +137,15 @@ def simulate_encounter(
     frames: list[FrameLog] | None = None,
     reachability: TrackReachability | None = None,
     erring: tuple[EncounterScene, Array] | None = None,
+    field: ReceptiveField = FIELD,
 ) -> EncounterResult:
     """Simulate an encounter with a controller, without rendering.
 
     It ends with the first touch, a harmless one 0.5 s after the first command; with `frames`, to which every frame is
     appended, it goes on to the end. Every controller's commands pass `control.limits`. In
     `harmless_own_arm` the arm swings independently of commands, in `harmless_head` the head sways. `erring`: the robot
-    as it takes itself to be, and its encoders' errors (n_joints,); `tracks` are then as it sees them.
+    as it takes itself to be, and its encoders' errors (n_joints,); `tracks` are then as it sees them. `field`: of its
+    taxels.
     """
     believed, reading = erring or (scene, np.zeros(scene.robot.n_joints))
     skin = scene.skins[encounter.side]
@@ -164,10 +167,10 @@ def simulate_encounter(
     monitor.add_posture(q)
     for track in tracks:
         t = track.stamp_s
-        touched = touched_taxels(taxels, encounter.motion(t)[0], encounter.radius_m)
-        skin_frame = SkinFrame(t, skin.taxel_ids, felt_at, normals, touched, [track], track.track_id)
-        learned, felt = learner.step(FIELD, learned, skin_frame)
-        activations = felt.activation.probability
+        touched = felt(skin, believed_skin, touched_taxels(taxels, encounter.motion(t)[0], encounter.radius_m))
+        skin_frame = SkinFrame(t, believed_skin.taxel_ids, felt_at, normals, touched, [track], track.track_id)
+        learned, output = learner.step(field, learned, skin_frame)
+        activations = output.activation.probability
         rates = act(activations, track, posture)
         command: JointVelocity | None = None
         if np.any(rates) or (last is not None and np.any(last.dq_rad_s)):
@@ -237,6 +240,6 @@ def can_touch(scene: EncounterScene, encounter: Encounter, rng: np.random.Genera
 def body_part(taxel_id: str) -> str:
     """Return the name of the body part of a taxel."""
     part, number = taxel_id.split(":")
-    if part.endswith("palm"):
-        return "palm"
+    if not part.endswith("forearm"):
+        return part.partition("_")[2]
     return "inner forearm" if int(number) in INNER_FOREARM else "outer forearm"

@@ -19,6 +19,7 @@ from pps_vision.app.encounters.encounter import (
     EncounterScene,
     approach,
     draw_one,
+    felt,
     passing,
 )
 from pps_vision.app.encounters.robots import MiscalibratedRobot, true_robot
@@ -126,14 +127,19 @@ def calibrate(trials: Iterable[Trial], robot: MiscalibratedRobot, rng: np.random
 
 
 def events_of(
-    scene: EncounterScene, trial: Trial, robot: MiscalibratedRobot | None, rng: np.random.Generator | None
+    scene: EncounterScene,
+    trial: Trial,
+    robot: MiscalibratedRobot | None,
+    rng: np.random.Generator | None,
+    field: ReceptiveField = FIELD,
+    believed: EncounterScene | None = None,
 ) -> Iterator[TaxelEvents]:
     """Yield what the skin at rest perceives during a trial, until 0.7 s after the touch: as `learner.step`, for all
-    frames at once."""
+    frames at once.  `believed`: the scene as a robot without other error takes it to be."""
     encounter, tracks = trial
     tracks = [track for track in tracks if track.stamp_s <= encounter.contact_s + _CONTACT_S]
     taxels, _ = scene.skins[encounter.side].at(scene.robot.at(encounter.q_rad))
-    believed = scene
+    believed = believed or scene
     q = encounter.q_rad
     if robot is not None and rng is not None:
         reading = robot.reading(rng)
@@ -150,10 +156,11 @@ def events_of(
     velocities = [learner.path_velocities(track, earlier) for track, earlier in zip(known, recent, strict=True)]
     seen = np.array([track.position for track in known]), np.swapaxes(velocities, 0, 1)
     covs = np.array([track.cov[3:6, 3:6] for track in known])
-    perceived = learner.perceive_path(FIELD, positions, normals, *seen, known[0].radius_m, covs)
+    perceived = learner.perceive_path(field, positions, normals, *seen, known[0].radius_m, covs)
     by_stamp = dict(zip((track.stamp_s for track in known), zip(*perceived, strict=True), strict=True))
-    unseen = (np.full(len(taxels), np.nan),) * 3
+    unseen = (np.full(len(positions), np.nan),) * 3
     for track in tracks:
         touched = touched_taxels(taxels, encounter.motion(track.stamp_s)[0], encounter.radius_m)
+        touched = felt(scene.skins[encounter.side], skin, touched)
         D, ttc, miss = by_stamp.get(track.stamp_s, unseen)
         yield TaxelEvents(track.stamp_s, skin.taxel_ids, D, ttc, touched, miss)

@@ -5,21 +5,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pps_vision.experiments.encounters import activation, controllers, learning, sessions
+from pps_vision.experiments.encounters import activation, controllers, learning, sessions, unknown
 from pps_vision.experiments.study import Part, PartsStudy
 
 
 @dataclass(frozen=True)
 class Encounters(PartsStudy):
     """Parts: all controllers without rendering; ours beside controls that have learned nothing, on robots with R's
-    errors; what an activation means; ours and such a control rendered; R's sessions of avoidance and reaching (R Figs
-    10, 11, S1, S2, Tables 6, 7); the search for the baselines' parameters."""
+    errors; what an activation means; surfaces that geometry does not know; ours and such a control rendered; R's
+    sessions of avoidance and reaching (R Figs 10, 11, S1, S2, Tables 6, 7); the search for the baselines'
+    parameters."""
 
-    SHORT: ClassVar[Mapping[str, Any]] = {"n_rendered": 1, "n_robots": 2, "n_tuning": 1, "draws": 1, "share": 0.02}
+    SHORT: ClassVar[Mapping[str, Any]] = {
+        **dict.fromkeys(("n_rendered", "n_tuning", "draws"), 1),
+        "share": 0.02,
+    }
     PARTS: ClassVar[Mapping[str, Part]] = {
         "controllers": Part(controllers.run, controllers.chart, controllers.tables),
         "learning": Part(learning.run, learning.chart, learning.table),
         "activation": Part(activation.run, table=activation.table),
+        "unknown": Part(unknown.run, table=unknown.tables),
         "rendered": Part(controllers.run_rendered, table=controllers.rendered_table),
         "sessions": Part(sessions.run, sessions.chart, sessions.table),
         "tuning": Part(controllers.tune),
@@ -27,12 +32,11 @@ class Encounters(PartsStudy):
 
     n: int = 1500
     """Encounters of each of press and through; a fifth as many of stop and graze, 6 % of each harmless kind, 10 %
-    of `reach`."""
+    of `reach`; 3 % as many robots that misjudge by each error, 0.5 % as many with each unknown surface."""
     n_rendered: int = 20
     """Rendered encounters of each approaching kind; six tenths as many of each harmless kind."""
     n_tuning: int = 12  # the same of the search for parameters
     draws: int = 30  # parameters tried for each controller
-    n_robots: int = 45  # robots that misjudge by each error
     errors_m: tuple[float, ...] = (0.0, 0.03, 0.05)
     """Error (RMS) of the position of a touching object relative to the taxel: R's five sources, scaled."""
     tuning_seed: int = 9783  # seed of the search; not `seed`, which is that of the encounters that count
@@ -43,3 +47,13 @@ class Encounters(PartsStudy):
     """A further controller, "MODULE:FUNCTION" (`pps_vision.app.encounters.controllers`)."""
     json: Path | None = None  # file for a row of every encounter of the part `controllers`
     workers: int = 2  # parallel processes
+
+    @property
+    def n_robots(self) -> int:
+        """Robots that misjudge by each error."""
+        return max(round(0.03 * self.n), 2)
+
+    @property
+    def n_subjects(self) -> int:
+        """Robots with each surface that geometry does not know."""
+        return max(round(0.005 * self.n), 2)

@@ -14,11 +14,12 @@ from pps_vision.app.encounters.encounter import (
     Encounter,
     EncounterScene,
     draw,
+    felt,
     would_touch,
 )
 from pps_vision.experiments.films.raycast import ball_row, first_hits
 from pps_vision.geometry.se3 import rotation_to
-from pps_vision.robot.skin import TOUCH_RADIUS_M
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin
 from pps_vision.types import Array
 
 RADIUS_M = 0.035
@@ -105,3 +106,14 @@ def test_what_a_body_hides_is_counted_ray_by_ray(scene):
     hits = first_hits(eye, np.array([behind, *rim]) - eye, ball_row(middle, size)[None])[1] >= 0
     assert np.mean(hits) > 0.5
     assert scene.hidden_share(posture, eye, behind, 0.03) >= np.mean(hits)
+
+
+def test_a_touch_of_a_held_stick_is_felt_by_all_of_the_hand_and_by_nothing_else():
+    skin = icub_skin(("left_forearm", "left_palm"))
+    palm = skin.parts[1]
+    stick = SkinPart("left_stick", palm.frame, (0, 1), palm.positions_m[:2] + 0.1, palm.normals[:2])
+    surface = Skin((*skin.parts, stick))
+    n = len(skin.taxel_ids)
+    touches = np.eye(n + 2, dtype=bool)
+    np.testing.assert_array_equal(felt(surface, skin, touches[3]), touches[3, :n])
+    np.testing.assert_array_equal(felt(surface, skin, touches[n]), skin.part_index == 1)

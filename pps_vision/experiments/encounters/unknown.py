@@ -1,0 +1,239 @@
+"""Surfaces that geometry does not know: a stick in the hand, a thick sleeve, objects larger than they are taken to be.
+
+A subject has one arm and one such surface.  Its robot and eyes are without error, but perceive the skin as it would be
+without the surface, the objects as smaller than they are.  It learns from touches and as many passing objects, then
+meets hazards to the surface.  Nothing tells it which surface it has.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+
+from learning.pps.learner import LearnerState, finish, miss, observe
+from learning.pps.memory import MemoryParams, PPSMemory, activation
+from learning.pps.receptive_field import ReceptiveField
+from pps_vision.app.encounters.encounter import (
+    BEYOND_M,
+    HARMLESS,
+    PASS_M,
+    PRESS_M,
+    SPEED_M_S,
+    Aim,
+    Condition,
+    DrawPath,
+    EncounterScene,
+    Part,
+    approach,
+    draw_posture,
+    draw_visible,
+    passing,
+)
+from pps_vision.app.encounters.kinematic import body_part, simulate_encounter
+from pps_vision.app.encounters.registry import GEOMETRY, ONE_GATED, OURS, new_controller
+from pps_vision.app.encounters.suite import Rows, run_tasks
+from pps_vision.app.encounters.tracks import track_of
+from pps_vision.app.encounters.training import FIELD, Trial, events_of
+from pps_vision.app.simulation import REACH_M, Side
+from pps_vision.app.simulation import SPEED_M_S as TRAINING_SPEED_M_S
+from pps_vision.experiments.encounters.controllers import unfinished_folder
+from pps_vision.experiments.study import interval
+from pps_vision.experiments.tables import Table, estimate, judged
+from pps_vision.robot.skin import Skin, SkinPart, icub_skin
+from pps_vision.types import Track3D
+from rendering.names import StimulusName
+from rendering.stimuli import make_stimulus
+
+Case = Literal["stick", "sleeve", "radius"]
+CONTROLLERS = (OURS, ONE_GATED, GEOMETRY)
+TOUCHES = 50
+WITHOUT = 100  # objects that then go where the stick was
+PER_CONDITION = 4
+STICK_M = 0.15  # from the foremost taxel of the palm to the tip, along the fingers
+SLEEVE_M = 0.03
+RADIUS_ERROR_M = 0.02
+WIDE = ReceptiveField(base_radius_m=0.35, length_m=0.35, distance_to="surface")
+"""As far as a hand with a stick reaches; the counts say which part of it is peripersonal."""
+PARAMS = MemoryParams((-0.10, 0.35), bins=(12, 4, 12), sigma_bins=0.7, miss_range_m=(-0.04, 0.20))
+"""A memory that covers `WIDE`."""
+_STICK_POINTS = 5
+_AIMED_AT = ("stick:3", "stick:4")  # the stick's outermost 3 cm
+_TOUCH = approach(REACH_M["approach"])
+_PASS = passing((0.0, 0.20))
+_PATHS: dict[Condition, DrawPath] = {
+    "stop": approach(0.0),
+    "press": approach(PRESS_M),
+    "through": approach(BEYOND_M),
+    "harmless_passing": passing(PASS_M),
+}
+_OBJECTS: tuple[StimulusName, ...] = ("ball", "cube", "octopus")
+_DRAWS = 6  # paths tried for a posture
+_LEAD_S = 0.5  # before the contact, at which the stick's receptive field is measured
+_AFTER = (0, 10, 25, 50)  # touches after which it is measured
+_GOAL = 80.0
+
+
+class SubjectTask(NamedTuple):
+    """What one subject learns and meets."""
+
+    subject: int
+    case: Case
+    seed: int
+    n_touches: int
+
+
+def run(study: Any) -> dict[str, Any]:
+    """Return by case and controller the percentages of hazards untouched and of passing objects without a command, and
+    the activation ahead of a touch of the stick by number of touches, with 95 % over subjects."""
+    n_touches = max(round(study.share * TOUCHES), 2)
+    tasks = {
+        f"subject {k}, {case}": SubjectTask(k, case, study.seed, n_touches)
+        for k in range(study.n_subjects)
+        for case in get_args(Case)
+    }
+    rows = run_tasks(unfinished_folder(study, "unknown"), subject_rows, tasks, study.workers)
+    met = [row for row in rows if "controller" in row]
+    cells = {
+        case: {
+            name: {
+                "untouched": _by_subject(met, case, name, "touched", is_harmless=False),
+                "still": _by_subject(met, case, name, "commands", is_harmless=True),
+            }
+            for name in CONTROLLERS
+        }
+        for case in get_args(Case)
+    }
+    ahead = [row["ahead"] for row in rows if "ahead" in row]
+    growth = {after: interval([[of_subject[after]] for of_subject in ahead]) for after in ahead[0]}
+    return {"subjects": study.n_subjects, "touches": n_touches, "cases": cells, "stick": growth}
+
+
+def subject_rows(task: SubjectTask, folder: Path | None = None) -> Rows:
+    """Return a row for each encounter and controller of a subject, and one for the receptive field of the stick."""
+    side: Side = get_args(Side)[task.subject % 2]
+    true = world(side, task.case)
+    rng = np.random.default_rng((task.seed, get_args(Case).index(task.case), task.subject))
+    memory = PPSMemory.empty(bare().skins[side], PARAMS)
+    probes = [trial_of(task.case, side, "through", rng) for _ in range(PER_CONDITION)] if task.case == "stick" else []
+    ahead = {"0": activation_ahead(memory, side, probes)}
+    for k in range(1, task.n_touches + 1):
+        for condition, path in (("press", _TOUCH), ("harmless_passing", _PASS)):
+            memory = learned(memory, true, trial_of(task.case, side, condition, rng, path))  # type: ignore[arg-type]
+        if k in _AFTER:
+            ahead[str(k)] = activation_ahead(memory, side, probes)
+    rows: Rows = []
+    for condition in _PATHS:
+        for _ in range(PER_CONDITION):
+            trial = trial_of(task.case, side, condition, rng)
+            for name in CONTROLLERS:
+                is_ours = name == OURS
+                result = simulate_encounter(
+                    true,
+                    memory if is_ours else PPSMemory.constant(bare().skins[side]),
+                    trial.encounter,
+                    name,
+                    new_controller(name),
+                    trial.tracks,
+                    erring=(bare(), np.zeros(true.robot.n_joints)),
+                    field=WIDE if is_ours else FIELD,
+                )
+                rows.append({**asdict(result), "subject": task.subject, "case": task.case})
+    if probes:
+        for _ in range(2 * task.n_touches):
+            memory = learned(memory, bare(), trial_of(task.case, side, "through", rng))
+        ahead["without"] = activation_ahead(memory, side, probes)
+        rows.append({"ahead": ahead})
+    return rows
+
+
+@cache
+def bare() -> EncounterScene:
+    """Return the robot as it takes itself to be."""
+    return EncounterScene()
+
+
+@cache
+def world(side: Side, case: Case) -> EncounterScene:
+    """Return the robot with its true surface."""
+    parts = []
+    for part in icub_skin().parts:
+        cover_m = SLEEVE_M if case == "sleeve" and part.name.endswith("forearm") else 0.0
+        parts.append(replace(part, positions_m=part.positions_m + cover_m * part.normals))
+        if case == "stick" and part.name == f"{side}_palm":
+            hand = part
+    if case == "stick":
+        along = np.array([1.0, 0.0, 0.0])  # of the palm's frame: the fingers'
+        base = np.array([hand.positions_m[:, 0].max(), *hand.positions_m[:, 1:].mean(axis=0)])
+        points = base + np.linspace(0, STICK_M, _STICK_POINTS + 1)[1:, None] * along
+        normals = np.tile((along + hand.normals[0]) / np.sqrt(2), (_STICK_POINTS, 1))
+        parts.append(SkinPart(f"{side}_stick", hand.frame, tuple(range(_STICK_POINTS)), points, normals))
+    return EncounterScene(skin=Skin(tuple(parts)))
+
+
+def trial_of(
+    case: Case, side: Side, condition: Condition, rng: np.random.Generator, path: DrawPath | None = None
+) -> Trial:
+    """Return a random encounter with the surface of a case, and the track of its object as the subject sees it."""
+    scene = world(side, case)
+    skin = scene.skins[side]
+    aims = {"stick": _AIMED_AT, "sleeve": tuple(i for i in skin.taxel_ids if "forearm" in i), "radius": skin.taxel_ids}
+    taxel = skin.index(str(rng.choice([i for i in skin.taxel_ids if i.endswith(aims[case])])))
+    part: Part = "palm" if case == "stick" else body_part(skin.taxel_ids[taxel])  # type: ignore[assignment]
+    stimulus: StimulusName = _OBJECTS[rng.integers(len(_OBJECTS))]
+    speed_m_s = float(rng.uniform(*(TRAINING_SPEED_M_S if path else SPEED_M_S)))
+    while True:
+        posture = scene.robot.at(draw_posture(scene, side, part, rng))
+        radius_m = make_stimulus(stimulus, fineness=0).radius_m
+        aim = Aim(skin, posture, taxel, radius_m, speed_m_s, rng)
+        for _ in range(_DRAWS):
+            drawn = path or _PATHS[condition]
+            if encounter := draw_visible(scene, aim, condition, side, part, stimulus, 0, drawn):
+                return Trial(encounter, [_seen(case, track) for track in track_of(scene, encounter, rng)])
+
+
+def _seen(case: Case, track: Track3D) -> Track3D:
+    return replace(track, radius_m=track.radius_m - RADIUS_ERROR_M) if case == "radius" else track
+
+
+def learned(memory: PPSMemory, true: EncounterScene, trial: Trial) -> PPSMemory:
+    """Return the memory after one more trial."""
+    state = LearnerState(memory)
+    for events in events_of(true, trial, None, None, WIDE, bare()):
+        state = observe(state, events)
+    return miss(finish(state)).memory
+
+
+def activation_ahead(memory: PPSMemory, side: Side, probes: Sequence[Trial]) -> float:
+    """Return the mean over objects on their way to the stick of the highest activation half a second before contact."""
+    highest = []
+    for probe in probes:
+        until_s = probe.encounter.contact_s - _LEAD_S
+        *_, events = (e for e in events_of(bare(), probe, None, None, WIDE, bare()) if e.stamp_s <= until_s)
+        miss_m = np.nan if events.miss_m is None else events.miss_m
+        highest.append(float(activation(memory, events.distance_m, events.ttc_s, miss_m).max()))
+    return float(np.mean(highest)) if highest else np.nan
+
+
+def _by_subject(rows: Rows, case: Case, name: str, key: str, is_harmless: bool) -> list[float]:
+    chosen = [r for r in rows if r["case"] == case and r["controller"] == name]
+    chosen = [r for r in chosen if (r["condition"] in HARMLESS) == is_harmless]
+    subjects = sorted({r["subject"] for r in chosen})
+    return interval([[100 * float(np.mean([not r[key] for r in chosen if r["subject"] == k]))] for k in subjects])
+
+
+def tables(numbers: dict[str, Any]) -> dict[str, Table]:
+    """Return a row for each case, and the activation ahead of a touch of the stick."""
+    rows = []
+    for case, cell in numbers["cases"].items():
+        ours = cell[OURS]["untouched"]
+        others = (estimate(cell[name]["untouched"]) for name in CONTROLLERS[1:])
+        rows.append([case, judged(estimate(ours), ours[0] < _GOAL), *others, estimate(cell[OURS]["still"])])
+    stick = numbers["stick"]
+    header = ["touches", *(after for after in stick if after != "without"), "then as many objects twice, no stick"]
+    return {
+        "": Table(["hazards untouched (%)", *CONTROLLERS, "ours, passes: no command (%)"], rows),
+        "stick": Table(header, [["activation", *(estimate(value) for value in stick.values())]]),
+    }
