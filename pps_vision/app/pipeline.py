@@ -27,7 +27,7 @@ from control.search import SearchParams, SearchState
 from learning.pps import learner
 from learning.pps.learner import LearnerState, SkinFrame, SkinStep
 from learning.pps.memory import PPSMemory
-from learning.pps.receptive_field import ReceptiveField
+from learning.pps.receptive_field import NEAR, ReceptiveField
 from learning.reach.map import ReachableMap, TrackReachability
 from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import BareLinks
@@ -63,7 +63,7 @@ class PipelineParams:
     attention_margin: float = 0.1
     """The object with the highest activation is attended instead of another activated one if it exceeds that one's by
     this much; while no activation is that high, the tracker decides."""
-    receptive_field: ReceptiveField = ReceptiveField(distance_to="surface")
+    receptive_field: ReceptiveField = NEAR
     """Region in which a taxel perceives the object (R, "Receptive field").  With R's D, to the object's centre, the
     activation at the touch would depend on the object's size."""
     fixation: FixationParams | NeckAndEyesParams = FixationParams()

@@ -12,11 +12,10 @@ from control.limits import MAX_HOLD_S, LimitParams, limit
 from learning.pps import learner
 from learning.pps.learner import LearnerState, SkinFrame
 from learning.pps.memory import PPSMemory
-from learning.pps.receptive_field import ReceptiveField
+from learning.pps.receptive_field import NEAR, ReceptiveField
 from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
 from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene, felt
-from pps_vision.app.encounters.training import FIELD
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, touched_taxels
 from pps_vision.types import Array, JointVelocity, Track3D
@@ -137,7 +136,7 @@ def simulate_encounter(
     frames: list[FrameLog] | None = None,
     reachability: TrackReachability | None = None,
     erring: tuple[EncounterScene, Array] | None = None,
-    field: ReceptiveField = FIELD,
+    field: ReceptiveField = NEAR,
 ) -> EncounterResult:
     """Simulate an encounter with a controller, without rendering.
 

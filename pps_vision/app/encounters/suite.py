@@ -19,7 +19,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import can_touch, simulate_encounter
-from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, memory_of, new_controller
+from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, field_of, memory_of, new_controller
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
@@ -142,6 +142,7 @@ def _rows(task: Task, number: int, folder: Path) -> Rows:
             name,
             new_controller(name.partition("#")[0], task.numbers.get(name)),
             true if name == TRUE else measured,
+            field=field_of(name),
             reachability=_maps(folder)[encounter.side] if name == ASKING else None,
         )
         rows.append({**asdict(result), "reachable": reachable})

@@ -9,7 +9,7 @@ from learning.pps import learner
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
-from learning.pps.receptive_field import ReceptiveField
+from learning.pps.receptive_field import NEAR, ReceptiveField
 from pps_vision.app.encounters.encounter import (
     OBJECTS,
     SESSIONS,
@@ -26,9 +26,10 @@ from pps_vision.app.encounters.robots import MiscalibratedRobot, true_robot
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
 from pps_vision.robot.skin import touched_taxels
-from pps_vision.types import TaxelEvents, Track3D
+from pps_vision.types import Array, TaxelEvents, Track3D
 
-FIELD = ReceptiveField(distance_to="surface")
+R_FIELD = ReceptiveField(distance_to="surface")
+"""R's receptive field, of the memories that do not know the path."""
 BY_DISTANCE = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
 """A memory that knows D only: that of R's S2 Fig."""
 _LEARNED_OBJECTS = 2  # of `OBJECTS`
@@ -95,10 +96,11 @@ def learn_from(
     both, distance = (LearnerState(PPSMemory.empty(skin, params)) for params in (MemoryParams(), BY_DISTANCE))
     for trial in trials:
         ours, both, distance = (LearnerState(state.memory) for state in (ours, both, distance))
-        for events in events_of(scene, trial, robot, rng):
+        reading = None if robot is None or rng is None else robot.reading(rng)
+        for events in events_of(scene, trial, robot, reading):
             ours = learner.observe(ours, events)
-            if with_others:
-                both, distance = (learner.observe(state, events) for state in (both, distance))
+        for events in events_of(scene, trial, robot, reading, R_FIELD) if with_others else ():
+            both, distance = (learner.observe(state, events) for state in (both, distance))
         ours, both, distance = (learner.finish(state) for state in (ours, both, distance))
         ours = learner.miss(ours)
     return Memories(ours.memory, both.memory, distance.memory, PPSMemory.constant(skin))
@@ -130,19 +132,27 @@ def events_of(
     scene: EncounterScene,
     trial: Trial,
     robot: MiscalibratedRobot | None,
-    rng: np.random.Generator | None,
-    field: ReceptiveField = FIELD,
+    reading: Array | None,
+    field: ReceptiveField = NEAR,
     believed: EncounterScene | None = None,
 ) -> Iterator[TaxelEvents]:
     """Yield what the skin at rest perceives during a trial, until 0.7 s after the touch: as `learner.step`, for all
-    frames at once.  `believed`: the scene as a robot without other error takes it to be."""
+    frames at once.
+
+    Args:
+        scene: The true one.
+        trial: By eyes without error.
+        robot: A robot that errs, or None.
+        reading: Errors (n_joints,) of its encoders.
+        field: The taxels' receptive field.
+        believed: The scene as a robot without other error takes it to be.
+    """
     encounter, tracks = trial
     tracks = [track for track in tracks if track.stamp_s <= encounter.contact_s + _CONTACT_S]
     taxels, _ = scene.skins[encounter.side].at(scene.robot.at(encounter.q_rad))
     believed = believed or scene
     q = encounter.q_rad
-    if robot is not None and rng is not None:
-        reading = robot.reading(rng)
+    if robot is not None and reading is not None:
         believed = robot.scene
         tracks = robot.see(tracks, q, reading)
         q = q + reading

@@ -36,7 +36,7 @@ def run(study: Any) -> dict[str, Any]:
     """Return by error the shares of encounters and frames as the activation should be, and its calibration error."""
     tasks = {
         f"robot {k}, {1000 * error_m:g} mm": RobotTask(k, error_m, study.seed, study.share)
-        for k in range(-(-study.n_robots // 4))
+        for k in range(-(-study.n_robots // 2))
         for error_m in study.errors_m
     }
     rows = run_tasks(unfinished_folder(study, "activation"), robot_rows, tasks, study.workers)
@@ -51,7 +51,7 @@ def robot_rows(task: RobotTask, folder: Path | None = None) -> Rows:
     trials = [(condition, encounter_of(task, condition, k, n)) for condition, n in PER_ROBOT.items() for k in range(n)]
     held_out = _held_out(side_of(task.robot), task.seed, task.share)
     for condition, trial in (*trials, *(("held out", trial) for trial in held_out)):
-        events = list(events_of(scene(), trial, body, rng))
+        events = list(events_of(scene(), trial, body, body.reading(rng)))
         if not events:
             continue
         places = (np.array([getattr(e, name) for e in events]) for name in ("distance_m", "ttc_s", "miss_m"))

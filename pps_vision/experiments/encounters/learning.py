@@ -15,7 +15,16 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.encounters.encounter import HARMLESS, Condition, Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import GEOMETRY, ONE, ONE_GATED, OURS, R_MAP, memory_of, new_controller
+from pps_vision.app.encounters.registry import (
+    GEOMETRY,
+    ONE,
+    ONE_GATED,
+    OURS,
+    R_MAP,
+    field_of,
+    memory_of,
+    new_controller,
+)
 from pps_vision.app.encounters.robots import MiscalibratedRobot
 from pps_vision.app.encounters.suite import Rows, run_tasks, track_rng
 from pps_vision.app.encounters.tracks import track_of
@@ -78,7 +87,7 @@ def robot_rows(task: RobotTask, folder: Path | None = None) -> Rows:
                 reading = body.joint_offsets_rad + slack
                 seen = body.see(tracks, encounter.q_rad, reading)
                 arguments = memory_of(name, memories), encounter, name, new_controller(name), seen
-                result = simulate_encounter(scene(), *arguments, erring=(body.scene, reading))
+                result = simulate_encounter(scene(), *arguments, erring=(body.scene, reading), field=field_of(name))
                 rows.append({**asdict(result), "robot": task.robot, "error_m": task.error_m})
     return rows
 

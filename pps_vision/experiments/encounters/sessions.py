@@ -20,7 +20,7 @@ from pps_vision.app.encounters.encounter import (
     start_posture,
 )
 from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
-from pps_vision.app.encounters.registry import WRIST_AT_REST, memory_of, new_controller
+from pps_vision.app.encounters.registry import WRIST_AT_REST, field_of, memory_of, new_controller
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side
@@ -87,7 +87,9 @@ def session(
         tracks = track_of(scene, encounter, rng)
         memory = memory_of(controller, memories[side])
         new = new_controller(controller)
-        results.append(simulate_encounter(scene, memory, encounter, controller, new, tracks, frames))
+        results.append(
+            simulate_encounter(scene, memory, encounter, controller, new, tracks, frames, field=field_of(controller))
+        )
         logs[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
         t += encounter.seconds
     paths = {side: [_path(scene.robot, side, log) for log in logs[side]] for side in logs}

@@ -15,7 +15,7 @@ import numpy as np
 
 from learning.pps.learner import LearnerState, finish, miss, observe
 from learning.pps.memory import MemoryParams, PPSMemory, activation
-from learning.pps.receptive_field import ReceptiveField
+from learning.pps.receptive_field import NEAR, ReceptiveField
 from pps_vision.app.encounters.encounter import (
     BEYOND_M,
     HARMLESS,
@@ -36,7 +36,7 @@ from pps_vision.app.encounters.kinematic import body_part, simulate_encounter
 from pps_vision.app.encounters.registry import GEOMETRY, ONE_GATED, OURS, new_controller
 from pps_vision.app.encounters.suite import Rows, run_tasks
 from pps_vision.app.encounters.tracks import track_of
-from pps_vision.app.encounters.training import FIELD, Trial, events_of
+from pps_vision.app.encounters.training import Trial, events_of
 from pps_vision.app.simulation import REACH_M, Side
 from pps_vision.app.simulation import SPEED_M_S as TRAINING_SPEED_M_S
 from pps_vision.experiments.encounters.controllers import unfinished_folder
@@ -138,7 +138,7 @@ def subject_rows(task: SubjectTask, folder: Path | None = None) -> Rows:
                     new_controller(name),
                     trial.tracks,
                     erring=(bare(), np.zeros(true.robot.n_joints)),
-                    field=WIDE if is_ours else FIELD,
+                    field=WIDE if is_ours else NEAR,
                 )
                 rows.append({**asdict(result), "subject": task.subject, "case": task.case})
     if probes:
