@@ -28,6 +28,8 @@ class ReceptiveField:
             raise ValueError(f"{self}: expected an angle between 0 and 90°, a radius ≥ 0 and a length > 0")
 
 
+CONE = ReceptiveField(distance_to="surface")
+"""R's, for R's maps."""
 NEAR = ReceptiveField(base_radius_m=0.20, distance_to="surface")
 """Ours: all within 20 cm before the skin, because objects that graze it come from the side (`bench encounters`, part
 `activation`)."""

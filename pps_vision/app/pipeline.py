@@ -27,7 +27,7 @@ from control.search import SearchParams, SearchState
 from learning.pps import learner
 from learning.pps.learner import LearnerState, SkinFrame, SkinStep
 from learning.pps.memory import PPSMemory
-from learning.pps.receptive_field import NEAR, ReceptiveField
+from learning.pps.receptive_field import CONE, NEAR, ReceptiveField
 from learning.reach.map import ReachableMap, TrackReachability
 from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import BareLinks
@@ -64,8 +64,8 @@ class PipelineParams:
     """The object with the highest activation is attended instead of another activated one if it exceeds that one's by
     this much; while no activation is that high, the tracker decides."""
     receptive_field: ReceptiveField = NEAR
-    """Region in which a taxel perceives the object (R, "Receptive field").  With R's D, to the object's centre, the
-    activation at the touch would depend on the object's size."""
+    """Region in which a taxel with our memory perceives the object; with R's map R's cone.  With R's D, to the object's
+    centre, the activation at the touch would depend on the object's size."""
     fixation: FixationParams | NeckAndEyesParams = FixationParams()
     """Gaze control of a tracked object: J IV.1, or six joints."""
     search: SearchParams = SearchParams()
@@ -207,7 +207,8 @@ class Pipeline:
         tracking = attend(tracking, state.highest, state.attended_id, params.attention_margin)
         track = tracking.track
         skin = SkinFrame(stamp_s, self.skin.taxel_ids, *self.skin.at(posture), touched, tracking.tracks, track.track_id)
-        learned, felt = learner.step(params.receptive_field, state.learning, skin)
+        field = params.receptive_field if state.learning.memory.params.knows_path else CONE
+        learned, felt = learner.step(field, state.learning, skin)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
         is_reachable = reachability is not None and reachability.is_reachable
         at_effect = self._posture_at_effect(posture, stamp_s)
@@ -410,7 +411,8 @@ class TrackActivation:
         ids = self.skin.taxel_ids
         positions, normals = self.skin.at(self.robot.at(q_rad))
         skin = SkinFrame(stamp_s, ids, positions, normals, np.zeros(len(ids), bool), tracking.tracks)
-        self._learning, felt = learner.step(PipelineParams.receptive_field, self._learning, skin)
+        field = PipelineParams.receptive_field if self._learning.memory.params.knows_path else CONE
+        self._learning, felt = learner.step(field, self._learning, skin)
         highest = highest_by_track(felt.tracks, felt.by_track)
         tracking = attend(tracking, highest, self._attended_id, PipelineParams.attention_margin)
         self._attended_id = tracking.track.track_id

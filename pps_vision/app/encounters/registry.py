@@ -13,7 +13,7 @@ from qpsolvers import solve_qp
 from control.arm import ArmParams, KeepIn
 from control.limits import MAX_HOLD_S
 from learning.pps.memory import PPSMemory
-from learning.pps.receptive_field import NEAR, ReceptiveField
+from learning.pps.receptive_field import CONE, NEAR, ReceptiveField
 from pps_vision.app.encounters.controllers import (
     GATES,
     RADIUS_M,
@@ -29,7 +29,7 @@ from pps_vision.app.encounters.controllers import (
     paper,
     room,
 )
-from pps_vision.app.encounters.training import R_FIELD, Memories, MemoryName
+from pps_vision.app.encounters.training import Memories, MemoryName
 from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array, Track3D
@@ -250,7 +250,7 @@ def memory_of(name: str, memories: Memories) -> PPSMemory:
 
 def field_of(name: str) -> ReceptiveField:
     """Return the receptive field of a controller's memory."""
-    return R_FIELD if MEMORY_OF.get(name.partition("#")[0]) in ("of_both", "of_distance") else NEAR
+    return CONE if MEMORY_OF.get(name.partition("#")[0]) in ("of_both", "of_distance") else NEAR
 
 
 def new_controller(name: str, numbers: ControllerParams | None = None) -> NewController:

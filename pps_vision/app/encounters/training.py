@@ -9,7 +9,7 @@ from learning.pps import learner
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
-from learning.pps.receptive_field import NEAR, ReceptiveField
+from learning.pps.receptive_field import CONE, NEAR, ReceptiveField
 from pps_vision.app.encounters.encounter import (
     OBJECTS,
     SESSIONS,
@@ -28,8 +28,6 @@ from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
 from pps_vision.robot.skin import touched_taxels
 from pps_vision.types import Array, TaxelEvents, Track3D
 
-R_FIELD = ReceptiveField(distance_to="surface")
-"""R's receptive field, of the memories that do not know the path."""
 BY_DISTANCE = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
 """A memory that knows D only: that of R's S2 Fig."""
 _LEARNED_OBJECTS = 2  # of `OBJECTS`
@@ -99,7 +97,7 @@ def learn_from(
         reading = None if robot is None or rng is None else robot.reading(rng)
         for events in events_of(scene, trial, robot, reading):
             ours = learner.observe(ours, events)
-        for events in events_of(scene, trial, robot, reading, R_FIELD) if with_others else ():
+        for events in events_of(scene, trial, robot, reading, CONE) if with_others else ():
             both, distance = (learner.observe(state, events) for state in (both, distance))
         ours, both, distance = (learner.finish(state) for state in (ours, both, distance))
         ours = learner.miss(ours)
