@@ -21,7 +21,10 @@ _DISTINCT = 0.8  # Lowe's ratio: distance of the best match relative to the seco
 _SAME_SCENE_PX = 3.0  # from an epipolar line of the fundamental matrix that most matches fit
 _FEWEST = 15  # such matches that tell anything
 _MOST = 0.7  # of the matches: fewer fit a fundamental matrix by chance; of sound ones at least 0.9
-_FITS_PX = 0.5  # median misfit of a calibration in images of up to 1280 columns; sound ones here up to 0.2
+_FITS_PX = 0.5  # median misfit of a calibration in images of up to 1280 columns
+_SOUND_PX = 0.15  # the same of sound ones: up to 0.12 (seeds 400–407)
+_BETTER = 0.7  # misfit with the cameras turned relative to before: 0.9–1.2 of sound ones (the same seeds)
+_STRETCH = 0.03  # change of the distances by it that matters
 _COLUMNS = 1280
 _FLATTEST = 0.1  # cosine of the angle from the axis to which the rays of a fisheye reach in a plane
 _BEHIND_PX = -1.0  # parallax of a point behind the cameras; that of a far point is 0
@@ -58,7 +61,7 @@ class Fit:
         return np.inf if self.behind > _HALF else self.misfit_px
 
     def __str__(self) -> str:
-        return "most matches lie behind the cameras" if self.behind > _HALF else f"within {self.misfit_px:.1f} px"
+        return "most matches lie behind the cameras" if self.behind > _HALF else f"within {self.misfit_px:.2g} px"
 
 
 def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: bool = False) -> Iterator[str]:
@@ -68,11 +71,13 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
     side = side_of(view)
     baseline = length(float(np.linalg.norm(view.right.center - view.left.center)))
     lies = f"the right camera lies {baseline} {side} the left one"
-    fits_px = _FITS_PX * max(1.0, rig.left.width / _COLUMNS)
+    finer = max(1.0, rig.left.width / _COLUMNS)
+    fits_px = _FITS_PX * finer
     kept = matches(frames, rig)
-    as_is = fit(kept) if kept else None
-    if as_is is not None and as_is.cost_px <= fits_px:
-        return
+    if kept:
+        as_is, turn = fit(kept), _best_turn(kept)
+        if as_is.cost_px <= fits_px and (by_joints or not turn.matters(as_is, _SOUND_PX * finer)):
+            return
     for name in ("left", "right"):
         mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
         found = matches(mirrored, rig)
@@ -80,7 +85,7 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
         if n > _MANY_MORE * sum(len(m.left_px) for m in kept) and fit(found).cost_px <= fits_px:
             yield f"the {name} image not mirrored: {n} points match and fit the cameras once it is mirrored back"
             return
-    if as_is is None:
+    if not kept:
         if side == _LEFT and axes_angle(view) < _ALIKE:
             yield f"--left and --right exchanged, or another calibration: by it {lies}"
         return
@@ -88,16 +93,15 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
     remedies = {name: fit([remedy(m) for m in kept]).cost_px for name, remedy in possible.items()}
     best_px = min(remedies.values())
     shown = f"{as_is.n} points that both images show"
+    turned = str(turn) if turn.misfit_px <= fits_px else ""
     if best_px <= min(fits_px, _CLEARLY * as_is.cost_px):
         as_good = [name for name, cost_px in remedies.items() if cost_px <= _AS_GOOD * best_px + 0.1]
         names = ", or ".join(as_good[:3])
         message = f"{names}: {shown} then fit the cameras within {best_px:.1f} px (median), as they are {as_is}"
     elif as_is.cost_px == np.inf:
-        message = (
-            f"another calibration, or --left and --right exchanged: of {shown} {as_is}{_turn_that_fits(kept, fits_px)}"
-        )
+        message = f"another calibration, or --left and --right exchanged: of {shown} {as_is}{turned}"
     else:
-        message = f"another calibration: {shown} fit the cameras only {as_is} (median){_turn_that_fits(kept, fits_px)}"
+        message = f"another calibration: {shown} fit the cameras only {as_is} (median){turned}"
     yield message + (f"; by the calibration {lies}" if side == _LEFT else "")
 
 
@@ -187,24 +191,46 @@ def _of_one_scene(left: Array, right: Array) -> Mask:
     return nowhere if mask is None or np.mean(mask) < _MOST else np.asarray(mask).ravel() > 0
 
 
-def _turn_that_fits(kept: Sequence[Matches], fits_px: float) -> str:
-    """By how much another rotation between the cameras would have to differ for the matches to fit, if one does."""
+@dataclass(frozen=True)
+class _Turn:
+    """The rotation to be added between the cameras for matches to fit best."""
+
+    degrees: float
+    misfit_px: float
+    stretch: float  # median distance of the points after it relative to before
+
+    def __str__(self) -> str:
+        return f"; with the cameras turned by another {self.degrees:.1f}° to each other, within {self.misfit_px:.2g} px"
+
+    def matters(self, as_is: Fit, sound_px: float) -> bool:
+        """Whether the matches fit clearly better with it, and distances are then others."""
+        is_better = as_is.misfit_px > sound_px and self.misfit_px < _BETTER * as_is.misfit_px
+        return is_better and abs(self.stretch - 1) > _STRETCH
+
+
+def _best_turn(kept: Sequence[Matches]) -> _Turn:
     m = max(kept, key=lambda found: len(found.left_px))
     left, right = m.view.left.camera.bearings(m.left_px), m.view.right.camera.bearings(m.right_px)
     T_right_left = m.view.right.T_camera_root @ m.view.left.T_root_camera
+    t = T_right_left[:3, 3]
+
+    def turned(rotation: Array) -> Array:
+        return left @ (Rotation.from_rotvec(rotation).as_matrix() @ T_right_left[:3, :3]).T
 
     def misfits_px(rotation: Array) -> Array:
-        rays = left @ (Rotation.from_rotvec(rotation).as_matrix() @ T_right_left[:3, :3]).T
-        normals = np.cross(T_right_left[:3, 3], rays)
+        normals = np.cross(t, turned(rotation))
         aside = np.sum(normals * right, axis=1) / np.linalg.norm(normals, axis=1)
         return np.asarray(m.view.left.camera.focal_px * aside)
 
-    rotation = least_squares(misfits_px, np.zeros(3), loss="soft_l1").x
+    def distance(rotation: Array) -> float:
+        rays = turned(rotation)
+        cosine = np.sum(rays * right, axis=1)
+        return float(np.median((cosine * (right @ t) - rays @ t) / (1 - cosine**2)))
+
+    rotation = least_squares(misfits_px, np.zeros(3), loss="soft_l1", f_scale=_SOUND_PX).x
     misfit_px = float(np.median(np.abs(misfits_px(rotation))))
-    if misfit_px > fits_px:
-        return ""
-    degrees = np.rad2deg(np.linalg.norm(rotation))
-    return f"; with the cameras turned by another {degrees:.1f}° to each other, within {misfit_px:.1f} px"
+    degrees = float(np.rad2deg(np.linalg.norm(rotation)))
+    return _Turn(degrees, misfit_px, distance(rotation) / distance(np.zeros(3)))
 
 
 def _angle_deg(R: Array) -> float:

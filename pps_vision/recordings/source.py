@@ -48,9 +48,10 @@ class SourceOptions(CalibrationOptions, _Files):
     max_skew_s: float = MAX_SKEW_S
     """Left and right images further apart in time are no pair."""
     layout: Layout = "lr"
-    """Where one video shows both views: lr, the left camera's in its left half; rl; tb, in its upper half; bt."""
+    """Where one video, or each image of a folder, shows both views: lr, the left camera's in its left half; rl; tb, in
+    its upper half; bt."""
     squeezed: bool = False
-    """Each half of such a video shows a whole image, squeezed to half its width (lr, rl) or height (tb, bt); the
+    """Each half of such an image shows a whole image, squeezed to half its width (lr, rl) or height (tb, bt); the
     calibration is for whole images."""
     no_rotate: bool = False
     """Take videos as they were recorded, without the rotation that their headers state."""
@@ -100,7 +101,7 @@ class Source(SourceOptions):
 
     folder: Path | None = None
     """Folder of an iCub's recording in yarpdatadumper layout, as `render` writes it; an EuRoC or KITTI folder; a ROS
-    bag; or a video with the left image in its left half."""
+    bag; or a video or images with both views (--layout)."""
     taxels: Path | None = None
     """The robot's taxels*.ini, for a recording of its skin events."""
     robot: "RobotSetup | None" = None

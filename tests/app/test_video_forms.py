@@ -72,6 +72,19 @@ def test_fields_of_an_interlaced_video_have_stamps_of_their_own(tmp_path, capsys
     said = capsys.readouterr().out
     assert "100 pairs of 320×240 pixels, 1.98 s at 50 pairs/s" in said
     assert "left.mkv: interlaced; each frame is read as two fields" in said
+    assert "every second row" not in said
+
+
+def test_interlaced_images_are_told_where_the_file_does_not_say_so(tmp_path, capsys):
+    shown, sides = film(scene=replace(SCENE, fps=50.0))
+    words = ["--calib", calibration(tmp_path / "calib.yml", shown)]
+    for side, images in zip(("left", "right"), sides, strict=True):
+        woven = [image.copy() for image in images[::2]]
+        for image, later in zip(woven, images[1::2], strict=True):
+            image[1::2] = later[1::2]
+        words += [f"--{side}", write_video(tmp_path / f"{side}.mp4", woven)]
+    main(["info", *map(str, words)])
+    assert "try a video without interlacing (ffmpeg -i FILE -vf bwdif OUT): every second row" in capsys.readouterr().out
 
 
 def _first_stamp(words: list) -> float:
@@ -106,6 +119,18 @@ def test_both_images_in_one_video(tmp_path, layout, squeezed):
     video = write_video(tmp_path / "both.mp4", images)
     words = [video, "--calib", calibration(tmp_path / "calib.yml", shown), "--layout", layout]
     assert track_error_mm([*words, *["--squeezed"] * squeezed], shown, tmp_path / "out") < RIGHT_MM * (1 + squeezed)
+
+
+@pytest.mark.parametrize(("layout", "squeezed"), [("lr", False), ("bt", True)])
+def test_both_views_in_each_image_of_a_folder(tmp_path, layout, squeezed):
+    shown, sides = film()
+    (tmp_path / "both").mkdir()
+    for k, (left, right) in enumerate(zip(*sides, strict=True)):
+        image = np.hstack([left, right]) if layout == "lr" else np.vstack([right, left])[::2]
+        cv2.imwrite(str(tmp_path / "both" / f"{k}.png"), image[..., ::-1])
+    words = [tmp_path / "both", "--calib", calibration(tmp_path / "calib.yml", shown), "--fps", 25, "--layout", layout]
+    error_mm = track_error_mm([*words, *["--squeezed"] * squeezed], shown, tmp_path / "out")
+    assert error_mm < RIGHT_MM * (1 + squeezed)
 
 
 def test_squeezed_halves_are_proposed_for_a_whole_image(tmp_path, refused):

@@ -9,10 +9,11 @@ from statistics import median_low
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings import MAX_SKEW_S
+from pps_vision.recordings import MAX_SKEW_S, Layout
 from pps_vision.recordings.image_file import (
     ImageFile,
     Page,
+    halves,
     images_in,
     images_of,
     natural_order,
@@ -35,19 +36,28 @@ from pps_vision.recordings.times import Times, read_times
 from pps_vision.recordings.video import is_video
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
-FORMAT = "images by --left and --right"
+FORMAT = "images by --left and --right, or a folder of images that show both (--layout)"
 
 
 def recognises(source: Source) -> bool:
     """Return whether this is the format of a source."""
-    return source.folder is None and not any(is_video(Path(name)) for name in (*source.left, *source.right))
+    if source.folder is not None:
+        return source.folder.is_dir() and not (source.folder / "data.log").exists() and bool(images_in(source.folder))
+    return not any(is_video(Path(name)) for name in (*source.left, *source.right))
 
 
 def open_source(source: Source) -> Recording:
-    """Open the images `source.left` and `source.right`; InputError if they or the calibration cannot be used."""
+    """Open the images `source.left` and `source.right`, or the halves of those of `source.folder`.
+
+    InputError if they or the calibration cannot be used."""
     check_options(source)
+    left, right, layout = source.left, source.right, None
+    if source.folder is not None:
+        left = right = (str(source.folder),)
+        layout = source.layout
     times = times_of_sides(source)
-    recording = open_stereo_images(source.left, source.right, source.fps, times, source.max_skew_s)
+    recording = open_stereo_images(left, right, source.fps, times, source.max_skew_s, layout)
+    recording = replace(recording, pixel_aspect=squeezed_aspect(source) if layout else 1.0)
     return with_calibration(recording, source.calib, source)
 
 
@@ -78,6 +88,11 @@ def with_calibration(
         rig = StereoRig.fixed(left.stretched(*recorded[0]), right.stretched(*recorded[1]), T_left_right)
         return replace(recording, rig=rig)
     raise errors[0]
+
+
+def squeezed_aspect(source: Source) -> float:
+    """Width of a pixel relative to its height, in halves of images whose pixels are square."""
+    return (2.0 if source.layout in ("lr", "rl") else 0.5) if source.squeezed else 1.0
 
 
 def _square(size: tuple[int, int], aspect: float) -> tuple[int, int]:
@@ -121,8 +136,9 @@ def open_stereo_images(
     fps: float | None = None,
     times: tuple[Times | None, Times | None] = (None, None),
     max_skew_s: float = MAX_SKEW_S,
+    layout: Layout | None = None,
 ) -> Recording:
-    """Two sequences of one stereo camera.
+    """Two sequences of one stereo camera, or with a `layout` one, whose images show both views.
 
     With `fps` they are paired by the last number in each file's name, which counts frames, so that a missing one leaves
     a gap in the stamps.  Else the images are paired by their stamps, from `times` or from their names.
@@ -131,7 +147,8 @@ def open_stereo_images(
     """
     problems: list[Problem] = []
     name = _briefly(left_globs)
-    left, right = (images_of(matched(patterns)) for patterns in (left_globs, right_globs))
+    left: Sequence[ImageFile] = images_of(matched(left_globs))
+    left, right = halves(left, layout) if layout else (left, images_of(matched(right_globs)))
     if fps is None:
         sides = [_stamped(*side, problems) for side in zip((left, right), times, strict=True)]
         pairs = pair_by_stamp(sides[0], sides[1], max_skew_s, problems)
@@ -146,10 +163,10 @@ def open_stereo_images(
     return Recording(name, pairs, size, problems, warnings=warnings, notes=notes, right_size=right_size)
 
 
-def _stamped(images: list[ImageFile], times: Times | None, problems: list[Problem]) -> list[ImageFile]:
+def _stamped(images: Sequence[ImageFile], times: Times | None, problems: list[Problem]) -> list[ImageFile]:
     """Images in the order of their stamps."""
     if times:
-        return distinct_stamps(times.stamp(images, problems), problems)
+        return distinct_stamps(times.stamp(list(images), problems), problems)
     stamped = []
     for image in images:
         if (stamp_s := stamp_in(image.path)) is None or isinstance(image, Page):

@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import check_options, matched, times_of_sides, with_calibration
+from pps_vision.recordings.formats.stereo_images import (
+    check_options,
+    matched,
+    squeezed_aspect,
+    times_of_sides,
+    with_calibration,
+)
 from pps_vision.recordings.image_file import ImageFile, halves
 from pps_vision.recordings.recording import (
     Recording,
@@ -53,8 +59,7 @@ def open_source(source: Source) -> Recording:
         if side_px % 2:
             shape = f"is {side_px} pixels {'wide' if is_beside else 'high'}"
             raise InputError(source.folder, f"{shape}; expected two halves of one size (--layout)")
-        if source.squeezed:
-            aspect *= 2.0 if is_beside else 0.5
+        aspect *= squeezed_aspect(source)
     problems: list[Problem] = []
     warnings = list(_ends_early(sides[0], sides[-1], source.max_skew_s))
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
