@@ -22,6 +22,7 @@ _SAME_SCENE_PX = 3.0  # from an epipolar line of the fundamental matrix that mos
 _FEWEST = 15  # such matches that tell anything
 _MOST = 0.7  # of the matches: fewer fit a fundamental matrix by chance; of sound ones at least 0.9
 _FITS_PX = 0.5  # median misfit of a calibration in images of up to 1280 columns
+_DOUBTFUL_PX = 0.3  # from which a turn that fits clearly better is told
 _SOUND_PX = 0.15  # the same of sound ones: up to 0.12 (seeds 400–407)
 _BETTER = 0.7  # misfit with the cameras turned relative to before: 0.9–1.2 of sound ones (the same seeds)
 _STRETCH = 0.03  # change of the distances by it that matters
@@ -76,7 +77,7 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
     kept = matches(frames, rig)
     if kept:
         as_is, turn = fit(kept), _best_turn(kept)
-        if as_is.cost_px <= fits_px and (by_joints or not turn.matters(as_is, _SOUND_PX * finer)):
+        if as_is.cost_px <= fits_px and (by_joints or not turn.matters(as_is, finer)):
             return
     for name in ("left", "right"):
         mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
@@ -202,35 +203,25 @@ class _Turn:
     def __str__(self) -> str:
         return f"; with the cameras turned by another {self.degrees:.1f}° to each other, within {self.misfit_px:.2g} px"
 
-    def matters(self, as_is: Fit, sound_px: float) -> bool:
-        """Whether the matches fit clearly better with it, and distances are then others."""
-        is_better = as_is.misfit_px > sound_px and self.misfit_px < _BETTER * as_is.misfit_px
+    def matters(self, as_is: Fit, finer: float) -> bool:
+        """Whether the matches fit clearly better with it; a little better where distances are then others."""
+        if as_is.misfit_px > _DOUBTFUL_PX * finer and self.misfit_px < _CLEARLY * as_is.misfit_px:
+            return True
+        is_better = as_is.misfit_px > _SOUND_PX * finer and self.misfit_px < _BETTER * as_is.misfit_px
         return is_better and abs(self.stretch - 1) > _STRETCH
 
 
 def _best_turn(kept: Sequence[Matches]) -> _Turn:
     m = max(kept, key=lambda found: len(found.left_px))
-    left, right = m.view.left.camera.bearings(m.left_px), m.view.right.camera.bearings(m.right_px)
-    T_right_left = m.view.right.T_camera_root @ m.view.left.T_root_camera
-    t = T_right_left[:3, 3]
 
     def turned(rotation: Array) -> Array:
-        return left @ (Rotation.from_rotvec(rotation).as_matrix() @ T_right_left[:3, :3]).T
+        T_root_right = m.view.right.T_root_camera @ transform(Rotation.from_rotvec(rotation).as_matrix())
+        return _epipolar(m.view.left, View(m.view.right.camera, T_root_right), m.left_px, m.right_px)
 
-    def misfits_px(rotation: Array) -> Array:
-        normals = np.cross(t, turned(rotation))
-        aside = np.sum(normals * right, axis=1) / np.linalg.norm(normals, axis=1)
-        return np.asarray(m.view.left.camera.focal_px * aside)
-
-    def distance(rotation: Array) -> float:
-        rays = turned(rotation)
-        cosine = np.sum(rays * right, axis=1)
-        return float(np.median((cosine * (right @ t) - rays @ t) / (1 - cosine**2)))
-
-    rotation = least_squares(misfits_px, np.zeros(3), loss="soft_l1", f_scale=_SOUND_PX).x
-    misfit_px = float(np.median(np.abs(misfits_px(rotation))))
-    degrees = float(np.rad2deg(np.linalg.norm(rotation)))
-    return _Turn(degrees, misfit_px, distance(rotation) / distance(np.zeros(3)))
+    rotation = least_squares(lambda r: turned(r)[0], np.zeros(3), loss="soft_l1", f_scale=_SOUND_PX).x
+    aside, parallax = turned(rotation)
+    stretch = float(np.median(turned(np.zeros(3))[1]) / (np.median(parallax) or np.inf))
+    return _Turn(float(np.rad2deg(np.linalg.norm(rotation))), float(np.median(np.abs(aside))), stretch)
 
 
 def _angle_deg(R: Array) -> float:
