@@ -105,10 +105,8 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         of_joints = list(faults_of_joints(frames, recording.rig)) if by_joints else []
         yield from of_joints or faults_by_points(frames[::2], recording.rig, by_joints)
         left = recording.rig.left
-        edges = left.bearings([[0, left.cy], [left.width, left.cy]])
-        field_deg = float(np.rad2deg(np.arccos(np.clip(edges[0] @ edges[1], -1, 1))))
-        if field_deg > _WIDEST_DEG and not left.fisheye:
-            yield f"another calibration: the left camera's field of view is {field_deg:.0f}°"
+        if left.field_of_view_deg > _WIDEST_DEG and not left.fisheye:
+            yield f"another calibration: the left camera's field of view is {left.field_of_view_deg:.0f}°"
         widest = 2 * _FARTHEST_M * np.sin(axes_angle(view) / 2)
         if not _BASELINE_M[0] <= baseline <= max(_BASELINE_M[1], widest):
             low, high = _USUAL_BASELINE_M

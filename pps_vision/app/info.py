@@ -34,7 +34,7 @@ class RecordingInfo:
     baseline_m: float  # distance of the cameras; NaN without a calibration
     right_camera: str  # where it lies from the left one: "to the right of", "below", …
     focal_px: float
-    field_of_view_deg: float  # horizontal, of the left camera without its distortion, of a fisheye lens with it
+    field_of_view_deg: float  # horizontal, of the left camera
     touches: int
     truth_rows: int
     skipped: dict[str, int]
@@ -80,11 +80,7 @@ def info(recording: Recording) -> RecordingInfo:
         baseline_m = float(np.linalg.norm(view.right.center - view.left.center))
         right_camera = side_of(view)
         focal_px = recording.rig.left.fx
-        left_camera = recording.rig.left
-        field_deg = float(np.rad2deg(2 * np.arctan(left_camera.width / (2 * focal_px))))
-        if left_camera.fisheye:
-            edges = [(x, left_camera.cy) for x in (-0.5, left_camera.width - 0.5)]
-            field_deg = float(np.rad2deg(np.arccos(left_camera.bearings(edges)[:, 2]).sum()))
+        field_deg = recording.rig.left.field_of_view_deg
     gaps = int(np.sum(steps > _GAP * usual_s))
     advice = tuple(_advice(recording, float(np.median(skews_ms)), usual_s, gaps))
     return RecordingInfo(

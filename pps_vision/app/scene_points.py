@@ -79,6 +79,8 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
         as_is, turn = fit(kept), _best_turn(kept)
         if as_is.cost_px <= fits_px and (by_joints or not turn.matters(as_is, finer)):
             return
+    elif axes_angle(view) > _ALIKE:  # the images have nothing in common
+        return
     for name in ("left", "right"):
         mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
         found = matches(mirrored, rig)
@@ -87,7 +89,7 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
             yield f"the {name} image not mirrored: {n} points match and fit the cameras once it is mirrored back"
             return
     if not kept:
-        if side == _LEFT and axes_angle(view) < _ALIKE:
+        if side == _LEFT:
             yield f"--left and --right exchanged, or another calibration: by it {lies}"
         return
     possible = _OF_IMAGES if by_joints else _OF_IMAGES | _OF_POSE

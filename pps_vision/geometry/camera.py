@@ -185,6 +185,12 @@ class Camera:
         return replace(self, width=width, height=height, fx=self.fx * across, fy=self.fy * down, cx=cx, cy=cy)
 
     @cached_property
+    def field_of_view_deg(self) -> float:
+        """Horizontal, through the lens."""
+        edges = self.bearings([(-0.5, self.cy), (self.width - 0.5, self.cy)])
+        return float(np.rad2deg(np.arccos(edges[:, 2]).sum()))
+
+    @cached_property
     def focal_px(self) -> float:
         """Geometric mean focal length: pixels per radian at the image centre."""
         return float(np.sqrt(self.fx * self.fy))

@@ -99,7 +99,8 @@ class WideFilm:
         light = (0.5 + 0.5 * np.maximum(normals @ _LAMP, 0))[..., None] * self._drawn[4]
         behind = image[y0:y1, None, x0:x1, None]
         image[y0:y1, x0:x1] = np.where(hit, light, behind).mean(axis=(1, 3))
-        return np.clip(np.rint(image + 2 * rng.standard_normal(image.shape, np.float32)), 0, 255).astype(np.uint8)
+        image += 2 * rng.standard_normal(image.shape, np.float32) + np.float32(0.5)
+        return np.clip(image, 0, 255, out=image).astype(np.uint8)
 
 
 def _poses(kind: Kind, distance_m: float, rng: np.random.Generator) -> tuple[Array, Array]:
