@@ -217,10 +217,10 @@ def _best_turn(kept: Sequence[Matches]) -> _Turn:
     m = max(kept, key=lambda found: len(found.left_px))
 
     def turned(rotation: Array) -> Array:
-        T_root_right = m.view.right.T_root_camera @ transform(Rotation.from_rotvec(rotation).as_matrix())
-        return _epipolar(m.view.left, View(m.view.right.camera, T_root_right), m.left_px, m.right_px)
+        T_root_left = m.view.left.T_root_camera @ transform(Rotation.from_rotvec(rotation).as_matrix())
+        return _epipolar(View(m.view.left.camera, T_root_left), m.view.right, m.left_px, m.right_px)
 
-    rotation = least_squares(lambda r: turned(r)[0], np.zeros(3), loss="soft_l1", f_scale=_SOUND_PX).x
+    rotation = least_squares(lambda r: turned(r)[0], np.zeros(3), loss="soft_l1", f_scale=_DOUBTFUL_PX).x
     aside, parallax = turned(rotation)
     stretch = float(np.median(turned(np.zeros(3))[1]) / (np.median(parallax) or np.inf))
     return _Turn(float(np.rad2deg(np.linalg.norm(rotation))), float(np.median(np.abs(aside))), stretch)

@@ -100,9 +100,10 @@ def test_a_lost_convergence_is_told_in_degrees(filmed, tmp_path, capsys):
     assert turned == pytest.approx(np.rad2deg(Rotation.from_matrix(T_left_right[:3, :3]).magnitude()), abs=0.3)
 
 
-@pytest.mark.parametrize(("axis", "misfit_px"), [(0, 1.44), (1, None), (2, None)])
+@pytest.mark.parametrize(("axis", "misfit_px"), [(0, 1.44), (1, None), (2, 0.34)])
 def test_a_rotation_off_by_0_3_degrees_is_told_as_far_as_points_show_it(filmed, tmp_path, capsys, axis, misfit_px):
-    """Pitch moves points across the epipolar lines by 0.3° of 275 px; yaw and roll hardly do."""
+    """Pitch moves points across the epipolar lines by 0.3° of 275 px, roll by that of their distance from the
+    centre; yaw hardly does."""
     shown, folder = filmed
     T_right_left = np.linalg.inv(shown.rig.view().right.T_root_camera)
     R = Rotation.from_rotvec(np.deg2rad(0.3) * np.eye(3)[axis]).as_matrix() @ T_right_left[:3, :3]
@@ -113,7 +114,7 @@ def test_a_rotation_off_by_0_3_degrees_is_told_as_far_as_points_show_it(filmed, 
         return
     line = advice(tmp_path, capsys, options)
     assert line.startswith("try another calibration: ")
-    assert float(line.split("only within ")[1].split()[0]) == pytest.approx(misfit_px, abs=0.2)
+    assert float(line.split("only within ")[1].split()[0]) == pytest.approx(misfit_px, rel=0.15)
 
 
 def test_cameras_of_the_calibration_exchanged(filmed, tmp_path, capsys):
