@@ -11,7 +11,8 @@ Nothing in the images tells the scale of the baseline, a focal length that is wr
 that moves points along the epipolar lines only.
 
 Endpoint, written before the run of seed 720 (5 films of each fault, 100 sound ones): wrong, silent and visible at most
-2 %; wrong and silent at most 12 %; sound and warned of 0.  The thresholds were chosen on seeds 300–302, 400–407 and 710–714.
+2 %; wrong and silent at most 12 %; sound and warned of 0.  The thresholds were chosen on seeds 300–302, 400–407 and
+710–714.
 """
 
 from collections.abc import Callable, Mapping
