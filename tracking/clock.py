@@ -163,7 +163,7 @@ def estimate_delay(params: ClockParams, view: StereoView, points: Sequence[tuple
         how = "all moves at a constant rate across" if moves else "nothing moves across"
         return Delay(unobservable=f"{how} the epipolar lines")
     std, drift_std = np.sqrt(np.diag(_newey_west(X[used], noise))[:2])
-    std = np.hypot(std, _INTERPOLATION * frame_s)
+    std = np.hypot(std / (1 - noise_of_rate / np.var(own)), _INTERPOLATION * frame_s)  # the regressor is noisy too
     if not std < params.most_std_frames * frame_s:
         return Delay(unobservable=f"uncertain by {1000 * std:.2g} ms (σ): little moves across the epipolar lines")
     others = [fit[0] for fit in fits if abs(fit[1][0] - theta[0]) > 0.5 * frame_s]

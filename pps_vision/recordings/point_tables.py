@@ -218,7 +218,7 @@ def _long(
 def _mot(file: Path, rows: Sequence[tuple[int, list[str]]]) -> Iterator[_Point]:
     """The centres of MOTChallenge's boxes, whose frames and pixels count from 1."""
     for line, row in rows:
-        frame, track, left, top, width, height, score = (*numbers(file, line, row[:7]), np.nan)[:7]
+        frame, track, left, top, width, height, score = numbers(file, line, [*row, *[""] * 7][:7])
         if not (float(frame).is_integer() and float(track).is_integer()):
             raise InputError(file, f"frame {frame:g}, id {track:g}; expected whole numbers", line)
         center = left - 1 + (width - 1) / 2, top - 1 + (height - 1) / 2

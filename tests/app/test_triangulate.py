@@ -291,6 +291,7 @@ def test_the_command_writes_what_track_writes(tmp_path, calib, capsys):
         ("frame,u,v\n0,1,2\n", {"fps": 30, "points": ["x"]}, "no point x; expected one of object"),
         ("scorer,m,m\nbodyparts,a,a\n0,1,2\n", {"fps": 30}, "no header rows bodyparts and coords"),
         ("\x89HDF\r\n\x1a\n", {"fps": 30}, "l.csv: "),
+        ("1,1,5,5,9,5\n2\n", {"fps": 30}, "l.csv:2: frame 2, id nan; expected whole numbers"),
         ("{}", {"fps": 30}, "expected COCO's images and annotations"),
     ],
 )
