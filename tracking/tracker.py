@@ -517,7 +517,8 @@ class Tracker:
             tracker.start_from(state, camera, outline)
             for tracker, state, camera, outline in zip(self._cameras, track.cameras, cameras, outlines, strict=True)
         )
-        return track._replace(cameras=(left, right))
+        own = (left.marker, right.marker) if left.marker and right.marker else track.appearance
+        return track._replace(cameras=(left, right), appearance=own)
 
     def _passes_gate(
         self,
