@@ -22,7 +22,15 @@ from tracking.foreground import Background, ForegroundParams
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, colors_of, find_markers
 from tracking.masks import Box, BoxPx
-from tracking.outline import Optics, Outline, at_visible_edge, fit_outline, fit_visible_disc, fit_visible_edge
+from tracking.outline import (
+    Optics,
+    Outline,
+    at_visible_edge,
+    beside_foreground,
+    fit_outline,
+    fit_visible_disc,
+    fit_visible_edge,
+)
 from tracking.particle_filter import Evidence, Eye, Located, Map, Silhouette, template_of
 from tracking.stereo import CameraFrame
 
@@ -57,6 +65,7 @@ _OFF_PREDICTION = 0.05  # largest distance of an outline from its prediction, in
 _MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object from the border, in object sizes
 _MIN_FILL = 0.3  # visible share of the object below which it is not detected
 _PARTICLE_PX = 0.3  # systematic error of the particles' centre
+_OTHER_SHAPE = 0.15  # error of the centre of an object that may have turned since its silhouette was seen, in radii
 _MOST_SHIFT = 0.3  # of a visible edge from the particles, in radii
 _SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
@@ -247,6 +256,8 @@ class ImageTracker:
             if around > masks.HIDING:
                 return None
             outline = self._completed(image, examined, outline)
+        elif around > _FREE:
+            outline = beside_foreground(outline, around)
         ratio = outline.angular_radius_rad / target.angle_rad
         is_free = examined.covered[mask].mean() > 0.5 and around < _FREE
         may_be_smaller = is_free if target.silhouette else outline.is_disc and not target.is_size_known
@@ -543,6 +554,8 @@ class CameraTracker:
         fit = fit_visible_edge(camera.image, *region, *located.edges[eye], located.radius_std * radius_px)
         if fit is not None and math.hypot(*fit.shift_px) < _MOST_SHIFT * radius_px:
             outline = at_visible_edge(outline, fit, radius_px)
+        if target.silhouette is not None:
+            outline = replace(outline, hidden_px=_OTHER_SHAPE * radius_px)
         return ImageDetection(outline, outline.box_px, located.fill[eye])
 
     def _known_background(self, camera: CameraFrame) -> Background | None:

@@ -61,6 +61,7 @@ _MIN_CONTRAST = 20.0  # of the inner and the outer colour, grey levels
 _CIRCLE_POINTS = 48
 _DISC_ERROR = 0.15  # relative error of a partly hidden disc's predicted radius and centre
 _TUKEY = 4.685  # robust standard deviations
+_HIDDEN = 0.7  # hidden share of an object, relative to the share of its edge that borders on foreground
 _HIDDEN_AT_BORDER = 0.3  # assumed hidden share of an object at the image's border
 
 
@@ -90,6 +91,7 @@ class Outline:
         non_circularity: Relative excess of the second moment over a disc's.
         is_cut: The image's border cuts it off.
         is_edge: It is partial, and its visible edge was fitted.
+        hidden_px: Standard deviation of the centre's coordinates by what of the object may be hidden beyond it.
     """
 
     center_px: Array
@@ -103,6 +105,7 @@ class Outline:
     non_circularity: float = 0.0
     is_cut: bool = False
     is_edge: bool = False
+    hidden_px: float = 0.0
 
     @property
     def is_disc(self) -> bool:
@@ -168,6 +171,11 @@ def fit_outline(
     radius_px = optics.camera.focal_px * shape.angular_radius_rad / math.sqrt(1 - missing)
     off_px = _OFF_CENTER * missing * radius_px
     return replace(shape, cov_px=shape.cov_px + off_px**2 * np.eye(2), is_partial=True)
+
+
+def beside_foreground(outline: Outline, share: float) -> Outline:
+    """The outline of a non-disc of whose edge a share borders on foreground, behind which more of it may be."""
+    return replace(outline, hidden_px=_HIDDEN * share * _OFF_CENTER * math.sqrt(outline.area_px / math.pi))
 
 
 def _disc(mask: Mask, box: Box, visible: Outline, area_px: float) -> Outline | None:

@@ -148,7 +148,8 @@ class Association:
         )
         total_px2 = _mean_var(left, right) + self.error_px**2
         excess_px2 = max(self.mean_outline_var_px2, 0.0) - max(self.outline_var_px2, 0.0)
-        added = max(excess_px2, 0.0) / total_px2 * point.cov_root
+        hidden_px2 = 0.5 * (left.hidden_px**2 + right.hidden_px**2)
+        added = (max(excess_px2, 0.0) + hidden_px2) / total_px2 * point.cov_root
         cov = point.cov_root + added + self._shared_cov(view, point.p_root, left, right, radius)
         white_px2 = self._white_var(view, point.p_root, left, right)
         correlated = cov - min(white_px2 / total_px2, 1.0) * point.cov_root
@@ -212,13 +213,13 @@ class Association:
         return point
 
     def learned(self, view: StereoView, observation: Observation3D, left: Outline, right: Outline) -> "Association":
-        """Return the association after an accepted pair; unchanged if a part of the object is hidden, since its centre
-        is then off by more than the calibration.
+        """Return the association after an accepted pair; unchanged if a part of the object is hidden or may be, since
+        its centre is then off by more than the calibration.
 
         The first few pairs estimate the calibration's variance badly: 1 + 3/n times the mean is stated.  Differences
         that are smaller than the outlines' covariances count too, or these would be counted twice.
         """
-        if left.is_partial or right.is_partial:
+        if left.is_partial or right.is_partial or left.hidden_px + right.hidden_px > 0:
             return self
         own_var = _mean_var(left, right)
         residual_var = 4 * observation.residual_px**2

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from scipy.stats import chi2
 
 from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory, save_memory
@@ -228,3 +229,21 @@ def test_what_it_cannot_do_is_refused(approach, tmp_path, refused):
     line = refused("track", approach, "--device", missing, *out)
     assert f"--device {missing}" in line
     assert "expected cpu" in line
+
+
+def test_what_a_hand_may_hide_of_an_object_is_in_its_covariance(tmp_path):
+    """An octopus, parts of which a hand hides: more than half a centimetre off, and said so."""
+    words = "--stimulus octopus --motion approach --carrier hand --seconds 1.2 --seed 7"
+    main(["render", *words.split(), "--out", str(tmp_path / "rec")])
+    main(["track", str(tmp_path / "rec"), "--one", "--out", str(tmp_path / "out")])
+    path = table(tmp_path / "out" / "trajectory.csv")
+    truth = table(tmp_path / "rec" / "truth.csv")
+    known = path["status"] == "tracking"
+    off = np.stack([path[c][known].astype(float) - truth[c][known].astype(float) for c in ("x_m", "y_m", "z_m")], 1)
+    cov = np.empty((len(off), 3, 3))
+    for i, j in np.ndindex(3, 3):
+        cov[:, i, j] = path[f"cov_{'xyz'[min(i, j)]}{'xyz'[max(i, j)]}_m2"][known].astype(float)
+    mahalanobis2 = np.einsum("ni,nij,nj->n", off, np.linalg.inv(cov), off)
+    assert known.sum() > 15
+    assert np.median(np.linalg.norm(off, axis=1)) < 0.025
+    assert (mahalanobis2 < chi2.ppf(0.95, 3)).mean() > 0.9
