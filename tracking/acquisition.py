@@ -61,6 +61,7 @@ _MAX_SHARE = 0.25  # share of the image
 _MIN_LIKENESS = 0.7  # Bhattacharyya coefficient of an object's colours in both images
 _MAX_RATIO = 1.2  # largest ratio of an object's radii (m) in both images
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours suffice without the foreground
+_SAME_SIDE = 0.7  # cosine of the angle between both cameras' axes, beyond which borders cut off different parts
 _ALIGNED_PX = 1.0  # standard deviation of the centre of an aligned silhouette
 _LOW_SATURATION = 0.4  # share of the object's mean squared saturation below which a colour is the surroundings'
 
@@ -85,9 +86,9 @@ class Candidate:
     silhouette: tuple[Mask, Box] | None = None  # of the whole object, where the image's border cuts `mask` off
 
     @property
-    def is_incomplete(self) -> bool:
-        """Whether a part of the object may be hidden or beyond the border, and its outline does not tell which."""
-        return self.is_partly_occluded or (self.outline.is_cut and not self.outline.is_edge)
+    def is_cut(self) -> bool:
+        """Whether a part of the object is beyond the image's border, and its outline does not tell how much."""
+        return self.outline.is_cut and not self.outline.is_edge
 
 
 class Acquisition:
@@ -242,6 +243,8 @@ class Acquisition:
         """The consistent pair of candidates with most evidence, or None."""
         best = None
         best_rank = (False, 0.0)
+        axes = [camera.view.T_root_camera[:3, 2] for camera in cameras]
+        cut_alike = float(axes[0] @ axes[1]) > _SAME_SIDE
         for a, b in itertools.product(left, right):
             likeness = a.model.similarity(b.model.object)
             if likeness < _MIN_LIKENESS:
@@ -249,7 +252,11 @@ class Acquisition:
                 continue
             whole_a = self._whole(0, cameras, a, b)
             whole_b = self._whole(1, cameras, b, a)
-            if whole_a is None or whole_b is None or (whole_a.is_incomplete and whole_b.is_incomplete):
+            both_are_cut = (
+                not cut_alike and whole_a is not None and whole_b is not None and whole_a.is_cut and whole_b.is_cut
+            )
+            both_are_hidden = a.is_partly_occluded and b.is_partly_occluded
+            if whole_a is None or whole_b is None or both_are_cut or both_are_hidden:
                 self._counts["rejected since half hidden"] += 1
                 continue
             outlines = whole_a.outline, whole_b.outline

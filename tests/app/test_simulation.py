@@ -56,7 +56,7 @@ def test_episodes(scene, memory, case):
     np.testing.assert_array_equal(log.touched, log.surface_gap_m <= TOUCH_RADIUS_M)
     if case != "own arm":
         assert np.isfinite(log.track_m[20:, 0]).mean() > 0.9
-        assert 1e-4 < np.nanmedian(log.track_std_m) < 0.01
+        assert 1e-4 < np.nanmedian(log.track_std_m) < 0.02  # before the arm, which might hide parts of it
         assert np.nanmedian(np.linalg.norm(log.track_m - log.truth_m, axis=1)) < 0.02
     np.testing.assert_allclose(log.q_rad, scene.robot.clamp(log.q_rad), atol=1e-9)
 

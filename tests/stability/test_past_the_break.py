@@ -96,7 +96,6 @@ DISTURBANCES: dict[str, Disturbance] = {
 }
 GENERIC, MARKER = OURS
 FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly (χ² of 3 degrees of freedom)
-    ("noise", MARKER): "measures blobs of noise: 595 mm off, χ² 3609",
     ("stamp jitter", GENERIC): "does not know that stamps are off: 74 mm off, χ² 8864",
     ("stamp jitter", MARKER): "does not know that stamps are off: 1 mm off, χ² 1696",
     ("right eye late", GENERIC): "takes the two eyes' images for simultaneous: 728 mm off, χ² 325000",
