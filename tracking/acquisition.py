@@ -244,7 +244,7 @@ class Acquisition:
         best = None
         best_rank = (False, 0.0)
         axes = [camera.view.T_root_camera[:3, 2] for camera in cameras]
-        cut_alike = float(axes[0] @ axes[1]) > _SAME_SIDE
+        on_one_side = float(axes[0] @ axes[1]) > _SAME_SIDE
         for a, b in itertools.product(left, right):
             likeness = a.model.similarity(b.model.object)
             if likeness < _MIN_LIKENESS:
@@ -252,11 +252,13 @@ class Acquisition:
                 continue
             whole_a = self._whole(0, cameras, a, b)
             whole_b = self._whole(1, cameras, b, a)
-            both_are_cut = (
-                not cut_alike and whole_a is not None and whole_b is not None and whole_a.is_cut and whole_b.is_cut
-            )
             both_are_hidden = a.is_partly_occluded and b.is_partly_occluded
-            if whole_a is None or whole_b is None or both_are_cut or both_are_hidden:
+            if whole_a is None or whole_b is None or both_are_hidden:
+                self._counts["rejected since half hidden"] += 1
+                continue
+            ratio = whole_a.outline.angular_radius_rad / whole_b.outline.angular_radius_rad
+            cut_alike = on_one_side and 1 / _MAX_RATIO <= ratio <= _MAX_RATIO
+            if whole_a.is_cut and whole_b.is_cut and not cut_alike:
                 self._counts["rejected since half hidden"] += 1
                 continue
             outlines = whole_a.outline, whole_b.outline
