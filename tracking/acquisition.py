@@ -61,7 +61,7 @@ _MAX_SHARE = 0.25  # share of the image
 _MIN_LIKENESS = 0.7  # Bhattacharyya coefficient of an object's colours in both images
 _MAX_RATIO = 1.2  # largest ratio of an object's radii (m) in both images
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours suffice without the foreground
-_SAME_SIDE = 0.7  # cosine of the angle between both cameras' axes, beyond which borders cut off different parts
+_SAME_SIDE = math.acos(0.7)  # angle between both cameras' axes, beyond which borders cut off different parts
 _ALIGNED_PX = 1.0  # standard deviation of the centre of an aligned silhouette
 _LOW_SATURATION = 0.4  # share of the object's mean squared saturation below which a colour is the surroundings'
 
@@ -243,8 +243,7 @@ class Acquisition:
         """The consistent pair of candidates with most evidence, or None."""
         best = None
         best_rank = (False, 0.0)
-        axes = [camera.view.T_root_camera[:3, 2] for camera in cameras]
-        on_one_side = float(axes[0] @ axes[1]) > _SAME_SIDE
+        on_one_side = view.axes_angle_rad < _SAME_SIDE
         for a, b in itertools.product(left, right):
             likeness = a.model.similarity(b.model.object)
             if likeness < _MIN_LIKENESS:
@@ -252,13 +251,8 @@ class Acquisition:
                 continue
             whole_a = self._whole(0, cameras, a, b)
             whole_b = self._whole(1, cameras, b, a)
-            both_are_hidden = a.is_partly_occluded and b.is_partly_occluded
-            if whole_a is None or whole_b is None or both_are_hidden:
-                self._counts["rejected since half hidden"] += 1
-                continue
-            ratio = whole_a.outline.angular_radius_rad / whole_b.outline.angular_radius_rad
-            cut_alike = on_one_side and 1 / _MAX_RATIO <= ratio <= _MAX_RATIO
-            if whole_a.is_cut and whole_b.is_cut and not cut_alike:
+            neither_is_whole = a.is_partly_occluded and b.is_partly_occluded
+            if not (whole_a and whole_b) or neither_is_whole or not _is_cut_alike(whole_a, whole_b, on_one_side):
                 self._counts["rejected since half hidden"] += 1
                 continue
             outlines = whole_a.outline, whole_b.outline
@@ -290,6 +284,15 @@ class Acquisition:
         image = cameras[eye].image
         outline = fit_outline(image, candidate.mask, candidate.box, self._optics[eye], area_px)
         return own if outline is None else replace(candidate, outline=outline)
+
+
+def _is_cut_alike(a: Candidate, b: Candidate, on_one_side: bool) -> bool:
+    """Whether the border does not cut off both, or cuts off the same part in both images: of cameras that look to one
+    side, what is left has about one size."""
+    if not (a.is_cut and b.is_cut):
+        return True
+    ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
+    return on_one_side and 1 / _MAX_RATIO <= ratio <= _MAX_RATIO
 
 
 def _aligned(candidate: Candidate, partner: Candidate, optics: Optics) -> Candidate:

@@ -112,6 +112,16 @@ class GatedMeasurement(NamedTuple):
     nis: float  # normalised innovation squared
     correlated_cov: Array  # (3, 3) m² part of the measurement's covariance that no filtering averages out
 
+    @property
+    def cost(self) -> float:
+        """−2 times its log-likelihood, up to a constant."""
+        return self.nis + self.log_det
+
+    @property
+    def log_det(self) -> float:
+        """Logarithm of the determinant of S."""
+        return -float(np.linalg.slogdet(self.information)[1])
+
 
 def start(
     params: KalmanParams,
@@ -207,7 +217,8 @@ def gate(
         changes = (
             compared(params, changed(params, belief), position, cov, correlated) for changed in (_turning, inflated)
         )
-        gated = min((gated, 0.0), *((change, surprise) for change in changes), key=_cost)[0]
+        likeliest = min(changes, key=lambda change: change.cost)
+        gated = likeliest if likeliest.cost + surprise < gated.cost else gated
     return gated if gated.nis <= params.gate_chi2 else None
 
 
@@ -257,12 +268,6 @@ def compared(
     R = _white(belief.noise_scale, cov, correlated)
     innovation, information, nis = _innovation(belief.mean, belief.cov, position, R)
     return GatedMeasurement(belief, innovation, information, nis, cov - R)
-
-
-def _cost(hypothesis: tuple[GatedMeasurement, float]) -> float:
-    """−2 log of a hypothesis's probability, up to a constant: measurement and prior cost."""
-    gated, prior_cost = hypothesis
-    return gated.nis - math.log(np.linalg.det(gated.information)) + prior_cost
 
 
 def _turning(params: KalmanParams, belief: Belief) -> Belief:

@@ -272,14 +272,14 @@ class _Run(NamedTuple):
         if gated.nis <= self.params.calm_chi2:
             return FilterStep(kalman.correct(self.kalman, gated), (predicted, cross))
         jump = kalman.compared(self.kalman, kalman.inflated(self.kalman, predicted), *measurement)
-        outlier = self.params.outlier_chi2 + _log_det(jump) + self._cost(predicted, ahead)
+        outlier = self.params.outlier_chi2 + jump.log_det + self._cost(predicted, ahead)
         if change := kalman.gate(self.kalman, predicted, *measurement):
             other = FilterStep(kalman.correct(self.kalman, change), (change.belief, cross))
-            cost = change.nis + _log_det(change)
+            cost = change.cost
         else:
             position, cov, correlated = self.measurement(k)
             other = FilterStep(kalman.start(self.kalman, predicted.stamp_s, position, cov, correlated=correlated), None)
-            cost = self.kalman.gate_chi2 + _log_det(jump)
+            cost = self.kalman.gate_chi2 + jump.log_det
         return coasted if outlier <= cost + self._cost(other.belief, ahead) else other
 
     def _cost(self, belief: Belief, ahead: Sequence[int]) -> float:
@@ -289,17 +289,12 @@ class _Run(NamedTuple):
             belief = kalman.predict(self.kalman, belief, float(self.stamps_s[j]))
             measurement = self.measurement(j, belief)
             if gated := kalman.gate(self.kalman, belief, *measurement):
-                cost += gated.nis + _log_det(gated)
+                cost += gated.cost
                 belief = kalman.correct(self.kalman, gated)
             else:
                 jump = kalman.compared(self.kalman, kalman.inflated(self.kalman, belief), *measurement)
-                cost += self.params.outlier_chi2 + _log_det(jump)
+                cost += self.params.outlier_chi2 + jump.log_det
         return cost
-
-
-def _log_det(gated: kalman.GatedMeasurement) -> float:
-    """Logarithm of the determinant of the innovation's covariance."""
-    return -float(np.linalg.slogdet(gated.information)[1])
 
 
 def reprojection_nis(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pps_vision.app.scene_points import axes_angle, faults_by_points, faults_of_joints, length, match
+from pps_vision.app.scene_points import faults_by_points, faults_of_joints, length, match
 from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
@@ -107,7 +107,7 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         left = recording.rig.left
         if left.field_of_view_deg > _WIDEST_DEG and not left.fisheye:
             yield f"another calibration: the left camera's field of view is {left.field_of_view_deg:.0f}°"
-        widest = 2 * _FARTHEST_M * np.sin(axes_angle(view) / 2)
+        widest = 2 * _FARTHEST_M * np.sin(view.axes_angle_rad / 2)
         if not _BASELINE_M[0] <= baseline <= max(_BASELINE_M[1], widest):
             low, high = _USUAL_BASELINE_M
             apart_m = {unit: baseline / recording.unit_m * unit for unit in _UNITS_M}

@@ -79,7 +79,7 @@ def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: b
         as_is, turn = fit(kept), _best_turn(kept)
         if as_is.cost_px <= fits_px and (by_joints or not turn.matters(as_is, finer)):
             return
-    elif axes_angle(view) > _ALIKE:  # the images have nothing in common
+    elif view.axes_angle_rad > _ALIKE:  # the images have nothing in common
         return
     for name in ("left", "right"):
         mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
@@ -119,11 +119,6 @@ def side_of(view: StereoView) -> str:
     x, y, z = view.left.T_camera_root[:3, :3] @ (view.right.center - view.left.center)
     sides = {"to the right of": x, _LEFT: -x, "below": y, "above": -y, "ahead of": z, "behind": -z}
     return max(sides, key=sides.__getitem__)
-
-
-def axes_angle(view: StereoView) -> float:
-    """Angle (rad) between both optical axes."""
-    return float(np.arccos(np.clip(view.left.T_root_camera[:3, 2] @ view.right.T_root_camera[:3, 2], -1, 1)))
 
 
 def matches(frames: Sequence[StereoFrame], rig: StereoRig) -> list[Matches]:

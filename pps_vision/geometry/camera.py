@@ -293,6 +293,11 @@ class StereoView:
         """(2, 3) m, the left and the right camera's."""
         return np.stack([self.left.center, self.right.center])
 
+    @property
+    def axes_angle_rad(self) -> float:
+        """Angle between both optical axes."""
+        return float(np.arccos(np.clip(self.left.T_root_camera[:3, 2] @ self.right.T_root_camera[:3, 2], -1, 1)))
+
 
 def sight(centers: Array, p_root: Array) -> Array:
     """(3,) m: the mean direction of a point (3,) from cameras at `centers` (2, 3), as long as its mean distance.
