@@ -1,6 +1,8 @@
 """The one exception for bad input; any package may raise it."""
 
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 _HALF = 300  # characters of a message; a file's content may be quoted in it
 
@@ -20,6 +22,13 @@ class InputError(ValueError):
     def __str__(self) -> str:
         source, message, line = self.args
         return cite(source, line, message)
+
+
+def expect_positive(source: str, params: Any) -> None:
+    """InputError for a field of a dataclass that is a number and not more than 0."""
+    for field in fields(params):
+        if isinstance(value := getattr(params, field.name), int | float) and not value > 0:
+            raise InputError(source, f"{field.name} {value}; expected more than 0")
 
 
 def cite(source: Path | str, line: int | None, message: str) -> str:

@@ -12,13 +12,13 @@ across the epipolar lines, or at a constant rate.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from pps_vision.errors import InputError
+from pps_vision.errors import expect_positive
 from pps_vision.geometry.camera import StereoView
 from pps_vision.types import Array, Mask
 from tracking.points import Pairs, epipolar_residuals
@@ -50,9 +50,7 @@ class ClockParams:
     """Largest standard error of a delay, in frames."""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if not getattr(self, field.name) > 0:
-                raise InputError("clock", f"{field.name} {getattr(self, field.name)}; expected more than 0")
+        expect_positive("clock", self)
 
 
 class PointPath(NamedTuple):

@@ -14,12 +14,12 @@ jump of the motion is judged by those that follow.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, expect_positive
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.geometry.compiled import triangulated_points
 from pps_vision.types import Array, Mask
@@ -65,10 +65,7 @@ class PointParams:
     """As of `TrackerParams`."""
 
     def __post_init__(self) -> None:
-        numbers = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "kalman"}
-        for name, value in numbers.items():
-            if not value > 0:
-                raise InputError("points", f"{name} {value}; expected more than 0")
+        expect_positive("points", self)
 
 
 class Noise(NamedTuple):
@@ -190,7 +187,7 @@ def triangulate_points(params: PointParams, view: StereoView, points: Pairs, noi
 
 
 def follow_points(
-    params: PointParams, midpoint: Array, stamps_s: Array, points: Positions, correlated_share: float
+    params: PointParams, centers: Array, stamps_s: Array, points: Positions, correlated_share: float
 ) -> list[FilterStep | None]:
     """Run the filter over the positions of one point.
 
@@ -199,7 +196,7 @@ def follow_points(
 
     Args:
         params: Parameters.
-        midpoint: (3,) m, midway between the cameras.
+        centers: (2, 3) m of the cameras.
         stamps_s: (n,) rising stamps.
         points: Positions at the stamps.
         correlated_share: Share of the covariances that is correlated from image to image.
@@ -207,8 +204,8 @@ def follow_points(
     known = np.flatnonzero(np.isfinite(points.position[:, 0])).tolist()
     if not known:
         return [None] * len(stamps_s)
-    distance_m = float(np.median(np.linalg.norm(points.position[known] - midpoint, axis=1)))
-    run = _Run(params, kalman.scaled(params.kalman, distance_m), midpoint, stamps_s, points, correlated_share)
+    distance_m = float(np.median([_distance_m(centers, p) for p in points.position[known]]))
+    run = _Run(params, kalman.scaled(params.kalman, distance_m), centers, stamps_s, points, correlated_share)
     steps: list[FilterStep | None] = []
     place = 0  # in `known`
     for k, stamp_s in enumerate(stamps_s.tolist()):
@@ -230,7 +227,7 @@ class _Run(NamedTuple):
 
     params: PointParams
     kalman: KalmanParams  # scaled to the distance
-    midpoint: Array
+    centers: Array
     stamps_s: Array
     points: Positions
     correlated_share: float
@@ -243,7 +240,7 @@ class _Run(NamedTuple):
         """
         position, cov = self.points.position[k], self.points.cov[k]
         if predicted is not None:
-            cov = (math.dist(predicted.mean[0], self.midpoint) / math.dist(position, self.midpoint)) ** 4 * cov
+            cov = (_distance_m(self.centers, predicted.mean[0]) / _distance_m(self.centers, position)) ** 4 * cov
         return position, cov, self.correlated_share * cov
 
     def start(self, k: int, ahead: Sequence[int]) -> FilterStep | None:
@@ -295,6 +292,11 @@ class _Run(NamedTuple):
                 jump = kalman.compared(self.kalman, kalman.inflated(self.kalman, belief), *measurement)
                 cost += self.params.outlier_chi2 + jump.log_det
         return cost
+
+
+def _distance_m(centers: Array, p: Array) -> float:
+    """Mean distance of a point (3,) from the cameras."""
+    return 0.5 * (math.dist(p, centers[0]) + math.dist(p, centers[1]))
 
 
 def reprojection_nis(

@@ -13,7 +13,7 @@ from pps_vision.app.results import Reprojection, TrackNumbers, TrackSummary
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import TrackArrays, track_arrays
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.geometry.camera import StereoRig, StereoView, sight
 from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Clock, TimeUnit
 from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.point_tables import PointTable, read_points
@@ -79,7 +79,7 @@ class TriangulatedPoints:
             self.points = [_pairs((left, right), rows, both) for both in columns]
             self.noise = estimate_noise(params, self.view, self.points)
             self._positions = [triangulate_points(params, self.view, item, self.noise) for item in self.points]
-            filtering = params, self.view.midpoint, self.stamps_s
+            filtering = params, self.view.centers, self.stamps_s
             self._steps = [follow_points(*filtering, item, self.noise.correlated_share) for item in self._positions]
 
     def _columns(self, left: PointTable, right: PointTable, chosen: Sequence[str]) -> list[tuple[int, int]]:
@@ -128,13 +128,12 @@ class TriangulatedPoints:
             for begin in begins:
                 end = next((i for i in range(begin, len(steps)) if not steps[i]), len(steps))
                 beliefs[begin:end] = smooth([step for step in steps[begin:end] if step])
-        midpoint = self.view.midpoint
         for i, (step, belief, stamp_s) in enumerate(zip(steps, beliefs, self.stamps_s.tolist(), strict=True)):
             if step is None or belief is None:
                 was_known = i > 0 and steps[i - 1] is not None
                 yield Track3D.unknown(stamp_s, Status.LOST if was_known else Status.SEARCHING, k + 1)
                 continue
-            ahead = belief.mean[0] - midpoint
+            ahead = sight(self.view.centers, belief.mean[0])
             state = full_state(belief.mean, belief.cov, step.belief.correlated_cov, ahead, 0.0, self.params.aspect_rad)
             status = Status.TRACKING if _is_measured(step) else Status.COASTING
             yield Track3D(stamp_s, *state, np.nan, np.nan, status, k + 1)

@@ -28,7 +28,7 @@ def paths(n: int = N, seed: int = 0, fps: float = FPS) -> np.ndarray:
     return sum(waves) + np.array([[[0.0, 0.0, 0.8], [0.1, 0.05, 0.9]]])
 
 
-def seen(points: np.ndarray) -> Pixels:
+def seen(points: np.ndarray, R: np.ndarray = R, T: np.ndarray = T) -> Pixels:
     """Pixels (2, n, names, 2) of points (n, names, 3) in the left camera's frame, by OpenCV."""
     flat = np.ascontiguousarray(points.reshape(-1, 3))
     cameras = [(np.eye(3), np.zeros(3)), (R, T)]
@@ -194,6 +194,23 @@ def test_the_stated_ellipsoids_hold_the_truth(kind, tmp_path, calib):
             assert 1.4 < check["nis"] < 3.5
     if kind == "likelihood tells":
         assert run.noise.std[0] > 1.5 * run.noise.std[-1]
+
+
+def test_a_point_between_cameras_that_face_each_other(tmp_path):
+    """It is as far from both as their midpoint is, not as from that."""
+    turn = cv2.Rodrigues(np.array([0.0, np.deg2rad(170), 0.0]))[0]
+    shift = -turn @ np.array([0.15, 0.0, 1.6])
+    size = {"image_width": SIZE[0], "image_height": SIZE[1]}
+    calib = store(tmp_path / "facing.yml", K1=K[0], D1=D[0], K2=K[1], D2=D[1], R=turn, T=shift, **size)
+    truth = paths(200)
+    pixels = seen(truth, turn, shift) + np.random.default_rng(0).normal(0, 0.3, (2, 200, 2, 2))
+    files = [tmp_path / f"{side}.csv" for side in ("left", "right")]
+    for file, side in zip(files, pixels, strict=True):
+        wide(file, side)
+    path = pv.triangulate(*files, calib=calib, fps=FPS).arrays()
+    error = np.hstack([path.position - truth[:, 0], path.velocity - np.gradient(truth[:, 0], 1 / FPS, axis=0)])[10:]
+    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(path.cov[10:]), error)
+    assert 4 < np.mean(nees) < 7  # 6 are expected; 8.5 by the distance from the midpoint
 
 
 def test_a_bounce_is_no_outlier(tmp_path, calib):
