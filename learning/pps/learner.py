@@ -10,7 +10,7 @@ import numpy as np
 from learning.pps.buffer import LENGTH_S, EventBuffer, push
 from learning.pps.memory import PPSMemory, activation, learn
 from learning.pps.receptive_field import ReceptiveField, perceive
-from pps_vision.geometry.paths import passing_distances
+from pps_vision.geometry.paths import arrival_s, passing_distances
 from pps_vision.types import Activation, Array, Mask, TaxelEvents, Track3D
 
 _CONTACT_S = 0.6  # how long after its first touch a contact may reach further taxels: our choice
@@ -118,13 +118,16 @@ def perceive_path(
         cov_v: Covariance (…, 3, 3) of the filter's velocity.
 
     The closing speed is the smallest of the three: the filter's overshoots when an object stops, the positions do not.
-    An object that touches and moves away has no TTC.  Taxels count as at rest, so that the activation persists while
-    the arm withdraws, and its own motion causes none.
+    The path of which the miss distance is predicted ends where the object's surface meets the skin: taxels beyond the
+    one that is hit are not touched.  An object that touches and moves away has no TTC.  Taxels count as at rest, so
+    that the activation persists while the arm withdraws, and its own motion causes none.
     """
     D, times = perceive(params, positions, normals, p, velocities, radius_m, cov_v)
     towards = np.einsum("...nj,k...j->k...n", positions - p[..., None, :], velocities)
     ttc = np.where((towards > 0).all(axis=0), times.max(axis=0), np.where(times[0] < 0, times[0], np.inf))
-    miss = passing_distances(positions, p, velocities[0]) - max(radius_m, 0.0)
+    shell_m = max(radius_m, 0.0)
+    arrival = arrival_s(positions, p, velocities[0], shell_m)
+    miss = passing_distances(positions, p, velocities[0], arrival) - shell_m
     return D[0], np.where(np.isnan(D[0]), np.nan, ttc), miss
 
 

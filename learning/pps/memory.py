@@ -19,7 +19,7 @@ from pps_vision.types import Array, Mask
 
 MOST_COUNTS = 2**53  # of a bin: a float holds every whole number up to it, and 64 bits the sums of all bins
 _KIND = "PPS memory"
-_VERSION = 4  # up to version 2, D was to the centre of the object; up to 3, there was no miss distance
+_VERSION = 5  # up to version 2, D was to the centre; up to 3, there was no miss distance; up to 4, paths led through
 _LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keeps divisions finite
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
@@ -41,7 +41,7 @@ class MemoryParams:
     """Number of bins of D and of TTC (R); with a third number, of the predicted miss distance too."""
     sigma_bins: float = 1.0
     """Standard deviation of the Parzen window in bin widths (R); the authors' data and Matlab code use 0.75."""
-    miss_range_m: tuple[float, float] = (-0.04, 0.12)
+    miss_range_m: tuple[float, float] = (0.0, 0.12)
     """Range of the predicted miss distance; a value beyond counts in the outermost bin."""
     prior_samples: tuple[float, float] = (2.0, 1.0)
     """Samples that a taxel's own count as against its body part's, and the body part's as against probability 0."""
@@ -72,8 +72,9 @@ class MemoryParams:
         return (distance_m >= d0) & (distance_m <= d1) & (ttc_s >= t0) & (ttc_s <= t1)
 
 
-PROBABILITY = MemoryParams(bins=(8, 4, 12), sigma_bins=0.7)
-"""Ours: the probability of touch by D, TTC and predicted miss distance."""
+PROBABILITY = MemoryParams((-0.20, 0.20), bins=(11, 4, 12), sigma_bins=0.5)
+"""Ours: the probability of touch by D, TTC and predicted miss distance; an object that grazes a taxel may come from
+behind the plane of its skin."""
 
 
 @dataclass(frozen=True)

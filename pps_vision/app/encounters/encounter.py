@@ -13,6 +13,7 @@ import numpy as np
 from control.fixation import gaze_at
 from pps_vision.app.simulation import PERIOD_S, REACH_M, OwnMotion, Side, at_taxel, can_follow, first_contact, own_rate
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.paths import arrival_s
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Posture, Robot
@@ -298,23 +299,6 @@ def draw_posture(scene: EncounterScene, side: Side, part: Part, rng: np.random.G
             return q
 
 
-def would_touch(start: Array, velocity: Array, taxels: Array, radius_m: float) -> float:
-    """Return the time at which a ball that moves straight first touches one of the taxels (n, 3) at rest, else inf.
-
-    Its centre is at `start` (3,) at time 0; it touches at `TOUCH_RADIUS_M` from its surface to a taxel's centre.
-    """
-    d = start - taxels
-    reach = radius_m + TOUCH_RADIUS_M
-    a = float(velocity @ velocity)
-    b = d @ velocity
-    root = b**2 - a * (np.sum(d * d, axis=1) - reach**2)
-    if not a > 0:
-        return np.inf
-    with np.errstate(invalid="ignore"):
-        times = (-b - np.sqrt(root)) / a
-    return float(np.min(times[(root >= 0) & (times >= 0)], initial=np.inf))
-
-
 def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
     """Return the drawing of approaches that end `end_m` beyond (below 0: before) the would-be contact.
 
@@ -327,7 +311,8 @@ def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
         visit = make_approach(aim.rng, target, speed)
         ahead = (visit.end - visit.start) / np.linalg.norm(visit.end - visit.start)
         end = visit.end + end_m * ahead
-        contact_s = would_touch(visit.start, speed * ahead, aim.skin.at(aim.posture)[0], aim.radius_m)
+        taxels, _ = aim.skin.at(aim.posture)
+        contact_s = float(arrival_s(taxels, visit.start, speed * ahead, aim.radius_m + TOUCH_RADIUS_M))
         arrives_s = float(np.linalg.norm(end - visit.start)) / speed
         if end_m > 2 * PRESS_M:
             return Recede(visit.start, end, speed), arrives_s + dwell_s, contact_s
@@ -371,7 +356,7 @@ def passing(distance_m: tuple[float, float]) -> DrawPath:
         near = np.abs(aside) < reach
         start = start - out * np.min(-(d[near] @ out) - np.sqrt(reach**2 - aside[near] ** 2))  # lowered until near
         length = 2 * START_M[1]
-        contact_s = would_touch(start, aim.speed_m_s * sideways, taxels, aim.radius_m)
+        contact_s = float(arrival_s(taxels, start, aim.speed_m_s * sideways, aim.radius_m + TOUCH_RADIUS_M))
         return Recede(start, start + length * sideways, aim.speed_m_s), length / aim.speed_m_s + 0.3, contact_s
 
     return path

@@ -11,7 +11,6 @@ import numpy as np
 
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.app.simulation import PERIOD_S
-from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array, Status, Track3D
 from tracking import kalman
 from tracking.kalman import KalmanParams
@@ -43,7 +42,8 @@ def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generat
     kalman_params = KalmanParams()
     constant_m, random_m = (np.array(rms_m)[[1, 1, 0]] for rms_m in ERRORS[encounter.stimulus])
     cov = np.diag(constant_m**2 + random_m**2)
-    head = scene.rig.view(encounter.q_rad).midpoint
+    view = scene.rig.view(encounter.q_rad)
+    baseline = view.right.center - view.left.center
     constant = constant_m * rng.standard_normal(3)
     is_angular = encounter.stimulus in ("cube", "octopus")
     radius = encounter.radius_m * (1 + _RADIUS_STD * is_angular * rng.standard_normal())
@@ -55,7 +55,7 @@ def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generat
             tracks.append(Track3D.unknown(t))
             continue
         position, moving = encounter.motion(t)
-        turn = rotation_to(position - head)
+        turn = _line_of_sight(position - view.midpoint, baseline)
         observed = position + turn @ (constant + random_m * rng.standard_normal(3))
         observed_cov = turn @ cov @ turn.T
         correlated = turn @ np.diag(constant_m**2) @ turn.T
@@ -71,6 +71,15 @@ def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generat
         else:
             tracks.append(_track(t, belief.mean, belief.cov, belief.correlated_cov, radius))
     return tracks
+
+
+def _line_of_sight(direction: Array, baseline: Array) -> Array:
+    """Return the rotation (3, 3) whose z axis points along a direction (3,), its x axis as far as possible along the
+    eyes' baseline (3,): it turns as steadily as the direction does."""
+    z = direction / np.linalg.norm(direction)
+    y = np.cross(z, baseline)
+    y /= np.linalg.norm(y)
+    return np.column_stack([np.cross(y, z), y, z])
 
 
 def true_track_of(encounter: Encounter) -> Sequence[Track3D]:

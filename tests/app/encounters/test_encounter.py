@@ -1,4 +1,4 @@
-"""Would-be contacts by hand, and what every kind of encounter does to an arm at rest."""
+"""What every kind of encounter does to an arm at rest."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,6 @@ from pps_vision.app.encounters.encounter import (
     EncounterScene,
     draw,
     felt,
-    would_touch,
 )
 from pps_vision.experiments.films.raycast import ball_row, first_hits
 from pps_vision.geometry.se3 import rotation_to
@@ -24,21 +23,6 @@ from pps_vision.types import Array
 
 RADIUS_M = 0.035
 REACH_M = RADIUS_M + TOUCH_RADIUS_M
-
-
-def test_the_would_be_contact_of_a_straight_path_by_hand():
-    taxels = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, -0.2]])
-    start = np.array([0.0, 0.0, 0.3])
-    down = np.array([0.0, 0.0, -0.1])
-    assert would_touch(start, down, taxels, RADIUS_M) == pytest.approx((0.3 - REACH_M) / 0.1)
-    aside = start + np.array([0.033, 0.0, 0.0])
-    assert would_touch(aside, down, taxels, RADIUS_M) == pytest.approx((0.3 - np.sqrt(REACH_M**2 - 0.033**2)) / 0.1)
-    beside = start + np.array([-0.06, 0.0, 0.0])  # passes both
-    assert would_touch(beside, down, taxels, RADIUS_M) == np.inf
-    beyond = start + np.array([0.06, 0.0, 0.0])  # passes the first, meets the second
-    assert would_touch(beyond, down, taxels, RADIUS_M) == pytest.approx((0.5 - np.sqrt(REACH_M**2 - 0.02**2)) / 0.1)
-    assert would_touch(start, -down, taxels, RADIUS_M) == np.inf
-    assert would_touch(start, 0 * down, taxels, RADIUS_M) == np.inf
 
 
 def gaps(scene: EncounterScene, encounter: Encounter) -> tuple[Array, Array]:

@@ -145,9 +145,9 @@ def rewrite(path, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 99}, "version 99; expected version 4"),
+        ({"version": 99}, "version 99; expected version 5"),
         ({"version": None}, "version unknown"),
-        ({"version": np.array([1, 2])}, "version .1 2.; expected version 4"),
+        ({"version": np.array([1, 2])}, "version .1 2.; expected version 5"),
         ({"kind": None}, "is not a PPS memory"),
         ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
@@ -266,7 +266,7 @@ def exact_probability(memory, taxel, at):
 
 
 def test_the_probability_is_that_of_smoothed_counts_shrunk_to_the_body_part_and_to_0():
-    params = MemoryParams(bins=(5, 3, 4), sigma_bins=0.8, prior_samples=(3.0, 2.0))
+    params = MemoryParams(bins=(5, 3, 4), sigma_bins=0.8, miss_range_m=(-0.04, 0.12), prior_samples=(3.0, 2.0))
     memory = random_memory(5, params)
     for at in ((0.05, 1.2, 0.0), (-0.09, 0.1, 0.11), (0.19, 2.9, -0.03)):
         for taxel in (0, 13):
