@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -9,12 +10,13 @@ import numpy as np
 
 from pps_vision.app.scene_points import faults_by_points, faults_of_joints, length, match
 from pps_vision.recordings.image_file import Half
-from pps_vision.recordings.recording import Recording
-from pps_vision.types import StereoFrame
+from pps_vision.recordings.recording import Pair, Recording
+from pps_vision.types import Array, StereoFrame
 from tracking import Mode
 
 _ENOUGH_TRACKED = 0.1  # share of pairs
 _SAMPLED = 5  # frames, spread over the recording
+_MATCHED = 2  # of them every second one is searched for points
 _DARK = 12.0  # mean grey level of 255, below which colours are noise
 _BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
 _FARTHEST_M = 10.0  # where the axes of cameras far apart meet
@@ -50,6 +52,59 @@ class Diagnosis:
         return "\n  try ".join([f"searched {n['frames']} frames: {', '.join(results)}", *self.advice])
 
 
+class FrameSample:
+    """A few frames, spread over a recording, `spread` alone and `successive` with the next one; points that both images
+    of a frame show are matched in another thread as soon as it is there."""
+
+    def __init__(self, recording: Recording) -> None:
+        n = len(recording)
+        self._spread = [_stamp_s(recording.pairs[k]) for k in np.unique(np.linspace(0, n - 1, _SAMPLED).astype(int))]
+        starts = np.unique(np.linspace(0, n - 2, _SAMPLED).astype(int)) if n > 1 else ()
+        self._successive = [(_stamp_s(recording.pairs[k]), _stamp_s(recording.pairs[k + 1])) for k in starts]
+        self._wanted = {*self._spread, *(stamp_s for pair in self._successive for stamp_s in pair)}
+        self._frames: dict[float, StereoFrame] = {}  # by stamp
+        self._thread = ThreadPoolExecutor(1)
+        self._matches: dict[float, Future[tuple[Array, Array]]] = {}
+
+    @classmethod
+    def of(cls, recording: Recording) -> "FrameSample":
+        """Decode the frames of a recording."""
+        sample = cls(recording)
+        pairs = tuple(pair for pair in recording.pairs if _stamp_s(pair) in sample._wanted)
+        for frame in replace(recording, pairs=pairs):
+            sample.add(frame)
+        return sample
+
+    def add(self, frame: StereoFrame) -> None:
+        """Keep a frame if it is one of the sample."""
+        stamp_s = frame.stamp_s
+        if stamp_s in self._wanted:
+            self._frames[stamp_s] = frame
+        if stamp_s in self._spread[::_MATCHED]:
+            self._matches[stamp_s] = self._thread.submit(match, frame.left, frame.right)
+
+    def match(self, frame: StereoFrame) -> tuple[Array, Array]:
+        """Return `scene_points.match` of a frame of the sample."""
+        matches = self._matches.get(frame.stamp_s)
+        return matches.result() if matches else match(frame.left, frame.right)
+
+    @property
+    def spread(self) -> list[StereoFrame]:
+        """Frames from the first to the last."""
+        return [self._frames[stamp_s] for stamp_s in self._spread if stamp_s in self._frames]
+
+    @property
+    def successive(self) -> Successive:
+        """Frames with their successors."""
+        frames = self._frames
+        return [(frames[a], frames[b]) for a, b in self._successive if a in frames and b in frames]
+
+
+def _stamp_s(pair: Pair) -> float:
+    """`StereoFrame.stamp_s` of a pair."""
+    return 0.5 * (pair[0].stamp_s + pair[1].stamp_s)
+
+
 def diagnose(
     recording: Recording,
     mode: Mode,
@@ -57,30 +112,34 @@ def diagnose(
     tracked_share: float,
     turn_deg: tuple[float, float],
     residual_px: float,
+    sample: FrameSample | None = None,
 ) -> Diagnosis | None:
     """Return the likely causes of failed or inaccurate tracking, None if there are none.
 
     `counts`: `tracking.acquisition.SearchCounts`; `turn_deg`: rotation of cameras that are declared fixed, amplitude
     (deg) and rate (deg/s); `residual_px`: median RMS reprojection error of the track, which a wrong calibration or a
-    delay of one camera raises.
+    delay of one camera raises; `sample`: of the recording's frames, if they were decoded already.
     """
-    faults = tuple(faults_of(recording, turn_deg))
+    sample = sample or FrameSample.of(recording)
+    faults = tuple(faults_of(recording, turn_deg, sample))
     if residual_px > _RESIDUAL_PX:
         faults += (
             f"another calibration, or left and right images of the same moment: what is tracked fits both cameras only "
             f"within {residual_px:.1f} px (median)",
         )
     if tracked_share < _ENOUGH_TRACKED:
-        faults += tuple(_by_counts(recording, mode, counts))
+        faults += tuple(_by_counts(recording, sample.successive, mode, counts))
     elif not faults:
         return None
     return Diagnosis(dict(counts), faults)
 
 
-def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) -> Iterator[str]:
+def faults_of(
+    recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0), sample: FrameSample | None = None
+) -> Iterator[str]:
     """Faults of the images, the calibration and the joints, independent of the object."""
-    chosen = np.unique(np.linspace(0, len(recording) - 1, _SAMPLED).astype(int))
-    frames = list(replace(recording, pairs=tuple(recording.pairs[k] for k in chosen)))
+    sample = sample or FrameSample.of(recording)
+    frames = sample.spread
     if not frames:
         return
     if len(recording) > 1 and recording.fps < _SLOWEST:
@@ -103,7 +162,7 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         baseline = float(np.linalg.norm(view.right.center - view.left.center))
         by_joints = recording.robot is not None
         of_joints = list(faults_of_joints(frames, recording.rig)) if by_joints else []
-        yield from of_joints or faults_by_points(frames[::2], recording.rig, by_joints)
+        yield from of_joints or faults_by_points(frames[::_MATCHED], recording.rig, by_joints, sample.match)
         left = recording.rig.left
         if left.field_of_view_deg > _WIDEST_DEG and not left.fisheye:
             yield f"another calibration: the left camera's field of view is {left.field_of_view_deg:.0f}°"
@@ -113,7 +172,7 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
             apart_m = {unit: baseline / recording.unit_m * unit for unit in _UNITS_M}
             units = [f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
             yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{''.join(units)}"
-    successive = _successive_frames(recording)
+    successive = sample.successive
     if _combed_share(successive) > _COMBED:
         yield (
             "a video without interlacing (ffmpeg -i FILE -vf bwdif OUT): every second row of what moves shows another "
@@ -143,10 +202,9 @@ def _one_image(frames: Sequence[StereoFrame], half: Half) -> bool:
     return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON)
 
 
-def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:
+def _by_counts(recording: Recording, successive: Successive, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:
     """Likely causes from the counts of the search, and from a change of the whole image."""
     in_both = counts.get("candidates_left", 0) and counts.get("candidates_right", 0)
-    successive = _successive_frames(recording)
     if recording.robot is None and _change(successive) > _WHOLE_IMAGE:
         yield "cameras that rest, or a recording with joints: the whole image changes from frame to frame"
     elif not counts.get("frames"):
@@ -184,13 +242,6 @@ def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> I
 
 def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
     return {reason: count for reason, count in counts.items() if reason.startswith("rejected by ")}
-
-
-def _successive_frames(recording: Recording) -> Successive:
-    """A few frames, spread over the recording, each with the next one."""
-    starts = np.unique(np.linspace(0, len(recording) - 2, _SAMPLED).astype(int))
-    groups = [tuple(replace(recording, pairs=recording.pairs[k : k + 2])) for k in starts]
-    return [(frames[0], frames[1]) for frames in groups if len(frames) == 2]
 
 
 def _image_shift_px(successive: Successive) -> float:

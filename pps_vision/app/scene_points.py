@@ -7,8 +7,6 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
@@ -35,8 +33,11 @@ _AS_GOOD = 1.3  # misfit after a remedy relative to that after the best
 _TURNED_DEG = 2.0  # by which joints and images may differ: nearby points shift as the head moves
 _TURNED_SHARE = 0.5  # of the turn
 _STILL_DEG = 0.1
+_STEPS = 30  # of the fit of a turn
+_STEP_RAD = 1e-6  # of its derivatives, and by which the last step is smaller
 _ALIKE = np.pi / 4  # angle between the optical axes up to which images show the same: SIFT matches up to about 40°
 _LEFT = "to the LEFT of"
+Matcher = Callable[[StereoFrame], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -65,16 +66,18 @@ class Fit:
         return "most matches lie behind the cameras" if self.behind > _HALF else f"within {self.misfit_px:.2g} px"
 
 
-def faults_by_points(frames: Sequence[StereoFrame], rig: StereoRig, by_joints: bool = False) -> Iterator[str]:
+def faults_by_points(
+    frames: Sequence[StereoFrame], rig: StereoRig, by_joints: bool = False, matcher: Matcher | None = None
+) -> Iterator[str]:
     """A calibration or images that points which both images show do not fit; `by_joints`: the cameras' pose is not the
-    calibration's."""
+    calibration's; `matcher`: of a frame's points, if they were matched already."""
     view = rig.view_of(frames[0])
     side = side_of(view)
     baseline = length(float(np.linalg.norm(view.right.center - view.left.center)))
     lies = f"the right camera lies {baseline} {side} the left one"
     finer = max(1.0, rig.left.width / _COLUMNS)
     fits_px = _FITS_PX * finer
-    kept = matches(frames, rig)
+    kept = matches(frames, rig, matcher)
     if kept:
         as_is, turn = fit(kept), _best_turn(kept)
         if as_is.cost_px <= fits_px and (by_joints or not turn.matters(as_is, finer)):
@@ -121,10 +124,11 @@ def side_of(view: StereoView) -> str:
     return max(sides, key=sides.__getitem__)
 
 
-def matches(frames: Sequence[StereoFrame], rig: StereoRig) -> list[Matches]:
+def matches(frames: Sequence[StereoFrame], rig: StereoRig, matcher: Matcher | None = None) -> list[Matches]:
     """Matched points that fit one fundamental matrix: of fixed cameras of all frames together, else of each; none where
     few do."""
-    found = [Matches(rig.view_of(frame), *match(frame.left, frame.right)) for frame in frames]
+    of_frame = matcher or (lambda frame: match(frame.left, frame.right))
+    found = [Matches(rig.view_of(frame), *of_frame(frame)) for frame in frames]
     if frames[0].joints_left_rad is None:
         left_px, right_px = (np.concatenate([getattr(m, f"{side}_px") for m in found]) for side in ("left", "right"))
         found = [Matches(found[0].view, left_px, right_px)]
@@ -212,10 +216,18 @@ def _best_turn(kept: Sequence[Matches]) -> _Turn:
     m = max(kept, key=lambda found: len(found.left_px))
 
     def turned(rotation: Array) -> Array:
-        T_root_left = m.view.left.T_root_camera @ transform(Rotation.from_rotvec(rotation).as_matrix())
+        T_root_left = m.view.left.T_root_camera @ transform(np.asarray(cv2.Rodrigues(rotation)[0]))
         return _epipolar(View(m.view.left.camera, T_root_left), m.view.right, m.left_px, m.right_px)
 
-    rotation = least_squares(lambda r: turned(r)[0], np.zeros(3), loss="soft_l1", f_scale=_DOUBTFUL_PX).x
+    rotation = np.zeros(3)
+    for _ in range(_STEPS):  # least squares with the weights of the loss soft_l1 (2 (√(1 + e²) − 1))
+        aside, _ = turned(rotation)
+        slopes = np.array([turned(rotation + axis)[0] - aside for axis in _STEP_RAD * np.eye(3)]) / _STEP_RAD
+        weighted = slopes / np.sqrt(1 + (aside / _DOUBTFUL_PX) ** 2)
+        step = np.linalg.lstsq(weighted @ slopes.T, -weighted @ aside)[0]
+        rotation = rotation + step
+        if np.abs(step).max() < _STEP_RAD:
+            break
     aside, parallax = turned(rotation)
     stretch = float(np.median(turned(np.zeros(3))[1]) / (np.median(parallax) or np.inf))
     return _Turn(float(np.rad2deg(np.linalg.norm(rotation))), float(np.median(np.abs(aside))), stretch)

@@ -101,7 +101,7 @@ class TrackedRecording:
             yield number, frame, step
 
     def _frame_by_frame(self, tracker: Tracker) -> Iterator[tuple[int, StereoFrame, TrackerStep]]:
-        for number, frame in self.recording.numbered():
+        for number, frame in self.recording.read_ahead():
             with self.stopwatch("total"):
                 step = tracker.step(frame)
             self.cameras.add(tracker.camera_motion, step.track.stamp_s)
@@ -111,7 +111,7 @@ class TrackedRecording:
         from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
 
         batch_tracker = BatchTracker(tracker, torch_device(device))
-        for batch in chunks(self.recording.numbered(), _BATCH_PAIRS):
+        for batch in chunks(self.recording.read_ahead(), _BATCH_PAIRS):
             with self.stopwatch("total", len(batch)):
                 steps = batch_tracker.steps([frame for _, frame in batch])
             self.cameras.add(tracker.camera_motion, steps[-1].track.stamp_s)

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pps_vision.app.diagnosis import Diagnosis, diagnose
+from pps_vision.app.diagnosis import Diagnosis, FrameSample, diagnose
 from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
-from pps_vision.app.report.tracking import KEY_FRAMES
 from pps_vision.app.results import TrackSummary
 from pps_vision.app.track import TrackedRecording
 from pps_vision.app.track_statistics import PathStatistics
-from pps_vision.recordings import Form
+from pps_vision.recordings import KEY_FRAMES, Form
 from pps_vision.recordings.exchange import TrackedPair, open_forms
 from pps_vision.recordings.tables import (
     ACTIVATION,
@@ -54,7 +53,7 @@ class TrackFiles:
     """Open output files of a recording that is being tracked.
 
     `steps` writes the causal results of each pair and yields the tracker's steps; `add` writes the path, which may be
-    smoothed and come later.
+    smoothed and come later.  `sample` keeps the frames for the diagnosis.
     """
 
     def __init__(self, folder: Path, run: TrackedRecording, extras: Extras) -> None:
@@ -62,6 +61,7 @@ class TrackFiles:
         self.reached: Counter[ReachStatus] = Counter()  # number of pairs by reachability
         self._folder = folder
         self._run = run
+        self.sample = FrameSample(run.recording)
         self._extras = extras
         self._joints: deque[Array] = deque()  # joints for steps whose path was not added yet
         self._key_frames: list[Image] = []
@@ -98,6 +98,7 @@ class TrackFiles:
     def steps(self, numbered: Iterable[tuple[int, StereoFrame, TrackerStep]]) -> Iterator[TrackerStep]:
         """Write the causal results of each pair, and yield its step."""
         for k, (number, frame, step) in enumerate(numbered):
+            self.sample.add(frame)
             attended, skin = self._activation(frame, step)
             known = [other for other in attended.others if other.track.is_known]
             for item in (attended, *known):
@@ -151,10 +152,12 @@ class TrackFiles:
             self._key_frames.append(picture)
 
 
-def diagnosis_of(run: TrackedRecording, path: PathStatistics) -> Diagnosis | None:
+def diagnosis_of(run: TrackedRecording, path: PathStatistics, sample: FrameSample | None = None) -> Diagnosis | None:
     """Return why hardly anything was tracked or positions are wrong, and what to try; None if neither is the case."""
     rotation = (run.cameras.rotation_deg, run.cameras.rotation_deg_s)
-    return diagnose(run.recording, run.params.mode, run.search_counts, path.tracked_share, rotation, path.residual_px)
+    return diagnose(
+        run.recording, run.params.mode, run.search_counts, path.tracked_share, rotation, path.residual_px, sample
+    )
 
 
 def summary(run: TrackedRecording, path: PathStatistics, diagnosis: Diagnosis | None = None) -> TrackSummary:

@@ -10,6 +10,8 @@ SUMMARY = "summary.json"
 BATCH = "batch.csv"
 REPORT = "report.html"
 """Files of a tracked recording or of a batch, whose table is `BATCH`."""
+KEY_FRAMES = "keyframes"
+"""Folder of a report's pictures."""
 MAX_SKEW_S = 0.02
 """Left and right images further apart in time are no pair, unless the user says otherwise."""
 Form = Literal["tum", "anipose", "mot", "coco", "ros2"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -50,6 +50,7 @@ class ImageFile:
     log: Path | None = None
     line: int | None = None
     index: int = field(default=-1, kw_only=True)  # its place in a video or a bag, from 0
+    any_thread: ClassVar[bool] = True  # whether `load` works in other threads than the one that opened the recording
 
     @property
     def cited(self) -> Path:

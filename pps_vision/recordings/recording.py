@@ -14,6 +14,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.parent import tell_progress
 from pps_vision.recordings.image_file import ImageFile, decode, only_within, used_bits
+from pps_vision.recordings.read_ahead import read_ahead
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import StereoFrame, Truth
 
@@ -25,6 +26,7 @@ FileT = TypeVar("FileT", bound=ImageFile)
 
 _STAMPS_EXPECTED = "a stamp a row, in s or digits of ms, µs or ns since 1970, each later than the last"
 _SIZED = 10  # readable images whose sizes are compared
+_AHEAD = 2  # pairs that are decoded beside the work on one; more take memory and save no time
 _SAME_RATE = 0.01  # by which 29.97 and 30 frames a second differ, and more
 
 
@@ -117,6 +119,10 @@ class Recording:
 
     def __iter__(self) -> Iterator[StereoFrame]:
         return (frame for _, frame in self.numbered())
+
+    def read_ahead(self) -> Iterator[tuple[int, StereoFrame]]:
+        """`numbered`, decoding the next pairs in another thread, where the source can be read in one."""
+        return read_ahead(self.numbered(), _AHEAD) if self.pairs[0][0].any_thread else self.numbered()
 
     def numbered(self) -> Iterator[tuple[int, StereoFrame]]:
         """(frame, pair): the number in the left image's file name (its place where it has none), so that a frame keeps

@@ -4,12 +4,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import local
 
 import av
 import av.error
 import numpy as np
 from av.container import InputContainer
 from av.video.frame import VideoFrame as Decoded
+from av.video.reformatter import VideoReformatter
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import check_regular
@@ -30,8 +32,19 @@ _FAR = 100  # frames ahead: seeking is faster than decoding what lies between
 _BOTTOM_FIRST = (3, 4)  # of FFmpeg's AVFieldOrder: the bottom field is shown first
 
 
+class _Decoder(local):
+    """How far a thread has decoded a video."""
+
+    def __init__(self, index: int) -> None:
+        self.frames: Iterator[tuple[int, Decoded]] = iter(())
+        self.to_rgb = VideoReformatter()  # its set-up and threads cost as much as a small image
+        self.index = index  # of the frame that was decoded last
+        self.last: Decoded | Image | str = ""  # this frame, its pixels once they are needed, or why there are none
+
+
 class Video:
-    """A video file and how far it is decoded: the next frame costs one frame, one far ahead or before a seek.
+    """A video file and how far each thread has decoded it: the next frame costs one frame, one far ahead or before a
+    seek.
 
     Attributes:
         path: The file.
@@ -75,8 +88,7 @@ class Video:
         self.pts = stamps if self.has_stamps else list(range(len(pts)))
         self._place = {pts: index for index, pts in enumerate(self.pts)}
         self._read_first_frame(rotate)
-        self._frames: Iterator[tuple[int, Decoded]] = iter(())
-        self._last: tuple[int, Image | str] = len(self.pts), ""  # index of the frame that was decoded last
+        self._decoder = _Decoder(len(self.pts))
 
     def _open(self) -> InputContainer:
         return av.open(str(self.path), options=_CONTAINERS)
@@ -108,22 +120,25 @@ class Video:
 
     def load(self, index: int) -> Image | str:
         """Return a frame as it was recorded, RGB uint8, or the reason why there is none."""
-        at = self._last[0]
-        if index < at or (self.has_stamps and index > at + _FAR):
-            self._frames = self._decoded(index)
-            at = -1
+        here = self._decoder
         try:
-            while at < index:
-                at, frame = next(self._frames)
-                size = self.image_size if self.turns % 2 == 0 else self.image_size[::-1]
-                is_whole = (frame.width, frame.height) == size
-                wrong = f"is {frame.width}×{frame.height} pixels"
-                self._last = at, np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) if is_whole else wrong
+            if index < here.index or (self.has_stamps and index > here.index + _FAR):
+                here.index, here.frames = -1, self._decoded(index)
+            while here.index < index:
+                here.index, here.last = next(here.frames)
+            if here.index == index and isinstance(here.last, Decoded):
+                here.last = self._pixels(here.last, here.to_rgb)
         except StopIteration:  # as for all that come after it
-            self._last = index, "is missing"
+            here.index, here.last = index, "is missing"
         except (av.error.FFmpegError, OSError, ValueError, MemoryError) as error:
-            self._last = index, f"cannot be decoded ({first_line(error)})"
-        return self._last[1] if self._last[0] == index else "is missing"
+            here.index, here.last = index, f"cannot be decoded ({first_line(error)})"
+        return "is missing" if here.index != index or isinstance(here.last, Decoded) else here.last
+
+    def _pixels(self, frame: Decoded, to_rgb: VideoReformatter) -> Image | str:
+        size = self.image_size if self.turns % 2 == 0 else self.image_size[::-1]
+        if (frame.width, frame.height) != size:
+            return f"is {frame.width}×{frame.height} pixels"
+        return np.asarray(to_rgb.reformat(frame, format="rgb24", threads=1).to_ndarray(), np.uint8)
 
     def _decoded(self, index: int) -> Iterator[tuple[int, Decoded]]:
         """Frames with their indices, from a key frame before one; what cannot be decoded is left out."""

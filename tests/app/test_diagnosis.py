@@ -12,6 +12,7 @@ import pytest
 from calibrations import store
 
 from pps_vision.app.cli import main
+from pps_vision.app.cli.options import RecordingSource
 from pps_vision.app.diagnosis import diagnose
 from pps_vision.app.track import track
 from pps_vision.app.track_files import diagnosis_of, summary
@@ -241,6 +242,22 @@ def plain_pairs(step_s: float = 1.0, moving: int = 0) -> Recording:
     ]
     rig = StereoRig.fixed(camera, camera, transform(translation=(0.1, 0.0, 0.0)))
     return Recording("made up", tuple(pairs), (40, 30), [], rig=rig)
+
+
+def test_the_frames_of_the_diagnosis_are_not_read_again(crossing, tmp_path, monkeypatch):
+    """One image is read before, for its depth."""
+    rig, frames = crossing
+    read = []
+    monkeypatch.setattr(MadeUp, "load", lambda self: read.append(self.path) or self.pixels)
+    sides = ("left", "right")
+    pairs = tuple(
+        tuple(MadeUp(Path(f"{side}{k}.png"), k / 30, pixels=getattr(frame, side)) for side in sides)
+        for k, frame in enumerate(frames[:N])
+    )
+    recording = Recording("made up", pairs, (320, 240), [], rig=rig)
+    monkeypatch.setattr(RecordingSource, "open", lambda self: recording)
+    main(["track", "made up", "--out", str(tmp_path / "out")])
+    assert len(read) == 2 * N + 1
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from videos import write_video
 
 from pps_vision.app import progress as module
 from pps_vision.app.cli import COMMANDS
@@ -168,6 +169,17 @@ def test_help_loads_no_heavy_package():
     assert process.stdout.count("--help") >= len(HELPS)
     assert process.stdout.count("usage: pps-vision") == len(HELPS)
     assert "pps-vision --version" in process.stdout
+
+
+def test_tracking_loads_no_package_of_the_report_or_the_robot(tmp_path, calib):
+    write_video(tmp_path / "a.mp4", [0.0, 0.1])
+    words = ["track", str(tmp_path / "a.mp4"), "--calib", str(calib), "--out", str(tmp_path / "out")]
+    script = f"import sys; from pps_vision.app.cli import main; main({words!r}); print(*sys.modules, file=sys.stderr)"
+    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    loaded = set(process.stderr.split())
+    assert not loaded & {"torch", "matplotlib", "scipy.optimize", "scipy.spatial", "pinocchio", "trimesh"}
+    assert "numba" in loaded
 
 
 class Terminal(io.StringIO):

@@ -49,6 +49,29 @@ def test_any_frame_is_found_in_any_order(tmp_path, codec):
     assert [number_of(video.load(k)) for k in numbers] == numbers
 
 
+def test_frames_between_are_decoded_but_not_converted(tmp_path, monkeypatch):
+    converted = []
+
+    class Counted:
+        to_rgb = reader.VideoReformatter()
+
+        def reformat(self, frame, **options):
+            converted.append(frame.pts)
+            return self.to_rgb.reformat(frame, **options)
+
+    monkeypatch.setattr(reader, "VideoReformatter", Counted)
+    video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(60)]))
+    assert [number_of(video.load(k)) for k in (0, 40, 40, 59)] == [0, 40, 40, 59]
+    assert len(converted) == 3
+
+
+def test_two_threads_read_one_video_each_in_its_own_order(tmp_path, calib):
+    stamps_s = [k / 20 for k in range(40)]
+    recording = two(tmp_path, calib, stamps_s, stamps_s)
+    for (k, ahead), (_, frame) in zip(recording.read_ahead(), recording.numbered(), strict=True):
+        assert number_of(ahead.left) == number_of(frame.left) == number_of(frame.right) == k
+
+
 def test_two_videos_pair_by_stamp(tmp_path, calib):
     recording = two(tmp_path, calib, [0, 0.1, 0.2, 0.3], [0.005, 0.205, 0.305])
     frames = list(recording.numbered())

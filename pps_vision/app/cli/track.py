@@ -33,7 +33,6 @@ class Track(TrackOptions, RecordingSource):
         from tqdm import tqdm
 
         from pps_vision.app.progress import progress
-        from pps_vision.app.report.tracking import write_report
         from pps_vision.app.track import following, track, tracker_params
         from pps_vision.app.track_files import Extras, TrackFiles, diagnosis_of, headline, summary
         from pps_vision.app.track_statistics import TracksStatistics
@@ -59,7 +58,7 @@ class Track(TrackOptions, RecordingSource):
                 for pair in run.tracked_pairs(run.path(steps, self.smooth)):
                     statistics.add(pair)
                     files.add(pair)
-            diagnosis = diagnosis_of(run, statistics.attended)
+            diagnosis = diagnosis_of(run, statistics.attended, files.sample)
             content = summary(run, statistics.attended, diagnosis)
             content["objects"] = params.max_objects
             content["tracks"] = statistics.summary()
@@ -74,6 +73,8 @@ class Track(TrackOptions, RecordingSource):
                 content["reach"] = {"max_fp": self.max_fp, **counts}
             write_json(folder / SUMMARY, content)
             if self.report:
+                from pps_vision.app.report.tracking import write_report  # draws with matplotlib
+
                 write_report(folder)
         print_skipped(recording.problems, recording.warnings)
         print(headline(run, statistics.attended, len(statistics)), f"→ {self.out}")

@@ -16,7 +16,7 @@ from pps_vision.app.report.colors import track_hex
 from pps_vision.app.report.path3d import PATH_SCRIPT, distance_and_ttc_of_origin, path3d
 from pps_vision.app.results import BatchSummary, TrackNumbers, TrackSummary, read_result, read_track_summary
 from pps_vision.errors import InputError
-from pps_vision.recordings import BATCH, REPORT, SUMMARY
+from pps_vision.recordings import BATCH, KEY_FRAMES, REPORT, SUMMARY
 from pps_vision.recordings.tables import (
     ACTIVATION,
     COVARIANCE,
@@ -29,7 +29,6 @@ from pps_vision.recordings.tables import (
 from pps_vision.recordings.yarp_text import STAMP_LIMIT_S
 from pps_vision.types import Array, Mask, Status
 
-KEY_FRAMES = "keyframes"
 _COLORS = {Status.TRACKING: "#2a9d4a", Status.COASTING: "#e0a020", Status.LOST: "#d33", Status.SEARCHING: "#999"}
 _FEW_TRACKED = 0.5  # share of pairs, below which the report says so first
 _MOST_LABELS = 6  # tracks that are named in a figure

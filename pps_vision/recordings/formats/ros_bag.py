@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import cv2
 import numpy as np
@@ -215,6 +215,7 @@ class BagImage(ImageFile):
     """An image in a bag."""
 
     messages: Messages = field(repr=False, compare=False, kw_only=True)
+    any_thread: ClassVar[bool] = False  # SQLite's connections belong to a thread
 
     @property
     def title(self) -> str:
