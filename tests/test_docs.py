@@ -27,7 +27,8 @@ NOT_RUN_HERE = {
     "python3 -m venv ": "installs",
     "pip install ": "installs; test_track_environment.py and test_wheel.py say what runs then",
     "make ": "installs, tests, or `pps-vision demo`",
-    "sbatch ": "test_cluster.py, as there is no SLURM here",
+    "sbatch ": "test_cluster.py and test_batch.py, as there is no SLURM here",
+    "snakemake ": "test_batch.py, where it is installed",
 }
 
 

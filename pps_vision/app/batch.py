@@ -1,7 +1,8 @@
 """Track many recordings, or learn from them, each in a process of its own: `pps-vision batch`.
 
 `track` and `learn` write complete results or none, so a recording with a result is finished; running a killed batch
-again continues it.
+again continues it.  A shard is every n-th recording, for jobs that know nothing of each other; it notes the reasons of
+failures for the process that collects the results.
 """
 
 import json
@@ -26,7 +27,7 @@ from urllib.parse import urlsplit
 from pps_vision.app.progress import progress
 from pps_vision.app.results import read_result, read_track_summary
 from pps_vision.errors import InputError, first_line
-from pps_vision.files import check_regular
+from pps_vision.files import check_regular, read_bytes
 from pps_vision.parent import FOLLOWS_PARENT
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.atomic_write import BUSY, locked_folder, whole_file
@@ -87,6 +88,19 @@ class Task:
         """Whether a recording has a result."""
         result = self.result(job)
         return (result / SUMMARY if self.command == "track" else result).exists()
+
+    def failure(self, job: Job) -> Path:
+        """The file with the reason why a recording of a shard failed."""
+        return self.out / f"{job.name}.failed"
+
+    def kept_reason(self, job: Job) -> str:
+        """Why a recording of a shard has no result, or ""."""
+        file = self.failure(job)
+        if self.is_done(job):
+            return ""
+        if not file.exists():
+            return "has no result: it was not tracked, or ended before"
+        return read_bytes(file, "the reason of a failure").decode("utf-8", "surrogateescape").removesuffix("\n")
 
     def row(self, job: Job, reason: str) -> dict[str, object]:
         """The row of a recording; `reason`: of its failure, or ""."""
@@ -208,44 +222,96 @@ def run_batch(
     also write batch.parquet (extra `parquet`). InputError if another batch is writing to the folder or was begun there
     with other options, or a name is that of a file of the batch.
     """
+    _check(jobs, task, workers)
+    with locked_folder(task.out):
+        if parquet:
+            require_pyarrow()  # before hours of work
+        _begin(task)
+        reasons = _run(jobs, task, workers, cluster)
+        return _write_results(jobs, task, reasons, parquet)
+
+
+def run_shard(jobs: Sequence[Job], task: Task, workers: int, shard: tuple[int, int]) -> list[dict[str, object]]:
+    """Run the unfinished jobs of shard i of n: the i-th and every n-th after it. Returns their rows.
+
+    Any number of shards may run at a time. Reasons of failures are kept in NAME.failed, for `collect`. InputError as
+    for `run_batch`.
+    """
+    _check(jobs, task, workers)
+    while True:
+        try:
+            with locked_folder(task.out):
+                _begin(task)
+            break
+        except InputError as error:  # another shard begins
+            if not str(error).endswith(BUSY):
+                raise
+            time.sleep(_BUSY_S)
+    chosen = jobs[shard[0] - 1 :: shard[1]]
+    reasons = _run(chosen, task, workers)
+    for job, reason in zip(chosen, reasons, strict=True):
+        task.failure(job).unlink(missing_ok=True)
+        if reason:
+            with whole_file(task.failure(job)) as partial:
+                partial.write_text(reason + "\n", encoding="utf-8", errors="surrogateescape")
+    return [task.row(job, reason) for job, reason in zip(chosen, reasons, strict=True)]
+
+
+def collect(jobs: Sequence[Job], task: Task, parquet: bool = False) -> list[dict[str, object]]:
+    """Write what `run_batch` writes of the results that are there; a job without a result has failed."""
+    _check(jobs, task)
+    with locked_folder(task.out):
+        _begin(task)
+        return _write_results(jobs, task, [task.kept_reason(job) for job in jobs], parquet)
+
+
+def _check(jobs: Sequence[Job], task: Task, workers: int = 1) -> None:
     if workers < 1:
         raise InputError("batch", f"{workers} workers; expected at least 1")
     for job in jobs:
         if (name := task.result(job).name) in _OWN:
             raise InputError(job.source, f"a result called {name}; expected none of {', '.join(_OWN)}")
-    out = task.out
-    task = replace(task, out=out.resolve())
-    with locked_folder(out):
-        if parquet:
-            require_pyarrow()  # before hours of work
-        settings = out / SETTINGS
-        if not settings.exists():
-            with whole_file(settings) as partial:
-                partial.write_text(json.dumps([task.command, *task.options]) + "\n")
-        elif difference := _difference(
-            read_result(settings, list[str], "the settings of a batch, or another folder"),
-            [task.command, *task.options],
-        ):
-            raise InputError(out, f"was begun {difference}; expected the same options, or another folder")
 
-        with progress(total=len(jobs), desc="batch", unit="recording") as bar:
-            if cluster:
-                reasons = _on_cluster(cluster, jobs, task, bar.update)
-            else:
-                reasons = []
-                with ThreadPoolExecutor(workers) as pool:
-                    for reason in pool.map(lambda job: _do(job, task), jobs):
-                        reasons.append(reason)
-                        bar.update()
-        rows = [task.row(job, reason) for job, reason in zip(jobs, reasons, strict=True)]
-        if task.command == "learn":
-            _add_up([task.result(job) for job, row in zip(jobs, rows, strict=True) if row["status"] == "done"], out)
-        with whole_file(out / BATCH) as partial:
-            filled = (["" if value is None else value for value in row.values()] for row in rows)
-            write_table(partial, tuple(_TABLES[task.command]), filled)
-        if parquet:
-            with whole_file(out / "batch.parquet") as partial:
-                write_parquet(partial, _TABLES[task.command], rows)
+
+def _begin(task: Task) -> None:
+    """Note the options in the folder; InputError if it was begun with others."""
+    settings = task.out / SETTINGS
+    if not settings.exists():
+        with whole_file(settings) as partial:
+            partial.write_text(json.dumps([task.command, *task.options]) + "\n")
+    elif difference := _difference(
+        read_result(settings, list[str], "the settings of a batch, or another folder"),
+        [task.command, *task.options],
+    ):
+        raise InputError(task.out, f"was begun {difference}; expected the same options, or another folder")
+
+
+def _run(jobs: Sequence[Job], task: Task, workers: int, cluster: Cluster | None = None) -> list[str]:
+    """`_do` every job; returns the reasons of failures, in their order."""
+    task = replace(task, out=task.out.resolve())
+    with progress(total=len(jobs), desc="batch", unit="recording") as bar:
+        if cluster:
+            return _on_cluster(cluster, jobs, task, bar.update)
+        reasons = []
+        with ThreadPoolExecutor(workers) as pool:
+            for reason in pool.map(lambda job: _do(job, task), jobs):
+                reasons.append(reason)
+                bar.update()
+        return reasons
+
+
+def _write_results(jobs: Sequence[Job], task: Task, reasons: Sequence[str], parquet: bool) -> list[dict[str, object]]:
+    """Write batch.csv and the sum of all memories; returns the rows."""
+    rows = [task.row(job, reason) for job, reason in zip(jobs, reasons, strict=True)]
+    out = task.out
+    if task.command == "learn":
+        _add_up([task.result(job) for job, row in zip(jobs, rows, strict=True) if row["status"] == "done"], out)
+    with whole_file(out / BATCH) as partial:
+        filled = (["" if value is None else value for value in row.values()] for row in rows)
+        write_table(partial, tuple(_TABLES[task.command]), filled)
+    if parquet:
+        with whole_file(out / "batch.parquet") as partial:
+            write_parquet(partial, _TABLES[task.command], rows)
     return rows
 
 

@@ -252,3 +252,90 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path, calib):
     assert "is no folder" in rows["c.mp4"]["reason"]
     assert (out / "c.mp4").read_bytes() == b"mine"
     assert {path.name for path in out.iterdir()} == {"a.mp4", "c.mp4", *FILES}
+
+
+TIMES = ("ms_per_pair",)  # columns that no two runs share
+
+
+def rows_without_times(out: Path) -> list[list[str]]:
+    with (out / "batch.csv").open() as file:
+        return [[value for key, value in row.items() if key not in TIMES] for row in csv.DictReader(file)]
+
+
+def test_shards_that_are_collected_equal_one_process(tmp_path, calib, fails_in_part, refused):
+    for name in "acd":
+        write_video(tmp_path / f"{name}.mp4", [k / 20 for k in range(4)])
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    words = [tmp_path / "*.mp4", "--calib", calib, "--report", "--out"]
+    out = tmp_path / "out"
+    fails_in_part(*words, tmp_path / "alone")
+    main(["batch", *map(str, words), str(out), "--shard", "1/2"])  # a, c
+    fails_in_part(*words, out, "--collect")
+    assert [row[1] for row in rows_without_times(out)] == ["done", "failed", "done", "failed"]
+    assert {row["reason"] for row in table(out).values()} >= {"has no result: it was not tracked, or ended before"}
+    fails_in_part(*words, out, "--shard", "2/2")  # b, d
+    fails_in_part(*words, out, "--collect")
+    assert rows_without_times(out) == rows_without_times(tmp_path / "alone")
+    assert results(out) == results(tmp_path / "alone")
+    assert (out / "report.html").exists()
+    for shard in ("0/2", "3/2", "1", "1/2/3"):
+        assert f"--shard {shard}; expected I/N with I from 1 to N" in refused("batch", *words, out, "--shard", shard)
+    assert "--shard with --collect" in refused("batch", *words, out, "--shard", "1/2", "--collect")
+
+
+@pytest.mark.long
+def test_shards_of_which_two_are_killed_and_run_again(tmp_path, calib):
+    """200 recordings, of which two fail, in the shards of the SLURM script, four at a time; by its own exit codes."""
+    (tmp_path / "bin").mkdir()
+    video = write_video(tmp_path / "bin" / "video.mp4", [k / 20 for k in range(4)])
+    for k in range(200):
+        (tmp_path / f"{k:03}.mp4").symlink_to(video)
+    for k in (17, 108):
+        (tmp_path / f"{k:03}.mp4").unlink()
+        (tmp_path / f"{k:03}.mp4").write_bytes(b"no video")
+    program = tmp_path / "bin" / "pps-vision"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m pps_vision "$@"\n')
+    program.chmod(0o755)
+    words = ["*.mp4", "--calib", str(calib), "--out"]
+    script = Path(__file__).parents[2] / "docs" / "cluster" / "array.sh"
+
+    def shard(number: int) -> subprocess.Popen[bytes]:
+        path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
+        environment = {**os.environ, "PATH": path, "SLURM_ARRAY_TASK_ID": str(number)}
+        return subprocess.Popen([script, *words, "out"], cwd=tmp_path, env=environment)
+
+    def n_results() -> int:
+        return len(list((tmp_path / "out").glob("*.mp4/summary.json")))
+
+    codes = []
+    for numbers in ((1, 2, 3, 4), (5, 6, 7, 8)):
+        running = [shard(number) for number in numbers]
+        n = n_results()
+        while n_results() < n + 25:
+            time.sleep(0.1)
+        running[1].kill()  # shards 2 and 6
+        codes += [process.wait() for process in running]
+    codes += [shard(number).wait() for number in (2, 6)]
+    failing = {17 % 8 + 1: 1, 108 % 8 + 1: 1}  # exit code 1: some failed
+    expected = {number: failing.get(number, 0) for number in range(1, 9)} | {2: -signal.SIGKILL, 6: -signal.SIGKILL}
+    assert codes == [*expected.values(), failing.get(2, 0), failing.get(6, 0)]
+    for options in (["out", "--collect"], ["alone"]):
+        assert subprocess.run([program, "batch", *words, *options], cwd=tmp_path).returncode == 1
+    assert len(rows_without_times(tmp_path / "alone")) == 200
+    assert rows_without_times(tmp_path / "out") == rows_without_times(tmp_path / "alone")
+
+
+@pytest.mark.skipif(not shutil.which("snakemake"), reason="no snakemake (extra snakemake)")
+def test_the_snakefile_runs_shards_and_collects_them(tmp_path, calib, fails_in_part):
+    for name in "ac":
+        write_video(tmp_path / f"{name}.mp4", [k / 20 for k in range(4)])
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    (tmp_path / "pps-vision").write_text(f'#!/bin/sh\nexec {sys.executable} -m pps_vision "$@"\n')
+    (tmp_path / "pps-vision").chmod(0o755)
+    snakefile = Path(__file__).parents[2] / "docs" / "cluster" / "Snakefile"
+    config = ["recs=*.mp4", f"calib={calib}", "out=out", "shards=2"]
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    command = ["snakemake", "-s", snakefile, "--cores", "2", "--config", *config]
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True)
+    fails_in_part(tmp_path / "*.mp4", "--calib", calib, "--out", tmp_path / "alone")
+    assert rows_without_times(tmp_path / "out") == rows_without_times(tmp_path / "alone")

@@ -1,5 +1,6 @@
 """`pps-vision batch`: track many recordings, or learn from them."""
 
+import re
 import sys
 import time
 from dataclasses import dataclass, fields, replace
@@ -15,7 +16,7 @@ from pps_vision.recordings.source import SourceOptions
 
 LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urdf", "skin")
 _TRACK_COLUMNS = ["rec", *(field.name for field in fields(SourceOptions) if field.default is not False)]
-_OF_BATCH = ("recordings", "out", "workers", "scheduler", "tls", "stalled_s", "learn", "parquet")
+_OF_BATCH = ("recordings", "out", "workers", "shard", "collect", "scheduler", "tls", "stalled_s", "learn", "parquet")
 _OF_LEARN = ("calib", "max_skew_s", "mode", "seed")
 
 
@@ -35,6 +36,10 @@ class Batch(TrackOptions, CalibrationOptions):
     """Folder for the results: new, or of a batch with the same options."""
     workers: int = 1
     """Number of parallel processes; the results do not depend on it."""
+    shard: str | None = None
+    """I/N: only every N-th recording, from the I-th, and no batch.csv: for arrays of jobs (docs/cluster/array.sh)."""
+    collect: bool = False
+    """Only write batch.csv, report and summed memories of the results that are there, as after the last shard."""
     scheduler: str | None = None
     """Instead of --workers: a Dask cluster, by its scheduler's address (tls://host:8786) or scheduler file; its workers
     see the same files.  A scheduler, and whoever reaches it, can run any code in this process and in its workers."""
@@ -56,7 +61,7 @@ class Batch(TrackOptions, CalibrationOptions):
 
     def run(self) -> None:
         """Process the unfinished recordings and print the failures; exit code 1 if some failed, 2 if all failed."""
-        from pps_vision.app.batch import Cluster, Task, jobs_of, run_batch
+        from pps_vision.app.batch import Cluster, Task, collect, jobs_of, run_batch, run_shard
         from pps_vision.app.results import BatchSummary
         from pps_vision.app.versions import versions
         from pps_vision.recordings import BATCH, SUMMARY
@@ -71,16 +76,23 @@ class Batch(TrackOptions, CalibrationOptions):
         if not self.stalled_s > 0:
             raise InputError("batch", f"--stalled-s {self.stalled_s:g}; expected a positive number")
         task = Task("learn" if self.learn else "track", tuple(self._options()), self.out, self.stalled_s)
+        shard = self._shard()
         cluster = Cluster(self.scheduler, self.tls) if self.scheduler else None
         if cluster and cluster.warning:
             print_skipped((), [cluster.warning])
-        rows = run_batch(jobs, task, self.workers, cluster, self.parquet)
-        failed = [row for row in rows if row["status"] == "failed"]
+        if shard:
+            self._say(run_shard(jobs, task, self.workers, shard), self.out)
+            return
+        if self.collect:
+            rows = collect(jobs, task, self.parquet)
+        else:
+            rows = run_batch(jobs, task, self.workers, cluster, self.parquet)
+        failed = sum(row["status"] == "failed" for row in rows)
         summary: BatchSummary = {
             "command": command_line("batch", self),
             "settings": {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("recordings", "out")},
             "recordings": len(rows),
-            "failed": len(failed),
+            "failed": failed,
             "started": started,
             "seconds": round(time.monotonic() - start_s, 1),
             "versions": versions(),
@@ -91,11 +103,27 @@ class Batch(TrackOptions, CalibrationOptions):
             from pps_vision.app.report.tracking import write_batch_report
 
             write_batch_report(self.out)
+        self._say(rows, self.out / BATCH)
+
+    def _shard(self) -> tuple[int, int] | None:
+        """Return I and N of --shard; InputError for another form, or for options that go without it."""
+        if self.shard is None:
+            return None
+        if with_it := [f"--{name}" for name in ("collect", "scheduler", "parquet") if getattr(self, name)]:
+            raise InputError("batch", f"--shard with {with_it[0]}; expected it without")
+        match = re.fullmatch(r"([1-9][0-9]*)/([1-9][0-9]*)", self.shard)
+        if match is None or int(match[1]) > int(match[2]):
+            raise InputError("batch", f"--shard {self.shard}; expected I/N with I from 1 to N")
+        return int(match[1]), int(match[2])
+
+    def _say(self, rows: list[dict[str, object]], written: Path) -> None:
+        """Print the failures and the number of results; exit code 1 if some failed, InputError if all failed."""
+        failed = [row for row in rows if row["status"] == "failed"]
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")
         result = "learned" if self.learn else "tracked"
-        print(f"{len(rows) - len(failed)} of {len(rows)} recordings {result} → {self.out / BATCH}")
-        if len(failed) == len(rows):
+        print(f"{len(rows) - len(failed)} of {len(rows)} recordings {result} → {written}")
+        if rows and len(failed) == len(rows):
             raise InputError("batch", f"none of {len(rows)} recordings could be {result}")
         if failed:
             sys.exit(1)
