@@ -9,7 +9,7 @@ the error of the nominal pose; corners on moving objects are outliers.
 import math
 from collections import deque
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -74,7 +74,7 @@ class Reference:
 
     def __init__(self, camera: Camera, image: Image, T_root_camera: Array) -> None:
         self._scale = max(1, round(camera.width / _WIDTH_PX))
-        self._camera = camera.reduced(self._scale)
+        self._camera = _reduced(camera, self._scale)
         self.T_root_camera = T_root_camera
         self._grey = self._reduced(image)
         features = cv2.goodFeaturesToTrack(self._grey, _MAX_POINTS, _QUALITY, _APART_PX)
@@ -192,6 +192,12 @@ class Reference:
             coordinates[sharp, 1:-1, 1:-1].reshape(-1, slopes.shape[2]) for coordinates in (rows, columns, grey)
         )
         self._pixels = rows, columns
+
+
+@lru_cache(maxsize=8)
+def _reduced(camera: Camera, scale: int) -> Camera:
+    """`camera.reduced(scale)`, always the same instance, which keeps what it has computed of its lens."""
+    return camera.reduced(scale)
 
 
 @njit(cache=True, error_model="numpy")
