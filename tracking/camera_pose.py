@@ -45,13 +45,13 @@ _NO_MAP = np.empty(0, np.float32)  # remap's second map, when the first holds bo
 _STEP = 8  # px between the nodes at which the warp is computed; between them it is smooth
 _FAR_PX = np.float32(-1e4)  # pixel of a direction that the image does not contain
 _STILL = 1e-5  # rad and m: far less than a hundredth of a pixel
-_ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
+ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
 _REST_PX = 0.1  # a smaller rotation is none
 _SAME_PX = 0.5  # largest difference of both cameras' rotations
 _JITTER_MEMORY_S = 1.0  # averaging time of the rotation rate and of the jitter of joints
 _RENEWED_S = 0.5  # a reference that does not match for this long is replaced
-_APART_S = 0.12  # time between the two images of a measurement of the delay
-_GAP_S = 0.25  # longest time between frames for a joint velocity
+APART_S = 0.12  # time between the two images of a measurement of the delay
+GAP_S = 0.25  # longest time between frames for a joint velocity
 _DELAY_MEMORY_S = 10.0  # averaging time of the delay
 _NOISE_PX = 0.05  # noise of a rotation between two images, per axis
 _SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise is worth
@@ -496,7 +496,7 @@ class _LateJoints:
 
     def __init__(self, rig: StereoRig, prior_std_s: float) -> None:
         self._rig = rig
-        self._prior = np.diag([prior_std_s**-2, _ROOM_STD**-2])
+        self._prior = np.diag([prior_std_s**-2, ROOM_STD**-2])
         self._prior_std_s = prior_std_s
         self._information = np.zeros((2, 2))
         self._pull = np.zeros(2)
@@ -511,7 +511,7 @@ class _LateJoints:
         self.std_s = prior_std_s
 
     def step(self, frame: StereoFrame, nominal: StereoView, joints: Joints) -> CameraPoses:
-        if self._past and frame.stamp_s - self._past[-1][0] > _GAP_S:
+        if self._past and frame.stamp_s - self._past[-1][0] > GAP_S:
             self._past.clear()
             self._reference = None
         self._past.append((frame.stamp_s, nominal, joints))
@@ -555,7 +555,7 @@ class _LateJoints:
         view, image = ((nominal.left, frame.left), (nominal.right, frame.right))[self._eye]
         if self._reference is not None:
             reference, rate_then, then_s = self._reference
-            if stamp_s - then_s < _APART_S - 1e-6:
+            if stamp_s - then_s < APART_S - 1e-6:
                 return
             turned = view.T_camera_root[:3, :3] @ reference.T_root_camera[:3, :3]
             change = self._rate(self._eye) - turned @ rate_then

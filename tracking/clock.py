@@ -1,4 +1,4 @@
-"""The delay between the clocks of two cameras, from points that both follow.
+"""The delay between the clocks of two cameras, from points that both follow, and that of joints behind images.
 
 At the true delay τ the right image's point, interpolated at t + τ, and the left one's at t fit one 3D point: the
 epipolar residual e(t, τ) is 0 but for noise and the calibration's error.  The latter is taken to be affine in the
@@ -6,27 +6,39 @@ image, so that
 
     e(t, τ) = β₀ + β₁ u + β₂ v + noise        ∂e/∂τ = s(t), the rate across the epipolar lines
 
-is solved by Gauss–Newton from the best delay of a search.  Its standard error counts noise that is correlated in time
-(Newey and West 1987).  Where s hardly varies, or no more than noise lets it, the delay is unobservable: nothing moves
-across the epipolar lines, or at a constant rate.
+is solved by Gauss–Newton from the best delay of a search.  For joints e is the rotation between the turn of a camera
+from one image to a later one, which the scene shows, and that by the joints at t + τ; the scene's inverse distance
+takes the place of β, and s is the change of the angular velocity.
+
+The standard error counts noise that is correlated in time (Newey and West 1987).  Where s hardly varies, or no more
+than noise lets it, the delay is unobservable: nothing moves across the epipolar lines, or at a constant rate.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from pps_vision.errors import expect_positive
 from pps_vision.geometry.camera import StereoView
 from pps_vision.types import Array, Mask
+from tracking.camera_pose import ROOM_STD
 from tracking.points import Pairs, epipolar_residuals
 
 _ITERATIONS = 8
 _SPAN_FRAMES = 1.5  # half the span of a rate
 _TO_STD = 1.4826  # of a normal distribution's median absolute deviation
 _VALLEYS = 4  # delays from which the best is refined
+_BANDWIDTH = 0.1  # of the noise's correlation, as a share of the images
+_UNKNOWN_PX = 1000.0
+_MOST_DRIFT = 4.0  # standard deviations
+_MOST_PARTS = 8  # whose delays are compared
+_ACROSS = ("nothing moves across the epipolar lines", "all moves at a constant rate across the epipolar lines")
+_TURNS = ("the cameras hardly turn, or at a constant rate",) * 2
 _INTERPOLATION = 0.0005  # error of interpolation, frames (simulated, seeds 100 to 129, 0.05 px)
 
 
@@ -46,8 +58,12 @@ class ClockParams:
     """Least ratio of the variance of the rate across the epipolar lines and that of its noise."""
     ambiguity: float = 1.5
     """Least ratio of the residuals at the next best delay and at the best."""
-    most_std_frames: float = 0.25
+    most_std_frames: float = 0.1
     """Largest standard error of a delay, in frames."""
+    drift_std: float = 1e-3
+    """Prior standard deviation of the drift."""
+    calibration_px: float = 1.0
+    """Prior standard deviation of the change of the calibration's error over the points' standard deviation."""
 
     def __post_init__(self) -> None:
         expect_positive("clock", self)
@@ -59,9 +75,25 @@ class PointPath(NamedTuple):
     stamps_s: Array
     pixels: Array
 
+    def between(self, first_s: float, last_s: float) -> "PointPath":
+        """The samples from a stamp on and before another."""
+        chosen = (self.stamps_s >= first_s) & (self.stamps_s < last_s)
+        return PointPath(self.stamps_s[chosen], self.pixels[chosen])
+
+
+class Turn(NamedTuple):
+    """Rotation of a camera between two images, by what they show, and its derivative by the inverse distance of the
+    scene, `by_parallax` (3,) rad·m."""
+
+    first_s: float
+    later_s: float
+    R_later_earlier: Array
+    by_parallax: Array
+
 
 class Delay(NamedTuple):
-    """Delay of the right camera's stamps at a stamp, s, its drift, and their standard errors; or why there is none."""
+    """Delay of the right camera's stamps, or of the joints, at a stamp, s, its drift, and their standard errors; or why
+    there is none."""
 
     delay_s: float = np.nan
     std_s: float = np.nan
@@ -69,6 +101,7 @@ class Delay(NamedTuple):
     drift_std: float = np.nan
     at_s: float = np.nan
     unobservable: str = ""
+    frame_s: float = np.nan
 
     def __str__(self) -> str:
         if self.unobservable:
@@ -100,21 +133,41 @@ class Delay(NamedTuple):
 def estimate_delay(params: ClockParams, view: StereoView, points: Sequence[tuple[PointPath, PointPath]]) -> Delay:
     """Return the delay of the right camera's stamps behind the left one's, of fixed cameras.
 
+    Where the delays of successive parts differ by half a frame or more, it is not one delay: images are missing.
+
     Args:
         params: Parameters.
         view: The cameras.
         points: The left and the right path of each point.
     """
-    paths = [(left, Interpolator(right, params.gap_frames)) for left, right in points if len(right.stamps_s) > 1]
+    whole = _camera_delay(params, view, points)
+    stamps = np.sort(np.concatenate([left.stamps_s for left, _ in points])) if points else np.zeros(0)
+    parts = min(3 * len(stamps) // (4 * params.fewest), _MOST_PARTS)
+    edges = np.append(stamps[np.arange(parts) * len(stamps) // max(parts, 1)], np.inf) if parts > 2 else np.zeros(0)
+    found = [
+        _camera_delay(params, view, [(left.between(a, b), right) for left, right in points])
+        for a, b in pairwise(edges.tolist())
+    ]
+    known = [part for part in found if part.is_known]
+    steps = [
+        f"{1000 * a.delay_s:.1f} ms at {a.at_s - stamps[0]:.1f} s, {1000 * b.delay_s:.1f} at {b.at_s - stamps[0]:.1f} s"
+        for a, b in pairwise(known)
+        if abs(change := b.delay_s - a.delay_s) > max(0.5 * a.frame_s, 3.3 * np.hypot(a.std_s, b.std_s))
+        and abs(change) > 2 * abs(whole.drift if whole.is_known else 0.0) * (b.at_s - a.at_s)
+    ]
+    return Delay(unobservable=f"not one delay: {'; '.join(steps)}: are images missing?") if steps else whole
+
+
+def _camera_delay(params: ClockParams, view: StereoView, points: Sequence[tuple[PointPath, PointPath]]) -> Delay:
+    """`estimate_delay`, taken as one delay that may drift."""
+    paths = [(a, Interpolator(b, params.gap_frames)) for a, b in points if min(len(a.stamps_s), len(b.stamps_s)) > 1]
     stamps = np.concatenate([left.stamps_s for left, _ in paths]) if paths else np.zeros(0)
     if len(stamps) < params.fewest:
         return Delay(unobservable=f"{len(stamps)} images with a point; expected {params.fewest}")
     frame_s = float(np.median(np.concatenate([np.diff(left.stamps_s) for left, _ in paths])))
-    span_s = _SPAN_FRAMES * frame_s
-    at_s = float(stamps.mean())
     where = np.concatenate([left.pixels for left, _ in paths])
     where = (where - where.mean(axis=0)) / (where.std(axis=0) + 1e-9)
-    nuisance = np.column_stack([np.ones(len(stamps)), where])
+    nuisance = np.column_stack([_UNKNOWN_PX * np.ones(len(stamps)), params.calibration_px * where])
 
     def residuals(delay_s: Array | float) -> Array:
         """Epipolar residuals (n,) if the right stamps are that late."""
@@ -126,6 +179,64 @@ def estimate_delay(params: ClockParams, view: StereoView, points: Sequence[tuple
         cov = np.broadcast_to(np.eye(2), (len(both), 2, 2, 2))
         return epipolar_residuals(view, Pairs(both, np.full((len(both), 2), np.nan), cov))[0]
 
+    spread = 1 / (2 * _SPAN_FRAMES * frame_s) ** 2  # variance of a rate of two samples of the right camera's half
+    return _fitted(params, stamps, frame_s, residuals, nuisance, spread, _ACROSS)
+
+
+def estimate_joint_delay(params: ClockParams, stamps_s: Array, rotations: Array, turns: Sequence[Turn]) -> Delay:
+    """Return the delay of the joints behind the images of one camera.
+
+    Args:
+        params: Parameters.
+        stamps_s: (n,) rising stamps of the joints.
+        rotations: (n, 3, 3) R_root_camera by them.
+        turns: Turns of the camera by its images.
+    """
+    if len(turns) < params.fewest:
+        return Delay(unobservable=f"{len(turns)} turns of a camera by its images; expected {params.fewest}")
+    spline = RotationSpline(stamps_s, Rotation.from_matrix(rotations))
+    frame_s = float(np.median(np.diff(stamps_s)))
+    measured = Rotation.from_matrix(np.stack([turn.R_later_earlier for turn in turns]))
+    first_s, later_s = np.array([turn.first_s for turn in turns]), np.array([turn.later_s for turn in turns])
+
+    def residuals(delay_s: Array | float) -> Array:
+        """Rotation (3 n,) rad between the turns by the images and those by the joints so much later."""
+        shift = np.broadcast_to(delay_s, 3 * len(turns))[::3]
+        inside = (first_s + shift >= stamps_s[0]) & (later_s + shift <= stamps_s[-1])
+        off = np.full((len(turns), 3), np.nan)
+        a, b = (spline(times[inside] + shift[inside]) for times in (first_s, later_s))
+        off[inside] = (measured[inside] * a.inv() * b).as_rotvec()
+        return off.ravel()
+
+    nuisance = ROOM_STD * np.concatenate([turn.by_parallax for turn in turns])[:, None]
+    return _fitted(params, np.repeat(first_s, 3), frame_s, residuals, nuisance, 0.0, _TURNS)
+
+
+def _fitted(
+    params: ClockParams,
+    stamps: Array,
+    frame_s: float,
+    residuals: Callable[[Array | float], Array],
+    nuisance: Array,
+    spread: float,
+    motion: tuple[str, str],
+) -> Delay:
+    """Return the delay at which residuals (n,) are 0 but for `nuisance` (n, k) and noise.
+
+    Args:
+        params: Parameters.
+        stamps: (n,) s of the residuals.
+        frame_s: Time between images.
+        residuals: Residuals at a delay, or at one for each; NaN where there is none.
+        nuisance: Regressors of the errors of calibration or scene, times their prior standard deviations.
+        spread: Variance of the noise of a rate relative to that of the residuals, 1/s².
+        motion: What is missing, without motion and at a constant rate.
+    """
+    span_s = _SPAN_FRAMES * frame_s
+    at_s = float(stamps.mean())
+    has_prior = np.array([0.0, 1.0, *np.ones(nuisance.shape[1])])  # all but the delay; standard deviations of 1
+    mean = np.zeros_like(has_prior)
+
     def refined(delay_s: float) -> tuple[float, Array, Array, Array, Mask]:
         """Robust scale of the residuals, delay and drift, regressors, residuals, and which are used, by Gauss–Newton
         from a delay; an infinite scale where too few images remain."""
@@ -134,13 +245,15 @@ def estimate_delay(params: ClockParams, view: StereoView, points: Sequence[tuple
             at = theta[0] + theta[1] * (stamps - at_s)
             e = residuals(at)
             rate = (residuals(at + span_s) - residuals(at - span_s)) / (2 * span_s)
-            X = np.column_stack([rate, rate * (stamps - at_s), nuisance])
+            X = np.column_stack([rate, params.drift_std * rate * (stamps - at_s), nuisance])
             known = np.isfinite(e) & np.isfinite(rate)
             if known.sum() < params.fewest:
                 return np.inf, theta, X, e, known
-            outlier = known & ~_without(e, nuisance, params.gate_sigma)[1]
-            used = known & ~np.convolve(outlier, np.ones(5), "same").astype(bool)  # interpolation spreads them
-            theta = theta - np.linalg.lstsq(X[used], e[used], rcond=None)[0][:2]
+            rest, is_inside = _without(e, nuisance, params.gate_sigma)
+            used = known & ~np.convolve(known & ~is_inside, np.ones(5), "same").astype(bool)  # interpolation spreads it
+            mean[1] = -theta[1] / params.drift_std
+            change = _ridge(X[used], e[used], float(np.std(rest[used])) * has_prior, mean)
+            theta = theta - np.array([1.0, params.drift_std]) * change[:2]
         return _scale(e, nuisance, params), theta, X, e, used
 
     n = int(np.ceil(2 * params.range_s / frame_s))
@@ -150,24 +263,24 @@ def estimate_delay(params: ClockParams, view: StereoView, points: Sequence[tuple
     valleys = [k for k in np.argsort(costs) if costs[k] <= lower[k] and np.isfinite(costs[k])][:_VALLEYS]
     fits = sorted((refined(float(grid[k])) for k in valleys), key=lambda fit: fit[0])
     if not fits or not np.isfinite(fits[0][0]):
-        return Delay(unobservable=f"no {params.fewest} images of both cameras at one time")
+        return Delay(unobservable=f"no {params.fewest} images of both at one time")
     scale, theta, X, e, used = fits[0]
-    noise = e[used] - X[used] @ np.linalg.lstsq(X[used], e[used], rcond=None)[0]
-    rate = X[used, 0]
-    own = rate - nuisance[used] @ np.linalg.lstsq(nuisance[used], rate, rcond=None)[0]
-    noise_of_rate = float(np.var(noise)) / (2 * span_s) ** 2  # of two samples of the right camera's half
-    if np.var(own) < params.signal * noise_of_rate:
-        moves = np.mean(rate**2) > 4 * params.signal * noise_of_rate
-        how = "all moves at a constant rate across" if moves else "nothing moves across"
-        return Delay(unobservable=f"{how} the epipolar lines")
-    std, drift_std = np.sqrt(np.diag(_newey_west(X[used], noise))[:2])
-    std = np.hypot(std / (1 - noise_of_rate / np.var(own)), _INTERPOLATION * frame_s)  # the regressor is noisy too
+    X, e = X[used], e[used]
+    noise = e - X @ np.linalg.lstsq(X, e, rcond=None)[0]
+    stds, share = _stds(X, noise)
+    noise_of_rate = float(np.var(noise)) * spread / max(share, 1e-300)  # relative to what of the rate nothing explains
+    if noise_of_rate > 1 / params.signal:
+        moves = np.mean(X[:, 0] ** 2) > 4 * params.signal * np.var(noise) * spread
+        return Delay(unobservable=motion[int(moves)])
+    std = np.hypot(stds[0] / (1 - noise_of_rate), _INTERPOLATION * frame_s)  # the regressor is noisy too
     if not std < params.most_std_frames * frame_s:
-        return Delay(unobservable=f"uncertain by {1000 * std:.2g} ms (σ): little moves across the epipolar lines")
+        return Delay(unobservable=f"{motion[0]}: ± {1000 * std:.2g} ms (σ)")
+    if abs(theta[1]) > _MOST_DRIFT * params.drift_std:
+        return Delay(unobservable=f"only a drift of {1e6 * theta[1]:.0f} ppm would fit: are images missing?")
     others = [fit[0] for fit in fits if abs(fit[1][0] - theta[0]) > 0.5 * frame_s]
     if others and others[0] < params.ambiguity * scale:
         return Delay(unobservable=f"other delays than {1000 * theta[0]:.1f} ms fit about as well")
-    return Delay(float(theta[0]), float(std), float(theta[1]), float(drift_std), at_s)
+    return Delay(float(theta[0]), float(std), float(theta[1]), float(params.drift_std * stds[1]), at_s, frame_s=frame_s)
 
 
 class Interpolator:
@@ -214,17 +327,27 @@ def _without(e: Array, nuisance: Array, gate_sigma: float) -> tuple[Array, Mask]
     for width in (2, 1, 1):
         std = _TO_STD * max(float(np.median(np.abs(rest[known]))), 1e-6)
         used = known & (np.abs(rest) <= width * gate_sigma * std)
-        rest = e - nuisance @ np.linalg.lstsq(nuisance[used], e[used], rcond=None)[0]
+        rest = e - nuisance @ _ridge(nuisance[used], e[used], np.full(nuisance.shape[1], std))
     return rest, used
 
 
-def _newey_west(X: Array, noise: Array) -> Array:
-    """Covariance of least squares X β = y whose noise is correlated over neighbouring rows."""
-    scores = X * noise[:, None]
-    lags = max(int(np.ceil(1.5 * len(X) ** (1 / 3))), 2)
-    meat = scores.T @ scores
-    for lag in range(1, lags + 1):
-        cross = scores[lag:].T @ scores[:-lag]
-        meat += (1 - lag / (lags + 1)) * (cross + cross.T)
-    bread = np.linalg.pinv(X.T @ X)
-    return np.asarray(len(X) / max(len(X) - X.shape[1], 1) * bread @ meat @ bread)
+def _ridge(X: Array, y: Array, weights: Array, mean: Array | float = 0.0) -> Array:
+    """Coefficients β (k,) of least squares X β = y with a prior `mean`, of `weights` (k,): noise over its deviation."""
+    return np.asarray(np.linalg.lstsq(np.vstack([X, np.diag(weights)]), np.append(y, weights * mean), rcond=None)[0])
+
+
+def _stds(X: Array, noise: Array) -> tuple[Array, float]:
+    """Standard errors (k,) of least squares X β = y, all β but the first ± 1 beforehand, and the mean square of the
+    part of the first regressor that the others do not explain.
+
+    The larger of those for white noise, and for noise whose neighbouring rows are correlated (Newey and West 1987),
+    widened by the critical values of its bandwidth (Kiefer and Vogelsang 2005).
+    """
+    lags = max(int(np.ceil(_BANDWIDTH * len(X))), 2)
+    sums = np.cumsum(np.pad(X * noise[:, None], ((lags, lags), (0, 0))), axis=0)
+    windows = sums[lags:] - sums[:-lags]  # their squares have Bartlett's weights
+    var = float(np.mean(noise**2)) * len(X) / max(len(X) - X.shape[1], 1)
+    bread = np.linalg.pinv(X.T @ X + var * np.diag([0.0, *np.ones(X.shape[1] - 1)]), hermitian=True)
+    wider = 1 + (2.9694 * _BANDWIDTH + 0.4160 * _BANDWIDTH**2 - 0.5324 * _BANDWIDTH**3) / 1.9600
+    correlated = wider**2 * np.diag(bread @ (windows.T @ windows / lags) @ bread)
+    return np.sqrt(np.maximum(correlated, var * np.diag(bread))), 1 / max(len(X) * float(bread[0, 0]), 1e-300)

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pps_vision.app.clock import clocks
 from pps_vision.app.diagnosis import faults_of
 from pps_vision.app.scene_points import length, side_of
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.warnings import count_by_kind
 
 _GAP = 1.5  # times the median interval
+_CLOCK_S = 10.0  # of the recording, in which the clocks are compared
 _LOOKED_AT = 200  # pairs, spread over the recording, whose camera poses are compared
 _RESTING_DEG = 0.05  # turn of a camera below which it rests: the resolution of an encoder
 
@@ -29,6 +31,7 @@ class RecordingInfo:
     longest_interval_s: float
     skew_median_ms: float  # stamp of the right image minus that of the left one
     skew_largest_ms: float
+    clocks: str  # delays of the right camera and of the joints, by the images of at most 10 s; empty: no calibration
     robot: bool  # whether it holds the joints of a robot
     cameras_turn_deg: float  # largest turn of the left camera from its first pose by the joints, 0 where there are none
     baseline_m: float  # distance of the cameras; NaN without a calibration
@@ -50,7 +53,8 @@ class RecordingInfo:
             f"{self.pairs_per_s:.4g} pairs/s",
             f"intervals: longest {1000 * self.longest_interval_s:.1f} ms, {self.gaps} gaps",
             f"right minus left stamp: median {self.skew_median_ms:+.2f} ms, largest {self.skew_largest_ms:.2f} ms "
-            "(only stamps are compared: whether left and right images show the same moment is for you to see)",
+            "(only stamps are compared: the rows of the clocks compare the images)",
+            *self.clocks.splitlines(),
         ]
         if np.isfinite(self.baseline_m):
             rows.append(
@@ -68,7 +72,7 @@ class RecordingInfo:
 
 
 def info(recording: Recording) -> RecordingInfo:
-    """Return the contents of a recording; only a few images are read."""
+    """Return the contents of a recording; a few images are read, and those of the first 10 s."""
     left, right = (np.array([pair[side].stamp_s for pair in recording.pairs]) for side in (0, 1))
     steps = np.diff(left)
     skews_ms = 1000 * (right - left)
@@ -94,6 +98,7 @@ def info(recording: Recording) -> RecordingInfo:
         longest_interval_s=float(np.max(steps)) if len(steps) else np.nan,
         skew_median_ms=float(np.median(skews_ms)),
         skew_largest_ms=float(np.max(np.abs(skews_ms))),
+        clocks=str(clocks(recording.part(stop_s=_CLOCK_S, roi=recording.roi))) if recording.rig else "",
         robot=recording.robot is not None,
         cameras_turn_deg=_turn_deg(recording),
         baseline_m=baseline_m,

@@ -65,6 +65,7 @@ class ClockNumbers(TypedDict):
     drift_std_ppm: float | None
     corrected: bool
     unobservable: str
+    joints: NotRequired["ClockNumbers"]
 
 
 class TrackNumbers(TypedDict):

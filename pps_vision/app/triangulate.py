@@ -9,6 +9,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.app.clock import numbers
 from pps_vision.app.results import Reprojection, TrackNumbers, TrackSummary
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import TrackArrays, track_arrays
@@ -214,15 +215,8 @@ class TriangulatedPoints:
                 "pairs": noise.pairs,
             },
         }
-        if (clock := self.clock) is not None:
-            content["clock"] = {
-                "delay_ms": 1000 * clock.delay_s,
-                "delay_std_ms": 1000 * clock.std_s,
-                "drift_ppm": 1e6 * clock.drift,
-                "drift_std_ppm": 1e6 * clock.drift_std,
-                "corrected": clock.is_late,
-                "unobservable": clock.unobservable,
-            }
+        if self.clock is not None:
+            content["clock"] = numbers(self.clock)
         return content
 
     @property

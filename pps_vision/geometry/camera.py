@@ -334,7 +334,7 @@ class StereoRig:
     def view(self, joints_left: Array | None = None, joints_right: Array | None = None) -> StereoView:
         """Both cameras, each at its own joints (`joints_right` defaults to `joints_left`)."""
         T_root_left, T_root_right = self.eye_poses(joints_left)
-        if joints_right is not None and not np.array_equal(joints_right, joints_left):
+        if joints_right is not None and (joints_left is None or not np.array_equal(joints_right, joints_left)):
             T_root_right = self.eye_poses(joints_right)[1]
         return StereoView(View(self.left, T_root_left), View(self.right, T_root_right))
 

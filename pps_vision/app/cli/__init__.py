@@ -17,6 +17,7 @@ COMMANDS = (
     *(
         "render",
         "info",
+        "clock",
         "calibrate",
         "track",
         "triangulate",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tyro.conf import Positional
 
 from pps_vision.errors import InputError
-from pps_vision.recordings import MAX_SKEW_S, Form
+from pps_vision.recordings import MAX_SKEW_S, Clock, Form
 from pps_vision.recordings.source import SourceOptions
 from tracking import DEFAULT_OBJECTS, DEFAULT_ORDER, Mode
 
@@ -49,6 +49,9 @@ class TrackOptions:
     memory: Path | None = None
     """Memory of `pps-vision learn`: activation.csv then holds, for every frame of REC, the probability with which each
     taxel of the iCub's skin is about to be touched, and the video and the report show it."""
+    clock: Clock = "stamps"
+    """auto: first estimate the delays of the right camera's stamps and of the joints, as `clock` does, and correct
+    them."""
     mode: Mode = "generic"
     """generic: any moving object; marker: a green marker (faster)."""
     hue: float | None = None

@@ -32,6 +32,7 @@ class Track(TrackOptions, RecordingSource):
         """Track the recording, write all files at once, and print the main results and skipped items."""
         from tqdm import tqdm
 
+        from pps_vision.app.clock import clocks, corrected
         from pps_vision.app.progress import progress
         from pps_vision.app.track import following, track, tracker_params
         from pps_vision.app.track_files import Extras, TrackFiles, diagnosis_of, headline, summary
@@ -43,6 +44,9 @@ class Track(TrackOptions, RecordingSource):
         self._check_robot_options(self.rec is not None, "with --left and --right; expected it with REC")
         with whole_folder(self.out) as folder:
             recording = self.open()
+            late = clocks(recording) if self.clock == "auto" else None
+            if late:
+                recording = corrected(recording, late)
             has_robot = recording.robot is not None
             self._check_robot_options(has_robot, "without a robot; expected it with an iCub's REC")
             objects = 1 if self.one or self.init_left else self.objects
@@ -60,6 +64,8 @@ class Track(TrackOptions, RecordingSource):
                     files.add(pair)
             diagnosis = diagnosis_of(run, statistics.attended, files.sample)
             content = summary(run, statistics.attended, diagnosis)
+            if late:
+                content["clock"] = late.numbers()
             content["objects"] = params.max_objects
             content["tracks"] = statistics.summary()
             content["smoothed"] = self.smooth
@@ -77,6 +83,8 @@ class Track(TrackOptions, RecordingSource):
 
                 write_report(folder)
         print_skipped(recording.problems, recording.warnings)
+        if late:
+            print(late)
         print(headline(run, statistics.attended, len(statistics)), f"→ {self.out}")
         if diagnosis:
             print(diagnosis)

@@ -1,0 +1,33 @@
+"""`pps-vision clock`: delay and drift between the cameras of a recording, and of its joints."""
+
+from dataclasses import dataclass
+
+from pps_vision.app.cli.options import RecordingSource, print_skipped
+
+
+@dataclass(frozen=True)
+class Clock(RecordingSource):
+    """Estimate the delay and the drift of the right camera's stamps, and of the joints, from the images.
+
+    Of cameras that rest from the largest moving object, of a robot from the turns of its cameras.  Each delay has a
+    95 % interval, or the reason why it is unobservable.  `track --clock auto` corrects them.
+    """
+
+    json: bool = False
+    """Print JSON instead."""
+
+    def run(self) -> None:
+        """Read the images and print the delays."""
+        import json
+
+        from pps_vision.app.clock import clocks
+        from pps_vision.app.versions import versions
+        from pps_vision.recordings.atomic_write import plain
+
+        recording = self.open()
+        found = clocks(recording)
+        if self.json:
+            print(json.dumps(plain({**found.numbers(), "versions": versions()}), indent=2, ensure_ascii=False))
+            return
+        print_skipped(recording.problems)
+        print(found)
