@@ -1,4 +1,4 @@
-"""R's five sessions (Table 5): maps (Figs 4, 5, 7, 9) and offsets of taxels (Fig 8)."""
+"""R's five sessions (Table 5): maps (Figs 4, 5, 7, 9), offsets of taxels (Fig 8) and their positions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +16,7 @@ from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot, t
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.charts import bar_chart
+from pps_vision.experiments.pps import positions
 from pps_vision.experiments.pps.ridges import FINE, landscape_chart, offsets, ridge_width
 from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
 from pps_vision.experiments.pps.taxel_trials import Session, Trial, perceive, train_memory
@@ -205,13 +206,15 @@ class PpsSessions(SessionStudy):
     """Landscapes: the map of the taxel with the most samples after each of R's sessions.
 
     The ridge's width is the standard deviation of the positive samples' D about their line in (D, TTC), over all taxels
-    aimed at. Offsets: the taxels' offsets read from their maps, against the true ones.
+    aimed at. Offsets: the taxels' offsets read from their maps, against the true ones. Positions: of taxels 3 cm off at
+    first, after double touches.
     """
 
     SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.05}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "landscapes": Part(landscapes, draw_landscapes, tabulate_landscapes),
         "offsets": Part(taxel_offsets, draw_offsets),
+        "positions": Part(positions.run, table=positions.table),
     }
 
-    n: int = 5  # miscalibrated robots
+    n: int = 5  # miscalibrated robots, and skins whose taxels are 3 cm off
