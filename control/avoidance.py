@@ -16,7 +16,6 @@ from scipy.stats import qmc
 from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from pps_vision.errors import InputError
-from pps_vision.geometry.paths import passing_distances
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.bare_links import BareLinks, NearestPoint
 from pps_vision.robot.model import Posture
@@ -62,14 +61,8 @@ class ResponseParams:
     """Largest speed of the taxels that respond."""
     radius_m: float = 0.20
     """Largest distance of the palm from its place at home."""
-    miss_distance_m: float = np.inf
-    """Hand-set gate of an arm at rest, to compare with: respond only if the extrapolated path passes within this
-    distance of the skin (inf: the activation alone decides)."""
-    min_approach_m: float = 0.0
-    """Hand-set gate of an arm at rest: respond only if the object has come this much nearer within half a second, and
-    then at once (0: no gate)."""
     confirmation_s: float = 0.0
-    """Time above threshold before the arm responds to an object that has not come nearer."""
+    """Time above threshold before the arm responds."""
     persist_s: float = 0.3
     """Time for which the response outlasts the activation."""
     arm: ArmParams = field(default_factory=ArmParams)
@@ -80,10 +73,10 @@ class ResponseParams:
             raise InputError("arm", f"side {self.side!r}; expected left or right")
         if not self.home_arm_rad or not np.isfinite(self.home_arm_rad).all():
             raise InputError("arm", f"home_arm_rad {self.home_arm_rad}; expected an angle for each joint")
-        positive = self.threshold, self.speed_m_s, self.radius_m, self.miss_distance_m
-        durations = self.confirmation_s, self.persist_s, self.min_approach_m
+        positive = self.threshold, self.speed_m_s, self.radius_m
+        durations = self.confirmation_s, self.persist_s
         if not (min(positive) > 0 and min(durations) >= 0 and self.threshold <= 1):
-            expected = "expected positive numbers, a threshold of at most 1, times and approach of at least 0"
+            expected = "expected positive numbers, a threshold of at most 1, times of at least 0"
             raise InputError("arm", f"{self}; {expected}")
 
 
@@ -153,13 +146,10 @@ def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmSt
     """
     state = observed(state, arm)
     points = _active_taxels(params, arm)
-    has_approached, is_threatened = approach(params, arm, state)
-    if state.mode == "idle" and not is_threatened:
-        points = ()
     link_points, approached_links = _bare_links(params, arm)
     threats = points or _link_points(params, arm, approached_links)
     last_mode = state.mode
-    state = next_state(params, state, arm, bool(threats), has_approached and bool(points))
+    state = next_state(params, state, arm, bool(threats))
     clearance = clearance_rows(arm, link_points)
     dq = np.zeros_like(arm.posture.q_rad)
     if state.mode == "avoid":
@@ -213,33 +203,11 @@ def observed(state: ArmState, arm: ArmInput) -> ArmState:
     return replace(state, positions=positions, stamp_s=arm.stamp_s, track_id=arm.track.track_id)
 
 
-def approach(params: ResponseParams, arm: ArmInput, state: ArmState) -> tuple[bool, bool]:
-    """Whether the object has come nearer to the skin by `min_approach_m`, and whether an arm at rest may respond: if
-    the object then passes within `miss_distance_m` of a taxel on the path since it was farthest away (without
-    `min_approach_m`: at its velocity), or if its position is unknown."""
-    is_gated = params.miss_distance_m < np.inf or params.min_approach_m > 0
-    if not (is_gated and arm.track.is_known and arm.skin.parts):
-        return False, True
-    taxels, _ = arm.skin.at(arm.posture)
-    stamps = np.array([stamp_s for stamp_s, _ in state.positions])
-    positions = np.array([position for _, position in state.positions])
-    distance = np.linalg.norm(positions[:, None] - taxels, axis=2).min(axis=1)
-    k = int(distance.argmax())
-    has_approached = bool(stamps[-1] > stamps[k] and 0 < params.min_approach_m <= distance[k] - distance[-1])
-    velocity = arm.track.velocity
-    if has_approached:
-        velocity = (positions[-1] - positions[k]) / (stamps[-1] - stamps[k])
-    miss_distance = passing_distances(taxels, arm.track.position, velocity, HORIZON_S).min() - arm.object_radius_m
-    comes_near = bool(miss_distance < params.miss_distance_m)
-    return has_approached, comes_near and (has_approached or params.min_approach_m == 0)
-
-
 def next_state(
     params: ResponseParams,
     state: ArmState,
     arm: ArmInput,
     is_active: bool,
-    has_approached: bool,
     may_respond: bool = True,
 ) -> ArmState:
     """Respond to a confirmed activation, keep responding for a while, return home, then rest.
@@ -250,7 +218,7 @@ def next_state(
     is_known = arm.track.is_known
     elapsed_s = arm.stamp_s - state.since_s
     active_since_s = min(state.active_since_s, arm.stamp_s) if is_active else np.inf
-    is_confirmed = has_approached or arm.stamp_s - active_since_s > params.confirmation_s - 1e-6
+    is_confirmed = arm.stamp_s - active_since_s > params.confirmation_s - 1e-6
     state = replace(state, active_since_s=active_since_s)
     responding = state.mode == params.mode
     if is_active and (responding or state.mode == "hold" or is_confirmed):

@@ -55,11 +55,9 @@ def step(params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: b
     home once the object is lost or out of reach.  InputError as in `avoidance.step`.
     """
     state = avoidance.observed(state, arm)
-    has_approached, is_threatened = avoidance.approach(params, arm, state)
     is_active = arm.track.is_known and bool(np.any(arm.activations > params.threshold))
-    is_active = is_active and (is_threatened or state.mode != "idle")
     last_mode = state.mode
-    state = avoidance.next_state(params, state, arm, is_active, has_approached and is_active, is_reachable)
+    state = avoidance.next_state(params, state, arm, is_active, is_reachable)
     dq = np.zeros_like(arm.posture.q_rad)
     if state.mode == "reach":
         target = state.target_taxel if last_mode == "reach" else None

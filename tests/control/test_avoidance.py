@@ -30,14 +30,12 @@ from pps_vision.types import Array, Track3D
 DEG = np.pi / 180
 DT = 0.05
 BALL_M = 0.035
-PARAMS = AvoidanceParams(HOME_ARM_RAD, miss_distance_m=0.05, min_approach_m=0.01, confirmation_s=0.15)
-ANY_ACTIVATION = replace(PARAMS, miss_distance_m=np.inf, min_approach_m=0.0)
-AT_ONCE = replace(PARAMS, min_approach_m=0.0, confirmation_s=0.0)
+PARAMS = AvoidanceParams(HOME_ARM_RAD, confirmation_s=0.15)
+AT_ONCE = replace(PARAMS, confirmation_s=0.0)
 FOREARM = icub_skin(("left_forearm",))
 BOTH_PARTS = icub_skin(("left_forearm", "left_palm"))
 AT_REST = track_at((-0.5, 0.0, 0.3), radius_m=BALL_M)
 NO_ROWS = np.empty((0, 23)), np.empty(0)
-IMMEDIATE = replace(ANY_ACTIVATION, confirmation_s=0.0)
 ON = np.eye(12)[FOREARM.index("left_forearm:27")]
 OFF = 0 * ON
 
@@ -60,7 +58,7 @@ def arm_input(robot: Robot, q: Array | None = None, activations: Array | None = 
 
 
 def run_arm(
-    robot: Robot, inputs: Iterable[dict[str, Any]], params: AvoidanceParams = ANY_ACTIVATION
+    robot: Robot, inputs: Iterable[dict[str, Any]], params: AvoidanceParams = PARAMS
 ) -> Iterator[tuple[Array, Array, Response]]:
     """Move the arm through inputs at 20 Hz, of which these change; yields q before the command, rates, response."""
     q = home(robot)
@@ -77,7 +75,7 @@ def activated(*activations: Array) -> list[dict[str, Any]]:
     return [{"activations": a} for a in activations]
 
 
-def modes_of(robot: Robot, inputs: Iterable[dict[str, Any]], params: AvoidanceParams = ANY_ACTIVATION) -> list[str]:
+def modes_of(robot: Robot, inputs: Iterable[dict[str, Any]], params: AvoidanceParams = PARAMS) -> list[str]:
     return [response.mode for _, _, response in run_arm(robot, inputs, params)]
 
 
@@ -101,7 +99,7 @@ def test_taxels_withdraw_along_their_normals_at_10_cm_per_second(robot):
     positions, normals = FOREARM.at(robot.at(home(robot)))
     for names in (("left_forearm_27",), ("left_forearm_27", "left_forearm_135")):
         a = activations_of(FOREARM, **dict.fromkeys(names, 0.9))
-        ((q, dq, response),) = run_arm(robot, activated(a), IMMEDIATE)
+        ((q, dq, response),) = run_arm(robot, activated(a), AT_ONCE)
         velocity = (FOREARM.at(robot.at(q + 1e-4 * dq))[0] - positions) / 1e-4
         active = np.flatnonzero(a)
         assert -np.einsum("ni,ni->n", velocity, normals)[active].min() > 0.07
@@ -111,7 +109,7 @@ def test_taxels_withdraw_along_their_normals_at_10_cm_per_second(robot):
 
 def test_all_parts_withdraw_at_once(robot):
     a = activations_of(BOTH_PARTS, left_forearm_27=0.6, left_forearm_15=0.6, left_palm_101=0.9)
-    state, response = step(IMMEDIATE, ArmState(), arm_input(robot, activations=a, skin=BOTH_PARTS))
+    state, response = step(AT_ONCE, ArmState(), arm_input(robot, activations=a, skin=BOTH_PARTS))
     assert [point.frame for point in state.points] == ["left_palm", "left_forearm", "left_forearm"]
     positions, normals = BOTH_PARTS.at(robot.at(home(robot)))
     moved = BOTH_PARTS.at(robot.at(home(robot) + 1e-4 * response.command.dq_rad_s))[0]
@@ -125,7 +123,7 @@ def test_an_idle_arm_stays_where_it_is(robot):
     q = home(robot)
     q[robot.indices(("left_elbow",))] += 20 * DEG
     a = activations_of(FOREARM, left_forearm_27=0.4)
-    _, response = step(IMMEDIATE, ArmState(), arm_input(robot, q, a))
+    _, response = step(AT_ONCE, ArmState(), arm_input(robot, q, a))
     assert response.mode == "idle"
     assert not np.any(response.command.dq_rad_s)
     assert not np.any(response.velocity_root)
@@ -144,7 +142,7 @@ def test_short_activation_is_not_confirmed_and_a_new_one_is_followed_at_once(rob
 
 
 def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot):
-    run = list(run_arm(robot, activated(*[ON] * 12, *[OFF] * 120), IMMEDIATE))
+    run = list(run_arm(robot, activated(*[ON] * 12, *[OFF] * 120), AT_ONCE))
     modes = [response.mode for _, _, response in run]
     assert modes[:12] == ["avoid"] * 12
     n_persist = modes[12:].index("return")
@@ -197,7 +195,7 @@ def test_a_joint_stops_on_paths_limit_within_the_holding_time(robot):
     q[elbow] = robot.upper_rad[elbow] - 0.002
     fastest = {}
     for hold_s in (0.05, 0.5):
-        commands = [step(IMMEDIATE, ArmState(), arm_input(robot, q, a, hold_s=hold_s))[1].command for a in np.eye(12)]
+        commands = [step(AT_ONCE, ArmState(), arm_input(robot, q, a, hold_s=hold_s))[1].command for a in np.eye(12)]
         assert {command.hold_s for command in commands} == {hold_s}
         fastest[hold_s] = max(command.dq_rad_s[elbow] for command in commands)
         assert hold_s * fastest[hold_s] < 0.002 + 1e-6
@@ -227,8 +225,8 @@ def test_activations_that_are_not_one_number_a_taxel_are_refused(robot, activati
         {"home_arm_rad": ()},
         {"home_arm_rad": (np.nan,) * 7},
         {"side": "Left"},
-        *({name: -0.01} for name in ("confirmation_s", "persist_s", "min_approach_m", "escape_clearance_m")),
-        *({name: 0.0} for name in ("threshold", "miss_distance_m", "speed_m_s", "radius_m")),
+        *({name: -0.01} for name in ("confirmation_s", "persist_s", "escape_clearance_m")),
+        *({name: 0.0} for name in ("threshold", "speed_m_s", "radius_m")),
     ],
 )
 def test_bad_parameters_are_refused(change):
@@ -306,54 +304,10 @@ def test_no_ball_that_turns_back_touches_an_arm_with_avoidance(robot, rng, side)
     assert touching[1.2] == 0
 
 
-def approaching(
-    robot: Robot, params: AvoidanceParams, distances_m: list[float], aside_m: float = 0.0, velocity_m_s: float = 0.0
-) -> list[str]:
-    """Modes of an arm whose taxel 27 is activated while a ball is at these distances from it, along its normal
-    (`aside_m` beside it), with a velocity estimated along the normal."""
-    posture = robot.at(home(robot))
-    points, normals = FOREARM.at(posture)
-    k = FOREARM.index("left_forearm:27")
-    aside = np.cross(normals[k], points.mean(axis=0) - posture.point("left_palm"))
-    aside *= aside_m * np.sign((points[k] - points.mean(axis=0)) @ aside) / np.linalg.norm(aside)
-    places = [points[k] + aside + (BALL_M + distance_m) * normals[k] for distance_m in distances_m]
-    tracks = [track_at(place, velocity_m_s * normals[k], radius_m=BALL_M) for place in places]
-    return modes_of(robot, [{"activations": 0.9 * ON, "track": track} for track in tracks], params)
-
-
-COMES = [0.165 - 0.1 * DT * i for i in range(6)]
-RECEDES = [0.07 + min(0.01 * i, 0.05) for i in range(10)]  # and stops
-
-
-@pytest.mark.parametrize(
-    ("distances_m", "aside_m", "velocity_m_s", "changes", "responds"),
-    [
-        # at 10 cm/s along the normal, or past the skin; with R's rule to both
-        (COMES, 0.0, -0.1, {}, True),
-        (COMES, 0.15, -0.1, {}, False),
-        (COMES, 0.15, -0.1, {"miss_distance_m": np.inf}, True),
-        # a centimetre nearer than half a second ago, by positions; the estimated velocity, of zero, does not count
-        ([0.1 - 0.018 * i * DT for i in range(20)], 0.0, 0.0, {}, False),
-        ([0.1 - 0.024 * i * DT for i in range(20)], 0.0, 0.0, {}, True),
-        # an object that recedes and stops, though its estimated velocity points back
-        (RECEDES, 0.0, -0.2, {}, False),
-        (RECEDES, 0.0, -0.2, {"min_approach_m": 0.0}, True),
-    ],
-)
-def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(
-    robot, distances_m, aside_m, velocity_m_s, changes, responds
-):
-    params = replace(PARAMS, **changes)
-    assert ("avoid" in approaching(robot, params, distances_m, aside_m, velocity_m_s)) == responds
-    if distances_m is RECEDES:  # if it then comes, one centimetre is enough
-        comes = approaching(robot, params, RECEDES + [0.12 - 0.01 * i for i in range(4)], velocity_m_s=-0.2)
-        assert comes.index("avoid") <= 12
-
-
 def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot):
     tracks = [AT_REST if k < 10 else Track3D.unknown(k * DT) for k in range(120)]
     inputs = [{"activations": ON * (k < 10), "hold_s": DT, "track": track} for k, track in enumerate(tracks)]
-    run = list(run_arm(robot, inputs, IMMEDIATE))
+    run = list(run_arm(robot, inputs, AT_ONCE))
     modes = [response.mode for _, _, response in run]
     assert not any(dq.any() for _, dq, response in run if response.mode == "hold")
     assert modes[:10] == ["avoid"] * 10
@@ -367,7 +321,7 @@ def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(robot, m
     tracks = [track_at((-0.5, 0.0, 0.3 + (moved_m if k >= 40 else 0.0))) for k in range(45)]
     active = [ON if k < 10 or k == 20 else OFF for k in range(45)]
     inputs = [{"activations": a, "hold_s": DT, "track": track} for a, track in zip(active, tracks, strict=True)]
-    modes = modes_of(robot, inputs, IMMEDIATE)
+    modes = modes_of(robot, inputs, AT_ONCE)
     assert modes[19:21] == ["return", "avoid"]
     assert modes[30:] == ["hold"] * 10 + [mode] * 5
 

@@ -8,7 +8,7 @@ import pytest
 from tracks import track_at
 
 from control.arm import ArmParams, MovingPoint
-from control.avoidance import ArmInput, ArmMotion, ArmState, Response, passing_distances
+from control.avoidance import ArmInput, ArmMotion, ArmState, Response
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import ReachingParams, first_touch, other_parts, step, target_taxel
 from pps_vision.errors import InputError
@@ -21,7 +21,7 @@ from pps_vision.types import Array, Track3D
 DT = 0.05
 BALL_M = 0.035
 SKIN = icub_skin(("left_forearm", "left_palm"))
-PARAMS = ReachingParams(HOME_ARM_RAD, min_approach_m=0.0)
+PARAMS = ReachingParams(HOME_ARM_RAD)
 AT_ONCE = replace(PARAMS, confirmation_s=0.0)
 NO_ROWS = np.empty((0, 23)), np.empty(0)
 
@@ -173,14 +173,6 @@ def test_the_position_history_decides_which_taxel_an_object_comes_to(robot):
         assert target_taxel(PARAMS, arm, ArmState(positions=positions)) == expected
 
 
-def test_how_near_an_object_passes_by_hand():
-    """It flies along x for two seconds, past one point, short of another, and away from a third."""
-    points = np.array([[0.1, 0.03, 0.04], [0.5, 0.0, 0.0], [-0.1, 0.0, 0.0]])
-    passing = passing_distances(points, np.zeros(3), np.array([0.2, 0.0, 0.0]), 2.0)
-    np.testing.assert_allclose(passing, [0.05, 0.1, 0.1])
-    np.testing.assert_allclose(passing_distances(points, np.zeros(3), np.zeros(3), 2.0), [np.sqrt(0.0125), 0.5, 0.1])
-
-
 def test_the_other_parts_nearest_taxels_keep_clear(robot):
     """The object's radius counts where it is known."""
     posture = robot.at(home(robot))
@@ -241,7 +233,7 @@ def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot, damping_m,
     bodies = SelfCollision(robot)
     start = np.deg2rad(BESIDE_CHEST_DEG)
     home_rad = tuple(start[robot.indices(robot.names.arm("right"))])
-    params = ReachingParams(home_rad, "right", min_approach_m=0.0, damping_m=damping_m)
+    params = ReachingParams(home_rad, "right", damping_m=damping_m)
     coming = np.arange(54) < 14
     places = [BALL_ENDS - max(0.7 - i * DT, 0.0) * BALL_VELOCITY for i in range(54)]
     a = 0.9 * np.eye(len(skin.taxel_ids))[skin.index("right_forearm:159")]
@@ -271,7 +263,7 @@ def test_an_arm_reaches_with_the_damping_that_touches_first(robot, shares, chose
     skin = Skin((SkinPart("forearm", part.frame, (0,), part.positions_m[:1], part.normals[:1]),))
     moves = posture.jacobian(part.frame, part.positions_m[0])[:3, pitch]
     at = skin.at(posture)[0][0] + 0.2 * moves / np.linalg.norm(moves)
-    params = replace(AT_ONCE, miss_distance_m=np.inf, arm=ArmParams(resting=6))
+    params = replace(AT_ONCE, arm=ArmParams(resting=6))
     arm = ArmInput(0.0, posture, skin, np.ones(1), ball(at), hold_s=0.4, self_collision=Watched(robot))
     _, response = step(params, ArmState(), arm, is_reachable=True)
     rates = np.array(changes)[:, pitch] / 0.4

@@ -23,6 +23,14 @@ def test_when_a_straight_path_first_comes_near_by_hand():
     np.testing.assert_array_equal(arrival_s(points[:1], start * [[1 / 6], [-1 / 6]], down, 0.055), [0.0, np.inf])
 
 
+def test_how_near_an_object_passes_by_hand():
+    """It flies along x for two seconds, past one point, short of another, and away from a third."""
+    points = np.array([[0.1, 0.03, 0.04], [0.5, 0.0, 0.0], [-0.1, 0.0, 0.0]])
+    passing = passing_distances(points, np.zeros(3), np.array([0.2, 0.0, 0.0]), 2.0)
+    np.testing.assert_allclose(passing, [0.05, 0.1, 0.1])
+    np.testing.assert_allclose(passing_distances(points, np.zeros(3), np.zeros(3), 2.0), [np.sqrt(0.0125), 0.5, 0.1])
+
+
 def test_a_path_that_ends_at_the_skin_misses_what_lies_beyond():
     """It comes down on the first point from 30 cm and ends 5 cm above it."""
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.2]])

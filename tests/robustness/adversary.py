@@ -102,7 +102,7 @@ class Episode:
         self.q = self._start()
         behaviour = str(rng.choice(("avoid", "reach")))
         self.tracker = AdversarialTracker(Track3D.unknown(0.0))
-        waits = {"confirmation_s": float(rng.choice((0.0, 0.15))), "min_approach_m": float(rng.choice((0.0, 0.01)))}
+        waits = {"confirmation_s": float(rng.choice((0.0, 0.15)))}
         arm = AvoidanceParams(HOME_ARM_RAD, side=side, **waits)
         other_arm = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
         hold_s = float(rng.choice((0.5, 0.5, 0.2, 0.05)))

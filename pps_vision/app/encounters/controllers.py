@@ -35,8 +35,9 @@ SPEED_M_S = 0.10
 """Speed of the control point (R), the same for all controllers."""
 RADIUS_M = 0.20
 """Radius of the palm's sphere about its start (R)."""
-GATES = {"miss_distance_m": 0.05, "min_approach_m": 0.01}
-"""Hand-set parameters of `ours`: respond to an object that has come 1 cm nearer, on a path within 5 cm of the skin."""
+GATE_M = 0.05, 0.01
+"""An engineer's gates: largest distance from the skin at which the object's path passes, least approach."""
+_HISTORY_S = 0.5  # within which the object must have approached
 _DAMPING_M = 0.003
 _RETURN_PER_S = 3.0
 _AT_HOME_RAD = np.deg2rad(0.2)
@@ -135,6 +136,34 @@ def geometry_only(scene: ArmScene, numbers: ControllerParams) -> Controller:
             miss = passing_distances(scene.skin.at(posture)[0], *path) - track.radius_m
             activations = np.where(miss < numbers["margin_m"], activations, 0.0)
         return of_activations(activations, track, posture)
+
+    return act
+
+
+def gated(scene: ArmScene) -> Controller:
+    """Return our controller behind an engineer's gates: an arm that does not move responds only to an object that has
+    come nearer by 1 cm within half a second, on a path that passes within 5 cm of the skin (`GATE_M`)."""
+    of_activations = ours(scene)
+    seen: list[tuple[float, Array]] = []
+    is_moving = False
+
+    def threatens(track: Track3D, taxels: Array) -> bool:
+        seen[:] = [s for s in seen if s[0] >= track.stamp_s - _HISTORY_S - 1e-9] + [(track.stamp_s, track.position)]
+        distance = [np.linalg.norm(position - taxels, axis=1).min() for _, position in seen]
+        since_s, farthest = seen[k := int(np.argmax(distance))]
+        if distance[k] - distance[-1] < GATE_M[1]:
+            return False
+        velocity = (track.position - farthest) / (track.stamp_s - since_s)
+        miss = passing_distances(taxels, track.position, velocity, HORIZON_S).min() - track.radius_m
+        return bool(miss < GATE_M[0])
+
+    def act(activations: Array, track: Track3D, posture: Posture) -> Array:
+        nonlocal is_moving
+        if track.is_known and not (threatens(track, scene.skin.at(posture)[0]) or is_moving):
+            activations = np.zeros_like(activations)
+        rates = of_activations(activations, track, posture)
+        is_moving = bool(rates.any())
+        return rates
 
     return act
 

@@ -15,13 +15,13 @@ from control.limits import MAX_HOLD_S
 from learning.pps.memory import PPSMemory
 from learning.pps.receptive_field import CONE, NEAR, ReceptiveField
 from pps_vision.app.encounters.controllers import (
-    GATES,
     RADIUS_M,
     SPEED_M_S,
     ArmScene,
     Controller,
     ControllerParams,
     HomeReturn,
+    gated,
     geometry_only,
     move_point,
     on_arm,
@@ -259,7 +259,7 @@ def new_controller(name: str, numbers: ControllerParams | None = None) -> NewCon
     if name in (OURS, ASKING, TRUE, ONE, R_MAP):
         return lambda scene: ours(scene, numbers=numbers)
     if name == ONE_GATED:
-        return lambda scene: ours(scene, numbers=GATES)
+        return gated
     if name == WRIST_AT_REST:
         return lambda scene: ours(scene, resting=3)
     if name == NONE:
