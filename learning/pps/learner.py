@@ -52,6 +52,7 @@ class SkinFrame(NamedTuple):
     touched: Mask  # (n,) the skin's report
     tracks: Sequence[Track3D]  # tracked objects; unknown ones are ignored
     attended_id: int = 0  # the track that is learned from
+    margins: Array | float = 1.0  # (n,) factors by which objects count as nearer than they are
 
 
 class SkinStep(NamedTuple):
@@ -85,7 +86,8 @@ def step(params: ReceptiveField, state: LearnerState, skin: SkinFrame) -> tuple[
     events = TaxelEvents(skin.stamp_s, skin.taxel_ids, D, ttc, skin.touched, miss)
     paths = {t.track_id: (*earlier[t.track_id], (skin.stamp_s, t.position)) for t in tracks}
     state = replace(observe(state, events), paths=paths)
-    by_track = np.reshape([activation(state.memory, *places) for places in perceived], (len(tracks), len(D)))
+    nearer = [[place / skin.margins for place in places] for places in perceived]
+    by_track = np.reshape([activation(state.memory, *places) for places in nearer], (len(tracks), len(D)))
     highest = np.maximum(by_track.max(axis=0, initial=0.0), skin.touched)
     return state, SkinStep(events, tracks, by_track, Activation(skin.stamp_s, skin.taxel_ids, highest))
 

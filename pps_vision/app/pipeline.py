@@ -206,7 +206,8 @@ class Pipeline:
             check_track(track, stamp_s)
         tracking = attend(tracking, state.highest, state.attended_id, params.attention_margin)
         track = tracking.track
-        skin = SkinFrame(stamp_s, self.skin.taxel_ids, *self.skin.at(posture), touched, tracking.tracks, track.track_id)
+        parts = self.skin.taxel_ids, *self.skin.at(posture), touched
+        skin = SkinFrame(stamp_s, *parts, tracking.tracks, track.track_id, self.skin.margins)
         field = params.receptive_field if state.learning.memory.params.knows_path else CONE
         learned, felt = learner.step(field, state.learning, skin)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
@@ -410,7 +411,8 @@ class TrackActivation:
         stamp_s = tracking.track.stamp_s
         ids = self.skin.taxel_ids
         positions, normals = self.skin.at(self.robot.at(q_rad))
-        skin = SkinFrame(stamp_s, ids, positions, normals, np.zeros(len(ids), bool), tracking.tracks)
+        untouched = np.zeros(len(ids), bool)
+        skin = SkinFrame(stamp_s, ids, positions, normals, untouched, tracking.tracks, margins=self.skin.margins)
         field = PipelineParams.receptive_field if self._learning.memory.params.knows_path else CONE
         self._learning, felt = learner.step(field, self._learning, skin)
         highest = highest_by_track(felt.tracks, felt.by_track)

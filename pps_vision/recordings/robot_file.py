@@ -12,6 +12,7 @@
 | `gaze_joints` | neck yaw, neck pitch, eyes tilt, left pan, right pan; default: none, the cameras do not turn |
 | `torso` | yaw and pitch of the torso; default: none |
 | `[home_deg]` | joint = angle at rest; default: 0, or the nearest limit |
+| `[margins]` | skin part = factor of its safety margin, such as 2 for the hand; default: 1 |
 | `[ports]` | port = joints in the order of its encoders (degrees), "-": none; default: `joints`, all of the URDF |
 
 A skin's table (.csv) has a row for each taxel, its position and outward normal in a frame of the robot.  The iCub's
@@ -93,7 +94,7 @@ def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -
     left, right = read_icub_eyes(cameras[0]) if cameras else (LEFT_EYE, RIGHT_EYE)
     rig = StereoRig(left, right, robot.eye_poses)
     ports = toml.ports(robot)
-    return RobotSetup(robot, rig, read_skin(skin_files, robot), toml.home(robot), ports, tuple(ports))
+    return RobotSetup(robot, rig, toml.margins(read_skin(skin_files, robot)), toml.home(robot), ports, tuple(ports))
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class _Toml:
             reason = f"cannot be read as TOML: {first_line(error)}"
             raise InputError(file, reason, int(at[1]) if at else None) from error
         toml = cls(file, text.split("\n"), values)
-        valid_keys = ("urdf", "skin", "cameras", *_JOINTS, *_LINKS, *_EYES, "home_deg", "ports")
+        valid_keys = ("urdf", "skin", "cameras", *_JOINTS, *_LINKS, *_EYES, "home_deg", "margins", "ports")
         for key in values:
             if key not in valid_keys:
                 toml.refuse(key, f"one of {', '.join(valid_keys)}", "unknown key")
@@ -184,6 +185,15 @@ class _Toml:
                 self.refuse(joint, f"degrees from {low:.4g} to {high:.4g}", f"home_deg {angle!r} of")
             q[index] = np.deg2rad(angle)
         return robot.clamp(q)
+
+    def margins(self, skin: Skin) -> Skin:
+        """The skin with its parts' safety margins."""
+        margins = self.table("margins")
+        self.check_known("margins", margins, [part.name for part in skin.parts], "skin parts")
+        for part, factor in margins.items():
+            if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0 < factor < np.inf:
+                self.refuse(part, "a factor above 0", f"margin {factor!r} of")
+        return Skin(tuple(replace(part, margin=float(margins.get(part.name, 1.0))) for part in skin.parts))
 
     def ports(self, robot: Robot) -> dict[str, tuple[str, ...]]:
         ports = {port: self.words(port, names) for port, names in self.table("ports").items()}

@@ -50,8 +50,12 @@ class SkinPart:
     ids: tuple[int, ...]  # n numbers of taxels
     positions_m: Array  # (n, 3) in `frame`
     normals: Array  # (n, 3) unit normals in `frame`
+    margin: float = 1.0
+    """Factor of the safety margin (R: more about the face and the hands): objects count as this much nearer."""
 
     def __post_init__(self) -> None:
+        if not 0 < self.margin < np.inf:
+            raise ValueError(f"skin part {self.name}: margin {self.margin}, expected a factor above 0")
         if self.positions_m.shape != (len(self.ids), 3) or self.normals.shape != (len(self.ids), 3):
             raise ValueError(f"skin part {self.name}: {len(self.ids)} ids, expected as many positions and normals")
         lengths = np.linalg.norm(self.normals, axis=1)
@@ -74,6 +78,11 @@ class Skin:
     def part_index(self) -> NDArray[np.intp]:
         """(n,) number of each taxel's part."""
         return np.repeat(np.arange(len(self.parts)), [len(part.ids) for part in self.parts])
+
+    @cached_property
+    def margins(self) -> Array:
+        """(n,) factor of each taxel's safety margin."""
+        return np.repeat([part.margin for part in self.parts], [len(part.ids) for part in self.parts])
 
     def index(self, taxel_id: str) -> int:
         """Position of a taxel "part:id"; InputError for an unknown one."""

@@ -122,6 +122,14 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path):
     np.testing.assert_allclose(in_base.at(q).jacobian("palm"), alone.at(q).jacobian("palm"), atol=1e-12)
 
 
+def test_a_part_may_have_a_wider_margin(tmp_path):
+    for name in ("arm.urdf", "skin.csv"):
+        (tmp_path / name).write_text(ARM7.with_name(name).read_text())
+    (tmp_path / "robot.toml").write_text(ARM7.read_text() + "\n[margins]\nforearm = 2\n")
+    assert (read_robot(tmp_path / "robot.toml").skin.margins == 2).all()
+    assert (SETUP.skin.margins == 1).all()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -150,6 +158,12 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path):
         ),
         ("[home_deg]", '[ports]\narm = ["b1"]\n[home_deg]', r"unknown 'b1' in port arm; expected joints of a1, a2"),
         ("[home_deg]", "[ports]\narm = 3\n[home_deg]", r"no list of names: 3 of arm"),
+        ("[home_deg]", "[margins]\nhand = 2\n[home_deg]", r"unknown 'hand' in margins; expected skin parts of forearm"),
+        (
+            "[home_deg]",
+            "[margins]\nforearm = 0\n[home_deg]",
+            r"toml:11: margin 0 of forearm; expected a factor above 0",
+        ),
         ('skin = "skin.csv"\n', "", r"robot\.toml: no skin; expected urdf, skin, left_eye, right_eye"),
     ],
 )

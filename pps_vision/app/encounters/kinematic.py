@@ -167,7 +167,8 @@ def simulate_encounter(
     for track in tracks:
         t = track.stamp_s
         touched = felt(skin, believed_skin, touched_taxels(taxels, encounter.motion(t)[0], encounter.radius_m))
-        skin_frame = SkinFrame(t, believed_skin.taxel_ids, felt_at, normals, touched, [track], track.track_id)
+        perceived = believed_skin.taxel_ids, felt_at, normals, touched, [track], track.track_id, believed_skin.margins
+        skin_frame = SkinFrame(t, *perceived)
         learned, output = learner.step(field, learned, skin_frame)
         activations = output.activation.probability
         rates = act(activations, track, posture)

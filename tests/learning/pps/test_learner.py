@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from known_track import touched_on_course
+from tracks import track_at
 
 from learning.pps.buffer import EventBuffer, push, resample
-from learning.pps.learner import LearnerState, finish, miss, observe
+from learning.pps.learner import LearnerState, SkinFrame, finish, miss, observe, step
 from learning.pps.memory import MemoryParams, PPSMemory
-from pps_vision.robot.skin import icub_skin
+from learning.pps.receptive_field import NEAR
+from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import TaxelEvents
 
 SKIN = icub_skin(("left_palm",))
@@ -150,3 +153,20 @@ def test_refuses_a_stamp_that_does_not_advance_and_other_taxels():
             push(buffer, wrong)
     with pytest.raises(ValueError, match="a buffer without samples"):
         resample(EventBuffer(), np.arange(2))
+
+
+def test_a_part_with_a_wider_margin_expects_what_would_miss_another():
+    """A ball passes the palm at 3 cm; with twice the margin that counts as 1.5 cm."""
+    skin = Skin(tuple(replace(part, margin=factor) for part, factor in zip(SKIN.parts, (2.0,), strict=True)))
+    part = SKIN.parts[0]
+    center = part.positions_m[0] + (0.03 + 0.02) * part.normals[0]
+    across = np.cross(part.normals[0], [1.0, 0.0, 0.0])
+    track = track_at(center - 0.06 * across, 0.1 * across, radius_m=0.02)
+    highest = []
+    for margins in (SKIN.margins, skin.margins):
+        frame = SkinFrame(
+            0.0, SKIN.taxel_ids, part.positions_m, part.normals, np.zeros(4, bool), [track], margins=margins
+        )
+        highest.append(step(NEAR, LearnerState(touched_on_course(SKIN)), frame)[1].activation.probability[0])
+    assert highest[0] < 0.2
+    assert highest[1] > 0.6
