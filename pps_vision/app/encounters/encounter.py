@@ -173,12 +173,14 @@ class EncounterScene:
 
 def felt(surface: Skin, skin: Skin, touched: Mask) -> Mask:
     """Return the taxels (n,) of a `skin` that report touches of points (m,) of a surface: the same points, and all of
-    the hand for parts of the surface beyond the skin's, such as a stick in it."""
-    n = len(skin.taxel_ids)
-    reported = touched[:n].copy()
-    for k, part in enumerate(surface.parts[len(skin.parts) :], len(skin.parts)):
+    the hand for parts of the surface beyond the skin's, such as a stick in it; none of a place that it has learned."""
+    both = sum(a.name == b.name for a, b in zip(surface.parts, skin.parts, strict=False))
+    n = sum(len(part.ids) for part in skin.parts[:both])
+    reported = np.zeros(len(skin.taxel_ids), dtype=bool)
+    reported[:n] = touched[:n]
+    for k, part in enumerate(surface.parts[both:], both):
         if touched[surface.part_index == k].any():
-            reported |= np.array([skin.parts[i].frame == part.frame for i in skin.part_index])
+            reported[:n] |= np.array([skin.parts[i].frame == part.frame for i in skin.part_index[:n]])
     return reported
 
 

@@ -6,6 +6,7 @@ meets hazards to the surface.  Nothing tells it which surface it has.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -14,8 +15,8 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from learning.pps.learner import LearnerState, finish, miss, observe
-from learning.pps.memory import MemoryParams, PPSMemory, activation
-from learning.pps.receptive_field import NEAR, ReceptiveField
+from learning.pps.memory import PPSMemory, activation
+from learning.pps.tool import Tools, extend
 from pps_vision.app.encounters.encounter import (
     BEYOND_M,
     HARMLESS,
@@ -42,6 +43,7 @@ from pps_vision.app.simulation import SPEED_M_S as TRAINING_SPEED_M_S
 from pps_vision.experiments.encounters.controllers import unfinished_folder
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate, judged
+from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.skin import Skin, SkinPart, icub_skin
 from pps_vision.types import Track3D
 from rendering.names import StimulusName
@@ -55,10 +57,6 @@ PER_CONDITION = 4
 STICK_M = 0.15  # from the foremost taxel of the palm to the tip, along the fingers
 SLEEVE_M = 0.03
 RADIUS_ERROR_M = 0.02
-WIDE = ReceptiveField(base_radius_m=0.35, length_m=0.35, distance_to="surface")
-"""As far as a hand with a stick reaches; the counts say which part of it is peripersonal."""
-PARAMS = MemoryParams((-0.10, 0.35), bins=(12, 4, 12), sigma_bins=0.7, miss_range_m=(-0.04, 0.20))
-"""A memory that covers `WIDE`."""
 _STICK_POINTS = 5
 _AIMED_AT = ("stick:3", "stick:4")  # the stick's outermost 3 cm
 _TOUCH = approach(REACH_M["approach"])
@@ -74,6 +72,27 @@ _DRAWS = 6  # paths tried for a posture
 _LEAD_S = 0.5  # before the contact, at which the stick's receptive field is measured
 _AFTER = (0, 10, 25, 50)  # touches after which it is measured
 _GOAL = 80.0
+
+
+class Subject(NamedTuple):
+    """What a subject has learned."""
+
+    side: Side
+    memory: PPSMemory
+    tools: Tools
+
+    @classmethod
+    def naive(cls, side: Side) -> "Subject":
+        """Return a subject that has felt nothing."""
+        skin = bare().skins[side]
+        return cls(side, PPSMemory.empty(skin), Tools(skin))
+
+    @property
+    def scene(self) -> EncounterScene:
+        """The robot as the subject takes it to be."""
+        scene = copy(bare())
+        scene.skins = {**scene.skins, self.side: self.tools.extended}
+        return scene
 
 
 class SubjectTask(NamedTuple):
@@ -116,35 +135,29 @@ def subject_rows(task: SubjectTask, folder: Path | None = None) -> Rows:
     side: Side = get_args(Side)[task.subject % 2]
     true = world(side, task.case)
     rng = np.random.default_rng((task.seed, get_args(Case).index(task.case), task.subject))
-    memory = PPSMemory.empty(bare().skins[side], PARAMS)
+    subject = Subject.naive(side)
     probes = [trial_of(task.case, side, "through", rng) for _ in range(PER_CONDITION)] if task.case == "stick" else []
-    ahead = {"0": activation_ahead(memory, side, probes)}
+    ahead = {"0": activation_ahead(subject, probes)}
     for k in range(1, task.n_touches + 1):
         for condition, path in (("press", _TOUCH), ("harmless_passing", _PASS)):
-            memory = learned(memory, true, trial_of(task.case, side, condition, rng, path))  # type: ignore[arg-type]
+            subject = learned(subject, true, trial_of(task.case, side, condition, rng, path))  # type: ignore[arg-type]
         if k in _AFTER:
-            ahead[str(k)] = activation_ahead(memory, side, probes)
+            ahead[str(k)] = activation_ahead(subject, probes)
     rows: Rows = []
     for condition in _PATHS:
         for _ in range(PER_CONDITION):
             trial = trial_of(task.case, side, condition, rng)
             for name in CONTROLLERS:
-                is_ours = name == OURS
-                result = simulate_encounter(
-                    true,
-                    memory if is_ours else PPSMemory.constant(bare().skins[side]),
-                    trial.encounter,
-                    name,
-                    new_controller(name),
-                    trial.tracks,
-                    erring=(bare(), np.zeros(true.robot.n_joints)),
-                    field=WIDE if is_ours else NEAR,
-                )
+                memory = subject.memory if name == OURS else PPSMemory.constant(bare().skins[side])
+                believed = subject.scene if name == OURS else bare()
+                arguments = trial.encounter, name, new_controller(name), trial.tracks
+                erring = believed, np.zeros(true.robot.n_joints)
+                result = simulate_encounter(true, memory, *arguments, erring=erring)
                 rows.append({**asdict(result), "subject": task.subject, "case": task.case})
     if probes:
         for _ in range(2 * task.n_touches):
-            memory = learned(memory, bare(), trial_of(task.case, side, "through", rng))
-        ahead["without"] = activation_ahead(memory, side, probes)
+            subject = learned(subject, bare(), trial_of(task.case, side, "through", rng))
+        ahead["without"] = activation_ahead(subject, probes)
         rows.append({"ahead": ahead})
     return rows
 
@@ -198,22 +211,36 @@ def _seen(case: Case, track: Track3D) -> Track3D:
     return replace(track, radius_m=track.radius_m - RADIUS_ERROR_M) if case == "radius" else track
 
 
-def learned(memory: PPSMemory, true: EncounterScene, trial: Trial) -> PPSMemory:
-    """Return the memory after one more trial."""
+def learned(subject: Subject, true: EncounterScene, trial: Trial) -> Subject:
+    """Return the subject after one more trial: the first touch beyond its skin tells it of a tool."""
+    side, memory, tools = subject
+    for events in events_of(true, trial, None, None, believed=subject.scene):
+        beyond = events.touched[: len(tools.skin.taxel_ids)] & ~tools.own_touches(events)
+        if beyond.any():
+            track = next(track for track in trial.tracks if track.stamp_s == events.stamp_s)
+            part = int(tools.skin.part_index[beyond.argmax()])
+            T = bare().robot.at(trial.encounter.q_rad).T_root(tools.skin.parts[part].frame)
+            away = -track.velocity / np.linalg.norm(track.velocity)  # the object's foremost point touches
+            point = move_points(inverse(T), track.position - track.radius_m * away)
+            tools = tools.with_touch(part, point, T[:3, :3].T @ away)
+            memory = extend(memory, tools)
+            break
+    subject = Subject(side, memory, tools)
     state = LearnerState(memory)
-    for events in events_of(true, trial, None, None, WIDE, bare()):
-        state = observe(state, events)
-    return miss(finish(state)).memory
+    for events in events_of(true, trial, None, None, believed=subject.scene):
+        state = observe(state, tools.attributed(events))
+    return subject._replace(memory=miss(finish(state)).memory)
 
 
-def activation_ahead(memory: PPSMemory, side: Side, probes: Sequence[Trial]) -> float:
+def activation_ahead(subject: Subject, probes: Sequence[Trial]) -> float:
     """Return the mean over objects on their way to the stick of the highest activation half a second before contact."""
     highest = []
     for probe in probes:
         until_s = probe.encounter.contact_s - _LEAD_S
-        *_, events = (e for e in events_of(bare(), probe, None, None, WIDE, bare()) if e.stamp_s <= until_s)
+        seen = events_of(bare(), probe, None, None, believed=subject.scene)
+        *_, events = (e for e in seen if e.stamp_s <= until_s)
         miss_m = np.nan if events.miss_m is None else events.miss_m
-        highest.append(float(activation(memory, events.distance_m, events.ttc_s, miss_m).max()))
+        highest.append(float(activation(subject.memory, events.distance_m, events.ttc_s, miss_m).max()))
     return float(np.mean(highest)) if highest else np.nan
 
 
