@@ -73,6 +73,10 @@ class ColorModel:
         more likely belongs to the background."""
         return share(self.object, self.background)
 
+    def shows(self, pixels: Image) -> Mask:
+        """(h, w) whether pixels (h, w, 3) have colours of the object rather than of its surroundings."""
+        return np.take(self.table() > 0.5, color_bins(pixels))
+
     def backdrop(self) -> Mask:
         """(N_BINS,) whether a colour is more frequent in the surroundings than in the object."""
         likely: Mask = self.background > self.object + _NEVER_SEEN

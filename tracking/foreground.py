@@ -4,7 +4,7 @@ The background is the mean image of the static scene at an anchor, the camera's 
 to the current pose, which is the anchor itself as long as the camera rests.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum, color_diffe
 from tracking.masks import Box, BoxPx
 
 _SAMPLES = 20  # per row and column, of brightness, noise and distance
+_EDGE_PX = 4  # within which smoothing mixes colours
 _STRIP = 64  # rows of the background that are updated together
 _UNCOVERED = 0.35  # share of an edge across which the background changes more than the image, of a place left
 _INVERSE_DISTANCES = np.linspace(0, 2, 11)  # of the static scene, 1/m
@@ -181,12 +182,21 @@ class Background:
         self._measured = None
         self.is_known = True
 
-    def invalidate_mask(self, image: Image, view: View, mask: Mask, box: Box) -> None:
-        """Mark the background as unknown where an object, a mask (h, w) of a box, equals it.
+    def invalidate_mask(
+        self, image: Image, view: View, mask: Mask, box: Box, is_alike: Callable[[Pixels], Mask]
+    ) -> None:
+        """Mark the background as unknown where the object may have been at rest during learning: where it, a mask
+        (h, w) of a box, equals the background, and where the background has its colours and the image does not.
 
-        The object may have been at rest there during learning."""
-        if self.rests(view):
-            self._mean[box[1] : box[3], box[0] : box[2]][mask & ~self.differs(image, view, box)] = 0
+        Args:
+            is_alike: Pixels (h, w, 3) → mask (h, w) of the object's colours.
+        """
+        if not self.rests(view):
+            return
+        learned = self._mean[box[1] : box[3], box[0] : box[2]]
+        differs = self.differs(image, view, box)
+        former = masks.dilated(masks.hull(masks.opened(is_alike(learned) & differs, 1)), _EDGE_PX)
+        learned[(mask & ~differs) | ((mask | differs) & former)] = 0
 
     def invalidate(self, image: Image, view: View, box_px: BoxPx) -> None:
         """Mark the background as unknown behind an object's box and in the foreground within two box sizes: the object

@@ -56,6 +56,7 @@ _ERRORS = 3.0  # standard deviations of that ratio below its mean from which par
 _OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
 _OFF_PX = 1.5
 _BESIDE = 1.22  # distance from the object's centre, in object sizes, from which foreground is another's
+_THIN_PX = 2  # half the width of foreground that hides nothing, such as the rim of a shadow or of what moved
 _FREE = 0.05  # foreground around a whole object, at most
 _LARGER = 0.02  # excess of the radius at the visible edge over the mask's, of a disc that is partly hidden
 _LARGER_PX = 0.4
@@ -257,7 +258,8 @@ class ImageTracker:
                 return None
             outline = self._completed(image, examined, outline)
         elif around > _FREE:
-            outline = beside_foreground(outline, around)
+            hiding = masks.opened(examined.covered, _THIN_PX)
+            outline = beside_foreground(outline, masks.foreground_around(mask, hiding))
         ratio = outline.angular_radius_rad / target.angle_rad
         is_free = examined.covered[mask].mean() > 0.5 and around < _FREE
         may_be_smaller = is_free if target.silhouette else outline.is_disc and not target.is_size_known

@@ -132,6 +132,15 @@ def contour(mask: Mask) -> NDArray[np.int32]:
     return np.asarray(max(contours, key=len)[:, 0], np.int32)
 
 
+def hull(mask: Mask) -> Mask:
+    """The convex hull of a mask."""
+    whole = np.zeros(mask.shape, np.uint8)
+    points = cv2.findNonZero(mask.view(np.uint8))
+    if points is not None:
+        cv2.fillConvexPoly(whole, cv2.convexHull(points), (1,))
+    return whole.view(bool)
+
+
 def solidity(mask: Mask) -> float:
     """Share of its convex hull that a connected mask fills."""
     hull = cv2.convexHull(contour(mask))

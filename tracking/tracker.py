@@ -493,7 +493,8 @@ class Tracker:
             for tracker, camera, candidate in zip(self._cameras, cameras, pair, strict=True):
                 outline = candidate.outline
                 if by_color:
-                    tracker.background.invalidate_mask(camera.image, camera.view, candidate.mask, candidate.box)
+                    place = camera.image, camera.view, candidate.mask, candidate.box
+                    tracker.background.invalidate_mask(*place, candidate.model.shows)
                 silhouette = candidate.silhouette
                 if silhouette is None and not outline.is_partial and not outline.is_disc:
                     silhouette = candidate.mask, candidate.box

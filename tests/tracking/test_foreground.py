@@ -152,6 +152,26 @@ def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng):
     assert np.count_nonzero(wall) < 42 * 32 + 4 * 18**2
 
 
+def test_the_place_that_a_new_object_has_left_is_known_no_more_and_its_holder_is_foreground(rng):
+    """A red object rested at x = 100 while the wall was learned; at 130 it is held by a grey hand."""
+    background = new_background()
+    red = (200, 30, 30)
+    before, now = draw(rng), draw(rng)
+    before[90:130, 100:150] = red
+    now[90:130, 130:180] = red
+    now[130:160, 140:170] = (90, 90, 90)
+    background.update(before, VIEW, 0.0)
+    box = (80, 70, 200, 180)
+    mask = np.zeros((110, 120), bool)
+    mask[20:60, 50:100] = True
+    background.invalidate_mask(now, VIEW, mask, box, lambda pixels: pixels[..., 0] > pixels[..., 1] + 100)
+    known = background.knows(VIEW, box)
+    assert not known[20:60, 20:50].any()
+    assert known[65:85, 62:88].all()
+    assert background.differs(now, VIEW, box)[65:85, 62:88].all()
+    assert known[:12].all()
+
+
 def turned(k: int, deg: float = 1.0) -> View:
     """View k of an eye that turns by `deg` from one image to the next."""
     return View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, np.deg2rad(deg) * k, 0.0]))[0]))
