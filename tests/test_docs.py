@@ -95,6 +95,13 @@ def test_points_of_another_detector(workdir, capsys):
     assert (workdir / "points" / "report.html").is_file()
 
 
+def test_clocks(workdir, capsys):
+    run("docs/howto/clock.md")
+    said = capsys.readouterr().out
+    assert said.count("unobservable, all moves at a constant rate across the epipolar lines") == 2
+    assert np.median(errors_mm(workdir / "corrected" / "trajectory.csv")) < 10
+
+
 @pytest.mark.long
 def test_a_calibration_by_hand(workdir, capsys):
     run("docs/howto/calibration.md")
