@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from pps_vision.experiments.stages import (
     arm,
     batches,
+    clock,
     filter,
     image_tracker,
     orders,
@@ -34,6 +35,7 @@ class Stages(PartsStudy, TrackingStudy):
         "filter": Part(filter.run, filter.chart),
         "orders": Part(orders.run, orders.chart, orders.table),
         "points": Part(points.run, points.chart, points.table),
+        "clock": Part(clock.run, clock.chart, clock.table),
         "arm": Part(arm.run, arm.chart),
         "solvers": Part(solvers.run, solvers.chart),
         "rendering": Part(rendering.run, rendering.chart),
