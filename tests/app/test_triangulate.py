@@ -144,6 +144,15 @@ def test_sleaps_analysis_file(tmp_path, calib):
     assert np.abs(path.position - truth[:, 1]).max() < 1e-4
 
 
+def test_deeplabcuts_h5_holds_pickles_and_is_refused_with_a_way_out(tmp_path, calib):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "l.h5", "w") as file:  # as pandas writes it
+        rows = np.zeros(3, [("index", "<i8"), ("values_block_0", "<f8", (6,))])
+        file.create_group("df_with_missing").create_dataset("table", data=rows)
+    with pytest.raises(pv.InputError, match="analyze_videos_converth5_to_csv"):
+        pv.triangulate(tmp_path / "l.h5", tmp_path / "l.h5", calib=calib, fps=FPS)
+
+
 def noisy(tmp_path: Path, kind: str, n: int = 500, seed: int = 5) -> tuple[list[Path], np.ndarray]:
     """Tables of points with errors of 0.5 px, 10 % of them outliers, and their truth."""
     rng = np.random.default_rng(seed)
