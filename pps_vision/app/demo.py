@@ -91,6 +91,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         page.write_page(
             folder,
             "Vision predicts the touch, the arm avoids it",
+            f"{_outcome(logs)} "
             f"A simulated iCub with rendered eye views of 320×240 pixels, pixel noise σ = {noise:g}/255, seed {seed}. "
             "The skin was trained with a ball and a cube. The octopus is new.",
             page.video(folder / "demo.mp4"),
@@ -149,6 +150,16 @@ def drawn(scene: SimulationScene, row: SimulationStep, title: str) -> Image:
         flash(image)
     draw_legend(image)
     return image
+
+
+def _outcome(logs: Sequence[EpisodeLog]) -> str:
+    """What happened, in a sentence for each episode."""
+    said = []
+    for log in logs:
+        touched = "it touched the arm" if log.was_touched else "it did not touch the arm"
+        moved = "which moved" if log.was_commanded else "which stayed"
+        said.append(f"{log.title[0].upper()}{log.title[1:]}: {touched}, {moved}.")
+    return " ".join(said)
 
 
 def _numbers(log: EpisodeLog) -> dict[str, object]:

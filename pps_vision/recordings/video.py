@@ -128,6 +128,8 @@ class Video:
                 here.index, here.last = next(here.frames)
             if here.index == index and isinstance(here.last, Decoded):
                 here.last = self._pixels(here.last, here.to_rgb)
+            if here.index == len(self.pts) - 1:  # a recording may have many files
+                here.frames = iter(())
         except StopIteration:  # as for all that come after it
             here.index, here.last = index, "is missing"
         except (av.error.FFmpegError, OSError, ValueError, MemoryError) as error:

@@ -289,9 +289,8 @@ def test_shards_of_which_two_are_killed_and_run_again(tmp_path, calib):
     (tmp_path / "bin").mkdir()
     video = write_video(tmp_path / "bin" / "video.mp4", [k / 20 for k in range(4)])
     for k in range(200):
-        (tmp_path / f"{k:03}.mp4").symlink_to(video)
+        shutil.copy(video, tmp_path / f"{k:03}.mp4")
     for k in (17, 108):
-        (tmp_path / f"{k:03}.mp4").unlink()
         (tmp_path / f"{k:03}.mp4").write_bytes(b"no video")
     program = tmp_path / "bin" / "pps-vision"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m pps_vision "$@"\n')
@@ -311,7 +310,7 @@ def test_shards_of_which_two_are_killed_and_run_again(tmp_path, calib):
     for numbers in ((1, 2, 3, 4), (5, 6, 7, 8)):
         running = [shard(number) for number in numbers]
         n = n_results()
-        while n_results() < n + 25:
+        while n_results() < n + 25 and running[1].poll() is None:
             time.sleep(0.1)
         running[1].kill()  # shards 2 and 6
         codes += [process.wait() for process in running]

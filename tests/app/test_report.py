@@ -87,7 +87,9 @@ def test_the_tables_of_a_report(tmp_path):
         ["seed", "3"],
         ["device", "–"],
     ]
-    assert "37 of 40 stereo pairs measured, 40 rows, object 60.1 mm across (95 %: 58.1–62)" in text
+    assert "37 of 40 stereo pairs measured (92 %), " in text
+    assert "object 60.1 mm across (95 %: 58.1–62)</dd>" in text
+    assert "<dt>How exact?</dt><dd>3.14 mm from the truth (RMS), by its own covariance ± " in text
     assert f"<title>{summary['source']}</title>" in text
     for warning in ("l.mp4 ends early", "skipped: 3 image", "cameras that are said to be fixed turned by 1.3°"):
         assert warning in text
@@ -120,7 +122,7 @@ def test_names_are_text_and_links_lead_to_files(tmp_path):
     links = [dict(attributes)["href"] for tag, attributes in page.tags if tag == "a"]
     assert [os.fsdecode(unquote_to_bytes(link)) for link in links] == [f"{name}/report.html" for name in ODD_NAMES]
     assert {urlsplit(link)._replace(path="") for link in links} == {urlsplit("")}
-    expected = "html meta title style h1 h2 p ul li table tr th td a img pre"
+    expected = "html meta title style h1 h2 p ul li div table tr th td a img pre"
     assert {tag for tag, _ in page.tags} <= set(expected.split())
     assert "49" not in page.text
 

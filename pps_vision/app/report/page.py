@@ -29,11 +29,17 @@ video,img{max-width:100%;height:auto} video{width:100%;background:#111;border-ra
 table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
 th,td{padding:.3rem .8rem;border-bottom:1px solid #ddd;text-align:right} th:first-child,td:first-child{text-align:left}
 p.lead{color:#555;margin-top:0} pre{background:#f4f4f4;padding:.6rem;white-space:pre-wrap;overflow-wrap:anywhere}
-ul.warnings{background:#fff3dc;border-left:4px solid #e0a020;padding:.6rem 1rem .6rem 2rem}
+dl.answers{display:grid;grid-template-columns:max-content 1fr;gap:.4rem 1.2rem;margin:1rem 0}
+dt{font-weight:600} dd{margin:0}
+ul.warnings{margin:0;background:#fff3dc;border-left:4px solid #e0a020;padding:.6rem 1rem .6rem 2rem}
+div.wide{overflow-x:auto}
+@media (max-width:45rem){
+dl.answers{grid-template-columns:1fr} dl.answers dt{margin-top:.5rem} div.wide img{max-width:none;width:44rem}}
 """
 _PAGE = """
 <!doctype html><html lang="en"><meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="{{ policy }}">
+<meta name="viewport" content="width=device-width">
 <title>{{ title }}</title><style>{{ style }}</style>
 <h1>{{ title }}</h1><p class="lead">{{ lead }}</p>{{ opening }}
 {% for name, text, body in sections %}<h2>{{ name }}</h2><p>{{ text }}</p>{{ body }}{% endfor %}
@@ -43,8 +49,8 @@ _POLICY = (
     "base-uri 'none'; form-action 'none'"
 )
 _TABLE = """
-<table><tr>{% for cell in header %}<th>{{ cell }}</th>{% endfor %}</tr>
-{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table>"""
+<div class="wide"><table><tr>{% for cell in header %}<th>{{ cell }}</th>{% endfor %}</tr>
+{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table></div>"""
 _TEMPLATES = Environment(autoescape=True, undefined=StrictUndefined)
 
 Section = tuple[str, str, str]
@@ -70,10 +76,10 @@ def picture(content: bytes, kind: str, name: str = "") -> Markup:
 
 
 def image(figure: Figure) -> Markup:
-    """A figure as an HTML fragment."""
+    """A figure as an HTML fragment; on a narrow screen it is moved sideways."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
-    return picture(buffer.getvalue(), "png")
+    return fragment('<div class="wide">{{ image }}</div>', image=picture(buffer.getvalue(), "png"))
 
 
 def video(path: Path) -> Markup:

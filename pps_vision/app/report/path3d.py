@@ -39,6 +39,11 @@ for(const line of data.lines){c.strokeStyle=line.color;c.lineWidth=line.width;c.
 for(const p of line.points){if(p===null){down=false;continue;}const q=at(p);
 if(down)c.lineTo(q[0],q[1]);else c.moveTo(q[0],q[1]);down=true;}c.stroke();}
 }
+let across=1e-9,up=1e-9;
+for(const line of [...data.lines,{points:data.axes.map(a=>a.to)}])for(const p of line.points)if(p){
+const q=turn([p[0]-data.center[0],p[1]-data.center[1],p[2]-data.center[2]]);
+across=Math.max(across,Math.abs(q[0]));up=Math.max(up,Math.abs(q[1]));}
+zoom=0.95*data.size*Math.min(canvas.width/across,canvas.height/up)/Math.min(canvas.width,canvas.height);
 canvas.addEventListener("pointerdown",e=>{drag=[e.clientX,e.clientY];canvas.setPointerCapture(e.pointerId);});
 canvas.addEventListener("pointermove",e=>{if(!drag)return;yaw+=(e.clientX-drag[0])/150;pitch+=(e.clientY-drag[1])/150;
 drag=[e.clientX,e.clientY];draw();});

@@ -36,6 +36,13 @@ _MOST_NAMES = 80  # recordings of a batch that are named in its figure
 _WARNINGS = """
 {% if warnings %}<ul class="warnings">{% for text in warnings %}<li>{{ text }}</li>{% endfor %}</ul>
 {% else %}<p>No warnings.</p>{% endif %}"""
+_ANSWERS = """
+<dl class="answers"><dt>Did it work?</dt><dd>{{ worked }}</dd><dt>How exact?</dt><dd>{{ exact }}</dd>
+<dt>What to distrust?</dt><dd>{{ warnings }}</dd></dl>"""
+_UNNOTICED = (
+    "Nothing was noticed. A calibration of the wrong scale shows in none of these numbers: compare the object's size "
+    "with a ruler."
+)
 _LARGEST_VIDEO = 20 * 2**20
 
 
@@ -214,11 +221,41 @@ def write_report(folder: Path) -> None:
         ("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
         ("To repeat it", "", _repeat(summary.get("command", ""), settings | summary.get("versions", {}))),
     ]
-    lead = f"{_measured(summary)}, {len(tracked.stamps_s)} rows"
+    warnings = _warnings_of(summary)
+    answers = page.fragment(
+        _ANSWERS,
+        worked=_worked(summary),
+        exact=_exact(summary, tracked.cov[is_finite]),
+        warnings=_opening(warnings) if warnings else _UNNOTICED,
+    )
+    page.write_page(folder, summary["source"], "", answers, sections, PATH_SCRIPT)
+
+
+def _worked(summary: TrackSummary) -> str:
+    """How much was tracked, and what."""
+    status = summary["status"]
+    parts = [f"{_measured(summary)} ({100 * status.get('tracking', 0) / summary['frames']:.0f} %)"]
+    if coasting := status.get("coasting"):
+        parts.append(f"{coasting} predicted")
+    if len(tracks := summary.get("tracks", ())) > 1:
+        parts.append(f"{len(tracks)} tracks")
     if size := summary.get("object"):
         interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
-        lead += f", object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})"
-    page.write_page(folder, summary["source"], lead, _opening(_warnings_of(summary)), sections, PATH_SCRIPT)
+        parts.append(f"object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})")
+    return ", ".join(parts)
+
+
+def _exact(summary: TrackSummary, cov: Array) -> str:
+    """True and stated errors, and whether both cameras agree; `cov` (n, 3, 3) of the known positions, m²."""
+    parts = []
+    if (rms_mm := summary.get("errors", {}).get("position_rms_mm")) is not None:
+        parts.append(f"{rms_mm:.3g} mm from the truth (RMS)")
+    if len(cov):
+        worst_mm = 1960 * np.sqrt(np.median(np.linalg.eigvalsh(cov)[:, -1]))
+        parts.append(f"by its own covariance ± {worst_mm:.2g} mm in the most uncertain direction (95 %, median)")
+    if (residual_px := summary.get("residual_px")) is not None:
+        parts.append(f"both cameras agree within {residual_px:.2g} px (median)")
+    return ", ".join(parts) or "No position is known."
 
 
 def _measured(summary: TrackSummary) -> str:
