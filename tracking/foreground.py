@@ -186,12 +186,24 @@ class Background:
         self, image: Image, view: View, mask: Mask, box: Box, is_alike: Callable[[Pixels], Mask]
     ) -> None:
         """Mark the background as unknown where the object may have been at rest during learning: where it, a mask
-        (h, w) of a box, equals the background, and where the background has its colours and the image does not.
+        (h, w) of a box, equals the background, and where the background has its colours and the image does not; if the
+        camera has moved since, where the background has its colours.
 
         Args:
             is_alike: Pixels (h, w, 3) → mask (h, w) of the object's colours.
         """
+        if not self.is_known:
+            return
         if not self.rests(view):
+            corners = self._ego.camera.bearings(np.array([(x, y) for x in box[::2] for y in box[1::2]], float))
+            at_anchor = self._ego.project(corners, self._anchor, view, self._inverse_distance)
+            if np.isnan(at_anchor).any():
+                return
+            x0, y0, x1, y1 = np.rint([*at_anchor.min(axis=0), *at_anchor.max(axis=0)]).astype(int).tolist()
+            x0, y0, x1, y1 = masks.clipped((x0, y0, x1, y1), image.shape[1], len(image))
+            if x0 < x1 and y0 < y1:
+                learned = self._mean[y0:y1, x0:x1]
+                learned[masks.dilated(masks.opened(is_alike(learned), 1), _EDGE_PX)] = 0
             return
         learned = self._mean[box[1] : box[3], box[0] : box[2]]
         differs = self.differs(image, view, box)

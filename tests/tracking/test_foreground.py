@@ -172,6 +172,26 @@ def test_the_place_that_a_new_object_has_left_is_known_no_more_and_its_holder_is
     assert known[:12].all()
 
 
+def test_its_place_is_known_no_more_when_the_eye_has_turned_since(rng):
+    """A red object is learned, and found with the eye turned by 3°, 21 px to the right."""
+    background = new_background()
+    before = draw(rng)
+    before[90:130, 100:150] = (200, 30, 30)
+    background.update(before, VIEW, 0.0)
+    view = turned(3)
+    shift = round(float(view.project(VIEW.center + VIEW.rays(np.array([125.0, 110.0])))[0]) - 125)
+    assert abs(shift) > 10
+    box = (80 + shift, 70, 170 + shift, 150)
+    mask = np.zeros((80, 90), bool)
+    is_red = lambda pixels: pixels[..., 0] > pixels[..., 1] + 100  # noqa: E731
+    background.invalidate_mask(draw(rng), view, mask, box, is_red)
+    known = background.knows(VIEW, WHOLE)
+    assert not known[92:128, 102:148].any()
+    assert np.count_nonzero(~known) < 60 * 70
+    background.invalidate_mask(draw(rng), view, mask, (-900, 0, -800, 80), is_red)
+    assert np.count_nonzero(~background.knows(VIEW, WHOLE)) == np.count_nonzero(~known)
+
+
 def turned(k: int, deg: float = 1.0) -> View:
     """View k of an eye that turns by `deg` from one image to the next."""
     return View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, np.deg2rad(deg) * k, 0.0]))[0]))
