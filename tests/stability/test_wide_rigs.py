@@ -64,6 +64,12 @@ def test_cameras_that_face_each_other_in_a_hall_are_no_mistaken_unit():
     assert "another calibration or --unit-m" in info(wrong).warnings[0]
 
 
+@pytest.mark.parametrize("seed", [9002, 9009])
+def test_points_of_the_scene_fit_cameras_that_are_rolled(seed):
+    """By 90 or 180° to each other; SIFT features a quarter of a pixel off would be told as a wrong calibration."""
+    assert info(recording(WideFilm("rolled", seed, frames=2))).warnings == ()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_of_60_films_57_are_right_and_none_is_warned_of(kind: Kind):
