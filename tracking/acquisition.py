@@ -16,11 +16,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import StereoView, View
+from pps_vision.geometry.camera import StereoView
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
+from tracking.camera_pose import OwnBody
 from tracking.foreground import Background, Foreground
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
 from tracking.masks import Box, BoxPx
@@ -28,8 +29,6 @@ from tracking.motion_trigger import Flow2D, MotionTrigger, Region2D, TriggerPara
 from tracking.outline import Optics, Outline, fit_outline, fit_visible_disc
 from tracking.stereo import Association, CameraFrame, CameraFrames
 
-OwnBody = Callable[[Array, View], Mask]
-"""Joints (rad) and the view of a camera → mask (H, W) of the robot's own body."""
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
 Backgrounds = tuple[Background, Background]
 FollowedBoxes = tuple[Sequence[BoxPx], Sequence[BoxPx]]  # of objects in the left and the right image

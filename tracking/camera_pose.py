@@ -8,6 +8,7 @@ the error of the nominal pose; corners on moving objects are outliers.
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -57,6 +58,8 @@ _NOISE_PX = 0.05  # noise of a rotation between two images, per axis
 _SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise is worth
 _SURE_PX = 0.03  # a delay whose error shifts the image by less is measured every `_SELDOM_S`
 _SELDOM_S = 1.0
+OwnBody = Callable[[Array, View], Mask]
+"""Joints (rad) and the view of a camera → mask (H, W) of the robot's own body."""
 Joints = tuple[Array, Array]  # (n,) rad, at the left and the right image
 
 
@@ -72,12 +75,16 @@ class Misalignment(NamedTuple):
 class Reference:
     """Reference image: its corners and its pose."""
 
-    def __init__(self, camera: Camera, image: Image, T_root_camera: Array) -> None:
+    def __init__(self, camera: Camera, image: Image, T_root_camera: Array, own_body: Mask | None = None) -> None:
         self._scale = max(1, round(camera.width / _WIDTH_PX))
         self._camera = _reduced(camera, self._scale)
         self.T_root_camera = T_root_camera
         self._grey = self._reduced(image)
-        features = cv2.goodFeaturesToTrack(self._grey, _MAX_POINTS, _QUALITY, _APART_PX)
+        scene = None  # without corners of the robot's own body
+        if own_body is not None:
+            size = self._grey.shape[1], self._grey.shape[0]
+            scene = np.asarray(cv2.resize((~own_body).view(np.uint8), size, interpolation=cv2.INTER_NEAREST))
+        features = cv2.goodFeaturesToTrack(self._grey, _MAX_POINTS, _QUALITY, _APART_PX, mask=scene)
         corners = np.empty((0, 1, 2), np.float32) if features is None else np.asarray(features, np.float32)
         for patch in _PATCHES:
             self._keep_sharp(image, corners, patch)
@@ -377,12 +384,13 @@ class PoseEstimator:
     Args:
         rig: The cameras, and their nominal poses.
         stamp_error_s: Standard deviation of the time by which joints are late, before any image; 0: never.
+        own_body: Masks the robot's own body, which is not scene; None: it is not seen.
     """
 
-    def __init__(self, rig: StereoRig, stamp_error_s: float) -> None:
+    def __init__(self, rig: StereoRig, stamp_error_s: float, own_body: OwnBody | None = None) -> None:
         self._rig = rig
         self._fixed = _FixedRig()
-        self._late = _LateJoints(rig, stamp_error_s) if stamp_error_s > 0 else None
+        self._late = _LateJoints(rig, stamp_error_s, own_body) if stamp_error_s > 0 else None
 
     def step(self, frame: StereoFrame) -> CameraPoses:
         """The poses at which the images of a frame were taken."""
@@ -494,8 +502,9 @@ class _LateJoints:
     variance of this mixture.
     """
 
-    def __init__(self, rig: StereoRig, prior_std_s: float) -> None:
+    def __init__(self, rig: StereoRig, prior_std_s: float, own_body: OwnBody | None) -> None:
         self._rig = rig
+        self._own_body = own_body
         self._prior = np.diag([prior_std_s**-2, ROOM_STD**-2])
         self._prior_std_s = prior_std_s
         self._information = np.zeros((2, 2))
@@ -569,7 +578,9 @@ class _LateJoints:
         is_sure = self.std_s * math.hypot(*rate) * view.camera.focal_px < _SURE_PX
         if is_sure and stamp_s - self._measured_s < _SELDOM_S:
             return
-        self._reference = (Reference(view.camera, image, view.T_root_camera), rate, stamp_s)
+        joints = self._past[-1][2][self._eye]
+        own_body = None if self._own_body is None else self._own_body(joints, view)
+        self._reference = (Reference(view.camera, image, view.T_root_camera, own_body), rate, stamp_s)
 
     def _update(self, measured: Misalignment, change: Array, stamp_s: float) -> None:
         """Update the delay by a rotation: the delay times a `change` (3,) of angular velocity, plus parallax."""

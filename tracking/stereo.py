@@ -35,6 +35,7 @@ _SQUARE = math.pi / 3 - 1  # non-circularity of a square
 # across the line of sight, as a share of that.  Chosen on 63 starts in simulation (seed 6001), judged on 200 others.
 _CONTOUR = 0.18
 _OBLIQUE = 0.3
+_STEADY = 0.8  # share of the variance by stale joints that stays from image to image, as the velocity of the head does
 
 Refusal = Literal["size", "point behind the cameras", "epipolar gate", "distance"]
 """Reason why two outlines do not show one object: ratio of the radii at its distances, intersection of their lines of
@@ -325,15 +326,12 @@ def with_pose_error(
     """Return the observation with the error that stale joints add to its covariance.
 
     While the head turns, joints that are off by `stamp_error_s` (a standard deviation) shift a resting object by its
-    apparent velocity times that.
+    apparent velocity times that.  It changes from image to image as the head's velocity does.
     """
     off_m = stamp_error_s * apparent_velocity(previous, view, observation.p_root, dt_s)
     pose_cov = np.outer(off_m, off_m)
-    return replace(
-        observation,
-        cov_root=observation.cov_root + pose_cov,
-        correlated_cov_root=observation.correlated_cov_root + pose_cov,
-    )
+    correlated = observation.correlated_cov_root + _STEADY * pose_cov
+    return replace(observation, cov_root=observation.cov_root + pose_cov, correlated_cov_root=correlated)
 
 
 def with_velocity_error(
