@@ -203,7 +203,7 @@ class Background:
             x0, y0, x1, y1 = masks.clipped((x0, y0, x1, y1), image.shape[1], len(image))
             if x0 < x1 and y0 < y1:
                 learned = self._mean[y0:y1, x0:x1]
-                learned[masks.dilated(masks.opened(is_alike(learned), 1), _EDGE_PX)] = 0
+                learned[masks.opened(is_alike(learned), 1)] = 0
             return
         learned = self._mean[box[1] : box[3], box[0] : box[2]]
         differs = self.differs(image, view, box)

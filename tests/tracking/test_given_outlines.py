@@ -164,7 +164,8 @@ HEAD = StereoRig(CAMERA, CAMERA, turned)
 
 
 def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain():
-    """Where a resting thing seems to be goes with the head: ω × (p - c) times the delay's standard deviation."""
+    """Where a resting thing seems to be goes with the head: ω × (p - c) times the delay's standard deviation; four fifths
+    of the variance stay from image to image."""
     joints = [np.array([0.02 * k]) for k in range(2)]
     views = [HEAD.view(q) for q in joints]
     shapes = [(seen(view.left, P), seen(view.right, P)) for view in views]
@@ -173,8 +174,9 @@ def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain():
         for std_s in (0.0, 0.02)
     )
     off_m = 0.02 * np.cross([0.0, 0.0, 0.02 / DT], P - CENTER)
-    for more in (late.cov_root - exact.cov_root, late.correlated_cov_root - exact.correlated_cov_root):
-        np.testing.assert_allclose(more, np.outer(off_m, off_m), atol=0.03 * off_m @ off_m)
+    correlated = late.correlated_cov_root - exact.correlated_cov_root
+    for more, share in ((late.cov_root - exact.cov_root, 1.0), (correlated, 0.8)):
+        np.testing.assert_allclose(more, share * np.outer(off_m, off_m), atol=0.03 * off_m @ off_m)
 
 
 AHEAD = rotation_to([-0.6, 0.5, 0.4])
