@@ -164,8 +164,8 @@ HEAD = StereoRig(CAMERA, CAMERA, turned)
 
 
 def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain():
-    """Where a resting thing seems to be goes with the head: ω × (p - c) times the delay's standard deviation; four fifths
-    of the variance stay from image to image."""
+    """Where a resting thing seems to be goes with the head: ω × (p - c) times the delay's standard deviation; of the
+    variance four fifths stay from image to image."""
     joints = [np.array([0.02 * k]) for k in range(2)]
     views = [HEAD.view(q) for q in joints]
     shapes = [(seen(view.left, P), seen(view.right, P)) for view in views]

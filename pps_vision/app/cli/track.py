@@ -32,7 +32,6 @@ class Track(TrackOptions, RecordingSource):
         """Track the recording, write all files at once, and print the main results and skipped items."""
         from tqdm import tqdm
 
-        from pps_vision.app.clock import clocks, corrected
         from pps_vision.app.progress import progress
         from pps_vision.app.track import following, track, tracker_params
         from pps_vision.app.track_files import Extras, TrackFiles, diagnosis_of, headline, summary
@@ -44,8 +43,11 @@ class Track(TrackOptions, RecordingSource):
         self._check_robot_options(self.rec is not None, "with --left and --right; expected it with REC")
         with whole_folder(self.out) as folder:
             recording = self.open()
-            late = clocks(recording) if self.clock == "auto" else None
-            if late:
+            late = None
+            if self.clock == "auto":
+                from pps_vision.app.clock import clocks, corrected  # loads SciPy's splines
+
+                late = clocks(recording)
                 recording = corrected(recording, late)
             has_robot = recording.robot is not None
             self._check_robot_options(has_robot, "without a robot; expected it with an iCub's REC")
