@@ -325,9 +325,7 @@ class Foreground:
         touching = np.isin(labels, np.unique(np.asarray(labels)[colored & differs])) & differs
         if not touching.any():
             return False
-        hull = np.zeros(differs.shape, np.uint8)
-        cv2.fillConvexPoly(hull, cv2.convexHull(np.argwhere(touching)[:, ::-1].astype(np.int32)), (1,))
-        return bool(np.count_nonzero(hull.view(bool) & colored) >= masks.SOLID * np.count_nonzero(colored))
+        return bool(np.count_nonzero(masks.hull(touching) & colored) >= masks.SOLID * np.count_nonzero(colored))
 
     def shows_the_object(self, colored: Mask, moved: Mask) -> bool:
         """Whether a colour region (h, w) is the object of the foreground `moved` (h, w): both are nearly equal, or the
