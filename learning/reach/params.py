@@ -6,6 +6,7 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import DirectionCoverage, Measure, TwoStageParams
 
 MAP = "reachable-space map"
@@ -19,6 +20,12 @@ class ArmLimits:
 
     lower_rad: tuple[float, ...] = (-95 * _DEG, 0.0, -20 * _DEG, 15 * _DEG)
     upper_rad: tuple[float, ...] = (10 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG)
+
+    @classmethod
+    def of(cls, robot: Robot, side: str) -> "ArmLimits":
+        """The limits of all joints of an arm by the robot's URDF."""
+        joints = robot.indices(robot.names.arm(side))
+        return cls(tuple(robot.lower_rad[joints].tolist()), tuple(robot.upper_rad[joints].tolist()))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """The demos: learn in simulation which approaches touch, then avoid a new object; and encounters, side by side without
 and with avoidance: the best, the median and every failed one."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from control.avoidance import AvoidanceParams
 from learning.pps.memory import PPSMemory, save_memory
 from learning.reach.map import ReachableMap
-from learning.reach.params import MapParams
+from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app import versions
 from pps_vision.app.encounters.encounter import HAZARDS, EncounterScene, draw
@@ -42,12 +43,13 @@ from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
 from pps_vision.recordings import REPORT, SUMMARY
 from pps_vision.recordings.atomic_write import whole_folder, write_json
+from pps_vision.recordings.robot_file import read_robot
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array, Image, ReachStatus, Status
 
-_TAXEL = "left_forearm:3"
+_TAXEL = 2  # of the trained ones; the octopus comes at it
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
 _FEWEST_SAMPLES = 50  # before touches, of a taxel whose landscape is shown
@@ -72,14 +74,17 @@ _COLUMNS = {
 }
 
 
-def demo(out: Path, trials: int, noise: float, seed: int) -> None:
+def demo(out: Path, trials: int, noise: float, seed: int, robot: Path | None = None) -> None:
     """Train, run the episodes, and write the report; arguments as of `pps-vision demo`."""
-    with whole_folder(out) as folder, open_scene(noise, seed) as scene:
+    setup = read_robot(robot) if robot else None
+    with whole_folder(out) as folder, open_scene(noise, seed, setup) as scene:
         memory = train(scene, trials, _TOUCH_EVERY)
         save_memory(folder / "memory.npz", memory)
         with progress(total=1, desc="reachable space", unit="map", after_s=0.0) as bar:
             map_params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
-            reachable_map = train_reachable_map(scene.robot, "left", np.random.default_rng(seed), map_params)
+            if robot:
+                map_params = replace(map_params, arm_limits=ArmLimits.of(scene.robot, scene.side))
+            reachable_map = train_reachable_map(scene.robot, scene.side, np.random.default_rng(seed), map_params)
             bar.update()
         reachable_map.save(folder / "reach.npz")
         stopwatch = Stopwatch()
@@ -88,11 +93,13 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         settings = {"versions": versions.versions(), "seed": seed, "trials": trials, "noise_grey_levels": noise}
         write_json(folder / SUMMARY, {**settings, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
         command = f"pps-vision demo --trials {trials} --noise {noise:g} --seed {seed}"
+        command += f" --robot {shlex.quote(str(robot))}" if robot else ""
         page.write_page(
             folder,
             "Vision predicts the touch, the arm avoids it",
             f"{_outcome(logs)} "
-            f"A simulated iCub with rendered eye views of 320×240 pixels, pixel noise σ = {noise:g}/255, seed {seed}. "
+            f"A simulated {scene.robot.urdf.stem if robot else 'iCub'} with rendered eye views of 320×240 "
+            f"pixels, pixel noise σ = {noise:g}/255, seed {seed}. "
             "The skin was trained with a ball and a cube. The octopus is new.",
             page.video(folder / "demo.mp4"),
             _sections(scene, command, trials, memory, logs, stopwatch),
@@ -110,10 +117,11 @@ def _run_episodes(
     """Run and film the four episodes; demo.png shows the first touch without avoidance. Returns their logs."""
     logs: list[EpisodeLog] = []
     images: list[list[Image]] = []
+    taxel = scene.trained_taxels[_TAXEL % len(scene.trained_taxels)]
     for kind, avoid, title in progress(_EPISODES, desc="episodes", unit="episode", after_s=0.0):
         # the same seed for both approaches: the same path with and without avoidance
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
-        episode = replace(make_episode(kind, scene, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
+        episode = replace(make_episode(kind, scene, taxel, "octopus", rng, speed_m_s=0.10), title=title)
         pipeline = new_pipeline(scene, memory, timer, reachable_map)
         steps = list(simulate(scene, episode, pipeline.step, avoid))
         images.append([drawn(scene, step, title) for step in steps])
@@ -139,7 +147,7 @@ def drawn(scene: SimulationScene, row: SimulationStep, title: str) -> Image:
     captions = [title, f"activation {activation.probability[most]:.2f} at {activation.taxel_ids[most]}"]
     if (reach := row.step.reachability) is not None:
         degree = f" (R {reach.degree:.2f})" if np.isfinite(reach.degree) else ""
-        captions.append(f"left hand: {reach.status.value}{degree}")
+        captions.append(f"{scene.side} hand: {reach.status.value}{degree}")
     view = scene.rig.view_of(row.frame)
     pair = draw_pair(row.frame, view, row.step.tracking, row.taxels, activation.probability, captions)
     left, right = np.split(pair, 2, axis=1)
@@ -209,20 +217,21 @@ def _sections(
     is_tracked = np.isfinite(logs[1].track_m).all(axis=1)
     cov = logs[1].track_std_m[is_tracked, None] ** 2 * np.eye(3)
     touched = np.flatnonzero(memory.samples[:, 0] >= _FEWEST_SAMPLES).tolist()
+    parts = " and ".join(part.name.replace("_", " ") for part in scene.skin.parts)
     return (
         (
             "Result",
             "A touch is the object's surface within 20 mm of a taxel's centre. The gap is the true distance from the "
             "surface to the nearest taxel's centre. The object at rest first moves 5 cm away from the skin. Reach is "
-            "the learned map's answer for the left hand and the gaze that fixates the object.",
+            f"the learned map's answer for the {scene.side} hand and the gaze that fixates the object.",
             page.table(["episode", *_COLUMNS.values()], rows),
         ),
         (
             "Distance, activation, response, reach",
-            f"One thin line for each taxel of the left forearm and palm. The arm withdraws when an activation exceeds "
+            f"One thin line for each taxel of {parts}. The arm withdraws when an activation exceeds "
             f"{THRESHOLD:g}, these taxels at up to 10 cm/s, and returns 0.3 s after the last. Red: touch. Bottom row: "
-            "degree of reach R of the tracked object for the left hand, on green where reachable; no line where "
-            "nothing is tracked or no gaze fixates it.",
+            f"degree of reach R of the tracked object for the {scene.side} hand, on green where reachable; no line "
+            "where nothing is tracked or no gaze fixates it.",
             page.image(figures.episodes(logs, THRESHOLD)),
         ),
         (

@@ -102,6 +102,26 @@ class SimulationScene:
         return self.robot.indices(self.robot.names.arm(self.side))
 
     @cached_property
+    def trained_taxels(self) -> tuple[str, ...]:
+        """The taxels that training approaches: R's of the iCub, else up to 8 of the arm that face both eyes and are
+        seen by them at home, from the middle outwards; InputError without any."""
+        inner = tuple(f"left_forearm:{i}" for i in INNER_FOREARM)
+        if set(inner) <= set(self.skin.taxel_ids):
+            return inner
+        skin = self.skin.on_arm(self.robot, self.side)
+        view = self.rig.view(self.home)
+        points, normals = skin.at(self.robot.at(self.home)) if skin.parts else np.zeros((2, 0, 3))
+        faces = [
+            all(eye.sees(point, _MARGIN_PX) and normal @ (eye.center - point) > 0 for eye in (view.left, view.right))
+            for point, normal in zip(points, normals, strict=True)
+        ]
+        if not any(faces):
+            reason = f"none of {len(points)} taxels of the {self.side} arm faces both cameras and is seen at home"
+            raise InputError(self.robot.urdf, f"{reason}; expected one that objects can come at in view")
+        apart = np.where(faces, np.linalg.norm(points - points[faces].mean(axis=0), axis=1), np.inf)
+        return tuple(skin.taxel_ids[k] for k in np.argsort(apart, kind="stable")[: min(sum(faces), 8)])
+
+    @cached_property
     def home(self) -> Array:
         """(n_joints,) arms at home, eyes on the space before the skin."""
         return watching(self.robot, self.skin, self.setup.home_rad)
@@ -243,7 +263,7 @@ def train(scene: SimulationScene, trials: int, touch_every: int = 1) -> PPSMemor
     memory = PPSMemory.empty(scene.skin)
     for trial in progress(range(trials), desc="training", unit="approach", after_s=0.0):
         number, is_near_miss = divmod(trial, touch_every)
-        taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
+        taxel = scene.trained_taxels[number % len(scene.trained_taxels)]
         stimulus = _TRAINED_WITH[number % len(_TRAINED_WITH)]
         speed = scene.rng.uniform(*SPEED_M_S)
         kind: Kind = "near_miss" if is_near_miss else "approach"

@@ -1,5 +1,6 @@
 """Robots that are not our iCub: the official iCub model, and an arm of seven joints beside two fixed cameras."""
 
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from data import ARM7, shared_data
 from learning.pps.memory import PPSMemory, load_memory
 from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
-from pps_vision.app.simulation import SimulationScene, log_of, make_episode, new_pipeline, open_scene, simulate
+from pps_vision.app.simulation import SimulationScene, log_of, make_episode, new_pipeline, open_scene, simulate, train
 from pps_vision.errors import InputError
 from pps_vision.recordings.robot_file import read_robot, read_skin, robot_setup
 from pps_vision.robot.gaze import GazeModel
@@ -19,6 +20,7 @@ from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.model import FrameNames, Robot
 from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.skin import Skin
 
 SETUP = read_robot(ARM7)
 
@@ -48,6 +50,31 @@ def test_the_arm_withdraws_from_what_it_learned_would_touch(memory, avoid):
     assert log.was_commanded == avoid
     moved = np.ptp(log.q_rad, axis=0) > 1e-9
     assert moved.any() == avoid
+
+
+@pytest.mark.long
+def test_the_demo_of_another_robot(tmp_path, capsys):
+    main(["demo", "--robot", str(ARM7), "--trials", "9", "--seed", "3", "--out", str(tmp_path / "demo")])
+    off, on, *harmless = capsys.readouterr().out.splitlines()[:4]
+    assert "off                touched" in off
+    assert "not touched  arm moved" in on
+    assert all("not touched  arm still" in line for line in harmless)
+    assert f"--robot {ARM7}" in (tmp_path / "demo" / "report.html").read_text()
+
+
+def test_another_robot_is_approached_where_both_cameras_see_its_skin():
+    """Of a forearm turned away there is nothing to train."""
+    with open_scene(2.0, 3, SETUP) as scene:
+        assert set(scene.trained_taxels) < set(SETUP.skin.taxel_ids)
+    with (
+        open_scene(2.0, 3, replace(SETUP, skin=_turned_away(SETUP.skin))) as scene,
+        pytest.raises(InputError, match=r"arm\.urdf: none of 9 taxels of the right arm faces both cameras"),
+    ):
+        train(scene, 1)
+
+
+def _turned_away(skin: Skin) -> Skin:
+    return Skin(tuple(replace(part, normals=-part.normals) for part in skin.parts))
 
 
 def _episode(scene: SimulationScene, memory: PPSMemory, avoid: bool):

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from pps_vision.errors import InputError
+
 
 @dataclass(frozen=True)
 class Demo:
-    """Close the loop: learn the left forearm from rendered approaches, then avoid an octopus.
+    """Close the loop: learn the arm's skin from rendered approaches, then avoid an octopus.
 
     With avoidance off, with avoidance on, receding, and standing still; everything in report.html. With --encounters
     objects come at both arms, fast and slow; the report shows the best, the median and every one that touched.
@@ -20,6 +22,8 @@ class Demo:
     """Pixel noise, grey levels of 255."""
     seed: int = 0
     """Seed of the random numbers."""
+    robot: Path | None = None
+    """robot.toml of another robot, whose arm learns and avoids; default: the iCub."""
     encounters: int | None = None
     """Run this number of encounters instead, without and with avoidance."""
 
@@ -27,6 +31,8 @@ class Demo:
         """Train, run the episodes, and write the report."""
         from pps_vision.app.demo import demo, demo_encounters
 
+        if self.encounters is not None and self.robot is not None:
+            raise InputError("demo", "--encounters with --robot; expected one of them: encounters are of the iCub")
         if self.encounters is not None:
             return demo_encounters(self.out, self.encounters, self.noise, self.seed)
-        demo(self.out, self.trials, self.noise, self.seed)
+        demo(self.out, self.trials, self.noise, self.seed, self.robot)

@@ -100,11 +100,9 @@ class TrainMap(RobotOptions):
 
         robot = setup.robot
         if self.robot is not None:
-            joints = robot.indices(robot.names.arm(side))
-            if not joints:
+            if not robot.names.arm(side):
                 raise InputError(self.robot, f"has no {side}_arm; expected --arm {setup.side}")
-            limits = ArmLimits(tuple(robot.lower_rad[joints].tolist()), tuple(robot.upper_rad[joints].tolist()))
-            params = replace(params, arm_limits=limits)
+            params = replace(params, arm_limits=ArmLimits.of(robot, side))
         hand, params = hand_and_params(robot, side, self.end_point, self.measure, params, setup.skin)
         learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
         return replace(learned, end_point=self.end_point, measure=self.measure)
