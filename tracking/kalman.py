@@ -172,12 +172,10 @@ def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Beli
     return belief._replace(stamp_s=stamp_s, mean=mean, cov=P), cross
 
 
-def shifted(belief: Belief, var_m2: float) -> Belief:
-    """Return the belief if the point that is measured has moved on the object, with this variance (m²) per axis."""
-    if var_m2 == 0:
-        return belief
+def shifted(belief: Belief, shift_cov: Array) -> Belief:
+    """Return the belief if the point that is measured has moved on the object, with this covariance (3, 3) m²."""
     cov = belief.cov.copy()
-    cov[:3, :3] += var_m2 * np.eye(3)
+    cov[:3, :3] += shift_cov
     return belief._replace(cov=cov)
 
 

@@ -15,7 +15,7 @@ from pps_vision.geometry.camera import sight
 from pps_vision.types import Array, Track3D
 from tracking import kalman
 from tracking.kalman import Belief, KalmanParams
-from tracking.stereo import outline_shift_var
+from tracking.stereo import shift_cov
 from tracking.tracker import TrackerStep
 
 LAG = 400
@@ -25,14 +25,14 @@ LAG = 400
 @dataclass(frozen=True)
 class Measurement:
     """Position (3,) m with covariance (3, 3) m² at a stamp, None if nothing was measured, the part of the covariance
-    that is known to be correlated from frame to frame (None: 0), and the variance (m²) by which the measured point may
-    have moved on the object since the last measurement."""
+    that is known to be correlated from frame to frame (None: 0), and the covariance (3, 3) m² of the measured point's
+    shift on the object since the last measurement (None: 0)."""
 
     stamp_s: float
     position: Array | None = None
     cov: Array | None = None
     correlated: Array | None = None
-    shift_var_m2: float = 0.0
+    shift_cov: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ def follow(params: KalmanParams, first: Belief, measurements: Sequence[Measureme
         if measurement.position is None or measurement.cov is None:
             steps.append(FilterStep(predicted, (predicted, cross)))
             continue
-        predicted = kalman.shifted(predicted, measurement.shift_var_m2)
+        if measurement.shift_cov is not None:
+            predicted = kalman.shifted(predicted, measurement.shift_cov)
         arguments = (params, predicted, measurement.position, measurement.cov, measurement.correlated)
         gated = kalman.gate(*arguments)
         belief = kalman.update(*arguments)
@@ -168,9 +169,8 @@ def _measurements(steps: Sequence[TrackerStep]) -> list[Measurement]:
         if observation is None:
             measurements.append(Measurement(stamp_s))
             continue
-        shift_var = outline_shift_var(last, observation)
         measured = observation.p_root, observation.cov_root, observation.correlated_cov_root
-        measurements.append(Measurement(stamp_s, *measured, shift_var))
+        measurements.append(Measurement(stamp_s, *measured, shift_cov(last, observation)))
         last = observation
     return measurements
 

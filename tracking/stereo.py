@@ -307,17 +307,29 @@ def _mean_var(left: Outline, right: Outline) -> float:
     return 0.25 * float(left.cov_px[0, 0] + left.cov_px[1, 1] + right.cov_px[0, 0] + right.cov_px[1, 1])
 
 
-def outline_shift_var(previous: Observation3D | None, observation: Observation3D) -> float:
-    """Variance (m²) per axis of the observed centre's shift on the object, if its outline shows more or less of it
-    than the previous one; 0 without a previous one.
+def shift_cov(previous: Observation3D | None, observation: Observation3D) -> Array:
+    """Covariance (3, 3) m² of the shift of the observed centre on the object since the previous observation; 0 without
+    one.
 
-    It moves about as far as the radius changes: a part at the rim with a small share ε of the area changes the radius
-    by ε/2 of itself and moves the centre by ε of it, 2/√3 as much per axis.  Changes within its variance are noise.
+    Where the outline shows more or less of the object, the centre moves about as far as the radius changes: a part at
+    the rim with a small share ε of the area changes the radius by ε/2 of itself and moves the centre by ε of it, 2/√3
+    as much per axis.  Changes within the radius's variance are noise.  Where the correlated error grows or shrinks, as
+    when something comes before the object, the centre moves by the difference of its standard deviations.
     """
     if previous is None:
-        return 0.0
+        return np.zeros((3, 3))
     change_m = observation.radius_m - previous.radius_m
-    return max(change_m**2 - previous.radius_var_m2 - observation.radius_var_m2, 0.0)
+    of_outline = max(change_m**2 - previous.radius_var_m2 - observation.radius_var_m2, 0.0)
+    by_error = _root(observation.correlated_cov_root) - _root(previous.correlated_cov_root)
+    cov: Array = of_outline * np.eye(3) + by_error @ by_error
+    return cov
+
+
+def _root(cov: Array) -> Array:
+    """Square root (3, 3) of a covariance."""
+    variances, axes = np.linalg.eigh(cov)
+    root: Array = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+    return root
 
 
 def with_pose_error(

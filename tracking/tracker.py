@@ -34,7 +34,7 @@ from tracking.stereo import (
     Outlines,
     StereoParams,
     camera_frames,
-    outline_shift_var,
+    shift_cov,
     with_pose_error,
     with_velocity_error,
 )
@@ -600,8 +600,8 @@ class Tracker:
             return state, predicted, False
         if predicted is not None:
             measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-            shift_var = outline_shift_var(state.observed, observation)
-            belief = kalman.update(state.kalman, kalman.shifted(predicted, shift_var), *measurement)
+            shifted = kalman.shifted(predicted, shift_cov(state.observed, observation))
+            belief = kalman.update(state.kalman, shifted, *measurement)
             return state, belief, belief.rejections == 0
         view = scene.view
         params = kalman.scaled(self.params.kalman, float(np.linalg.norm(sight(view.centers, observation.p_root))))

@@ -93,16 +93,17 @@ def step(params: ReceptiveField, state: LearnerState, skin: SkinFrame) -> tuple[
 
 
 def recent(path: Sequence[tuple[float, Array]], stamp_s: float) -> Path:
-    """The positions of the last quarter second before a stamp."""
-    return tuple(at for at in path if stamp_s - _PATH_S[1] - _EPS_S <= at[0] < stamp_s)
+    """The positions of the last quarter second before a stamp; if there is none, the newest before it."""
+    earlier = tuple(at for at in path if at[0] < stamp_s)
+    return tuple(at for at in earlier if stamp_s - _PATH_S[1] - _EPS_S <= at[0]) or earlier[-1:]
 
 
 def path_velocities(track: Track3D, path: Path) -> Array:
-    """(3, 3) m/s velocities of an object: the filter's, and those of its positions since 0.1 s and up to 0.25 s ago,
-    the filter's too while there are none."""
+    """(3, 3) m/s velocities of an object: the filter's, and those of its positions since 0.1 s and up to 0.25 s ago; 0
+    while there are none: a new track's velocity is not confirmed."""
     since = [(track.stamp_s - stamp_s, p) for stamp_s, p in path if track.stamp_s - stamp_s >= _PATH_S[0] - _EPS_S]
     by_positions = [(track.position - p) / age_s for age_s, p in since[-1:] + since[:1]]
-    return np.array([track.velocity] * (3 - len(by_positions)) + by_positions)
+    return np.array([track.velocity, *(by_positions or np.zeros((2, 3)))])
 
 
 def perceive_path(

@@ -73,10 +73,10 @@ def test_it_is_least_squares_over_the_whole_path(order, jump, shift, rng):
     else:
         stamps = 0.05 * np.arange(15)
         z = 0.6 * np.maximum(stamps - stamps[9], 0.0)[:, None] * np.array([1.0, 0.0, 0.0])
-    shift_vars = [SHIFT_VAR_M2 if k == shift else 0.0 for k in range(15)]
+    shifts = [SHIFT_VAR_M2 * np.eye(3) if k == shift else None for k in range(15)]
     measurements = [
-        Measurement(t) if np.isnan(p[0]) else Measurement(t, p, R, shift_var_m2=var)
-        for t, p, var in zip(stamps, z, shift_vars, strict=True)
+        Measurement(t) if np.isnan(p[0]) else Measurement(t, p, R, shift_cov=cov)
+        for t, p, cov in zip(stamps, z, shifts, strict=True)
     ]
     path = smooth(follow(params, start(params, stamps[0], z[0], R), measurements[1:]))
     mean, cov = _batch(params, stamps, z[:, 0], jump, shift)

@@ -14,7 +14,7 @@ from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Coverage, Optics, Outline, outline
-from tracking.stereo import Association, StereoParams
+from tracking.stereo import Association, StereoParams, shift_cov
 from tracking.tracker import TrackerParams
 
 CAMERA = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
@@ -308,3 +308,11 @@ def test_the_error_of_a_body_that_is_no_ball_changes_with_its_aspect(rng):
             squared.append(np.square(errors[-1] - errors[1]).sum() / (3 * turn_rad) ** 2)
             stated.append(np.trace(observation.correlated_cov_root) / TrackerParams().aspect_rad ** 2)
     assert 0.4 < np.mean(squared) / np.mean(stated) < 2.5
+
+
+def test_the_centre_shifts_as_its_correlated_error_changes():
+    """What is seen of an object changes from a standard deviation of 1 cm to one of 4 cm along the line of sight."""
+    before, after = (replace(SEEN, correlated_cov_root=np.diag([0.0, 0.0, std**2])) for std in (0.01, 0.04))
+    for first, second in ((before, after), (after, before)):
+        np.testing.assert_allclose(shift_cov(first, second), np.diag([0.0, 0.0, 0.03**2]), atol=1e-12)
+    assert not shift_cov(before, before).any()

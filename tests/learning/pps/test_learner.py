@@ -160,13 +160,18 @@ def test_a_part_with_a_wider_margin_expects_what_would_miss_another():
     skin = Skin(tuple(replace(part, margin=factor) for part, factor in zip(SKIN.parts, (2.0,), strict=True)))
     part = SKIN.parts[0]
     center = part.positions_m[0] + (0.03 + 0.02) * part.normals[0]
-    across = np.cross(part.normals[0], [1.0, 0.0, 0.0])
-    track = track_at(center - 0.06 * across, 0.1 * across, radius_m=0.02)
+    velocity = 0.1 * np.cross(part.normals[0], [1.0, 0.0, 0.0])
     highest = []
     for margins in (SKIN.margins, skin.margins):
-        frame = SkinFrame(
-            0.0, SKIN.taxel_ids, part.positions_m, part.normals, np.zeros(4, bool), [track], margins=margins
-        )
-        highest.append(step(NEAR, LearnerState(touched_on_course(SKIN)), frame)[1].activation.probability[0])
-    assert highest[0] < 0.2
-    assert highest[1] > 0.6
+        state = LearnerState(touched_on_course(SKIN))
+        for t in (0.0, 0.1):
+            track = track_at(center + (t - 0.7) * velocity, velocity, t, radius_m=0.02)
+            frame = SkinFrame(
+                t, SKIN.taxel_ids, part.positions_m, part.normals, np.zeros(4, bool), [track], margins=margins
+            )
+            state, felt = step(NEAR, state, frame)
+            highest.append(felt.activation.probability[0])
+    new, narrow, _, wide = highest
+    assert new == 0  # a new track's velocity is not confirmed
+    assert narrow < 0.2
+    assert wide > 0.6
