@@ -26,6 +26,7 @@ _TAXEL_M = 0.005
 _OUTLIER_SIGMAS = 3.0  # a touch with a larger residual gets less weight (Cauchy)
 _CLEAR_SIGMAS = 3.0  # mean gain of held-out touches, in standard errors, from which offsets are applied
 _NO_POINT_M = 10.0  # residual of each axis where two lines of sight do not meet: larger than any room
+_FEWEST = 5  # held-out touches from which offsets are applied
 _GRID = 24  # positions along each axis: about 5 mm apart, as a taxel's own error
 
 
@@ -64,19 +65,19 @@ class _Sighting:
     cov: Array
 
 
-def verified_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Sequence[TouchTrial]) -> Array:
-    """Offsets (n_joints,) from all trials, as `joint_offsets`, where those from every other trial clearly shorten the
-    distances between felt and seen positions of the trials left out; else 0."""
+def verified_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Sequence[TouchTrial]) -> JointOffsets:
+    """Offsets from all trials, as `joint_offsets`, where those from every other trial clearly shorten the distances
+    between felt and seen positions of the trials left out, which are returned; else 0."""
     offsets = joint_offsets(robot, rig, skin, trials[::2]).offsets_rad
     held_out = [sighting for trial in trials[1::2] for sighting in _sightings(rig, skin, trial)]
+    none = np.zeros(robot.n_joints)
     before, after = (
-        np.array([np.linalg.norm(_error_m(robot, rig, sighting, q)) for sighting in held_out])
-        for q in (np.zeros(robot.n_joints), offsets)
+        np.array([np.linalg.norm(_error_m(robot, rig, sighting, q)) for sighting in held_out]) for q in (none, offsets)
     )
     gain = before - after
-    if len(gain) < 2 or not gain.mean() > _CLEAR_SIGMAS * gain.std(ddof=1) / np.sqrt(len(gain)):
-        return np.zeros(robot.n_joints)
-    return joint_offsets(robot, rig, skin, trials).offsets_rad
+    if len(gain) < _FEWEST or not gain.mean() > _CLEAR_SIGMAS * gain.std(ddof=1) / np.sqrt(len(gain)):
+        return JointOffsets(none, before, before)
+    return JointOffsets(joint_offsets(robot, rig, skin, trials).offsets_rad, before, after)
 
 
 def joint_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[TouchTrial]) -> JointOffsets:
@@ -110,14 +111,19 @@ def _sightings(rig: StereoRig, skin: Skin, trial: TouchTrial) -> list[_Sighting]
     radius = trial.radius_m[-1]
     if not (np.isfinite(p).all() and np.isfinite(radius)):
         return []
-    rays = [T[:3, :3].T @ (p - T[:3, 3]) for T in rig.eye_poses(q)]
-    left, right = (ray / np.linalg.norm(ray) for ray in rays)
+    left, right = _rays(rig, q, p)
     touched = [trial.touched[skin.part_index == k] for k in range(len(skin.parts))]
     return [
         _Sighting(q, left, right, part.frame, *felt_position(part, mask, radius))
         for part, mask in zip(skin.parts, touched, strict=True)
         if mask.any()
     ]
+
+
+def _rays(rig: StereoRig, q: Array, p: Array) -> list[Array]:
+    """Unit vectors (3,) from each eye to a position, in the eye's frame."""
+    rays = [T[:3, :3].T @ (p - T[:3, 3]) for T in rig.eye_poses(q)]
+    return [ray / np.linalg.norm(ray) for ray in rays]
 
 
 def felt_position(part: SkinPart, touched: Mask, radius_m: float) -> tuple[Array, Array]:
@@ -146,8 +152,16 @@ def felt_position(part: SkinPart, touched: Mask, radius_m: float) -> tuple[Array
 def _error_m(robot: Robot, rig: StereoRig, sighting: _Sighting, offsets: Array) -> Array:
     """(3,) m from the felt to the seen position, with these offsets."""
     q = sighting.q_rad + offsets
+    return _seen_from(robot, rig, sighting.frame, q, sighting.left, sighting.right) - sighting.felt_at
+
+
+def seen_from(robot: Robot, rig: StereoRig, frame: str, trial: TouchTrial, offsets: Array) -> Array:
+    """(3,) m the position at the end of a trial in one of the robot's frames, had the encoders had these offsets."""
+    q = trial.joints_rad[-1]
+    return _seen_from(robot, rig, frame, q + offsets, *_rays(rig, q, trial.positions[-1]))
+
+
+def _seen_from(robot: Robot, rig: StereoRig, frame: str, q: Array, left: Array, right: Array) -> Array:
     T_left, T_right = rig.eye_poses(q)
-    p = midpoint(T_left[:3, 3], T_left[:3, :3] @ sighting.left, T_right[:3, 3], T_right[:3, :3] @ sighting.right)
-    if p is None:
-        return np.full(3, _NO_POINT_M)
-    return move_points(inverse(robot.at(q).T_root(sighting.frame)), p) - sighting.felt_at
+    p = midpoint(T_left[:3, 3], T_left[:3, :3] @ left, T_right[:3, 3], T_right[:3, :3] @ right)
+    return np.full(3, _NO_POINT_M) if p is None else move_points(inverse(robot.at(q).T_root(frame)), p)

@@ -2,7 +2,7 @@
 at which the object is predicted to miss the taxel (ours)."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,9 @@ from pps_vision.types import Array, Mask
 
 MOST_COUNTS = 2**53  # of a bin: a float holds every whole number up to it, and 64 bits the sums of all bins
 _KIND = "PPS memory"
-_VERSION = 5  # up to version 2, D was to the centre; up to 3, there was no miss distance; up to 4, paths led through
+_VERSION = 6
+"""Up to version 2, D was to the centre; up to 3, there was no miss distance; up to 4, paths led through the arm; up to
+5, the body was taken as it is."""
 _LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keeps divisions finite
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
@@ -86,6 +88,10 @@ class PPSMemory:
     counts: Counts  # (n, D bins, TTC bins, miss bins if any, 2) positive and negative samples
     params: MemoryParams  # bins and smoothing of the counts
     written_by: str = ""  # version of this package that wrote the file it was read from
+    offsets_rad: Array = field(default_factory=lambda: np.zeros(0))
+    """(n_joints,) to add to the encoders, as it was learned with them; empty: the encoders are as they should be."""
+    positions_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """(n, 3) of the taxels in the frames of their parts, as it was learned with them; empty: the skin's own."""
 
     def __post_init__(self) -> None:
         n = len(self.taxel_ids)
@@ -99,6 +105,11 @@ class PPSMemory:
             raise ValueError(f"counts {extremes}: expected finite ones from 0 to 2^53")
         if len(set(self.taxel_ids)) < n:
             raise ValueError(f"{n} taxels, {len(set(self.taxel_ids))} different names: expected each taxel once")
+        if self.positions_m.shape not in ((0, 3), (n, 3)) or self.offsets_rad.ndim != 1:
+            shapes = f"positions {self.positions_m.shape}, offsets {self.offsets_rad.shape}"
+            raise ValueError(f"{shapes}: expected {(n, 3)} and one of each joint, or none")
+        if not (np.abs(self.positions_m) < _LARGEST).all() or not (np.abs(self.offsets_rad) < np.pi).all():
+            raise ValueError("positions or offsets of joints: expected finite ones, offsets within ±180°")
 
     @classmethod
     def empty(cls, skin: Skin, params: MemoryParams | None = None) -> "PPSMemory":
@@ -112,6 +123,14 @@ class PPSMemory:
         """A memory that has learned nothing: activation 1 everywhere within the ranges."""
         memory = cls.empty(skin, params or MemoryParams())
         return replace(memory, counts=memory.counts + np.array([1, 0]))
+
+    def skin_of(self, skin: Skin) -> Skin:
+        """The skin with the taxels where they were learned to be."""
+        if not len(self.positions_m):
+            return skin
+        positions = [self.positions_m[skin.part_index == k] for k in range(len(skin.parts))]
+        parts = zip(skin.parts, positions, strict=True)
+        return Skin(tuple(replace(part, positions_m=positions_m) for part, positions_m in parts))
 
     @cached_property
     def frequency(self) -> Array:
@@ -314,13 +333,16 @@ def save_memory(path: Path, memory: PPSMemory) -> None:
         "counts": memory.counts,
         "ranges": np.array([params.distance_range_m, params.ttc_range_s, params.miss_range_m]),
         "smoothing": np.array([params.sigma_bins, *params.prior_samples]),
+        "offsets_rad": memory.offsets_rad,
+        "positions_m": memory.positions_m,
     }
     write_archive(path, _KIND, _VERSION, arrays)
 
 
 def load_memory(path: Path) -> PPSMemory:
     """Read a memory; InputError names the file and the expected content."""
-    data = read_archive(path, _KIND, _VERSION, ("taxel_ids", "part_index", "counts", "ranges", "smoothing"))
+    names = "taxel_ids", "part_index", "counts", "ranges", "smoothing", "offsets_rad", "positions_m"
+    data = read_archive(path, _KIND, _VERSION, names)
     try:
         stored = data["counts"]
         counts: Counts = stored.astype(np.float64 if stored.dtype.kind == "f" else np.int64, casting="same_kind")
@@ -329,6 +351,7 @@ def load_memory(path: Path) -> PPSMemory:
         params = MemoryParams((d0, d1), (t0, t1), counts.shape[1:-1], sigma, (m0, m1), (of_taxel, of_part))
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
         part_index = data["part_index"].astype(np.intp, casting="same_kind")
-        return PPSMemory(taxel_ids, part_index, counts, params, str(data["written_by"]))
+        body = (np.asarray(data[name], dtype=float) for name in ("offsets_rad", "positions_m"))
+        return PPSMemory(taxel_ids, part_index, counts, params, str(data["written_by"]), *body)
     except (ValueError, TypeError, IndexError) as error:
         raise InputError(path, f"{_KIND} that does not fit together: {error}") from error

@@ -1,8 +1,9 @@
-"""Positions of taxels in their part's frame, from double touches (Roncone et al. 2014).
+"""Positions of taxels in their part's frame, from touches by balls: fingertips in double touches (Roncone et al. 2014),
+or seen objects.
 
-The mean of the positions of a touching fingertip lies a centimetre or more before the skin.  Instead every touch limits
-the distances d of its centre from the taxels: that of the nearest is its radius r, touched ones are at most
-`TOUCH_RADIUS_M` farther, all others beyond that.
+The mean of the positions of a touching ball lies a centimetre or more before the skin.  Instead every touch limits the
+distances d of its centre from the taxels: touched ones are between its radius r and `TOUCH_RADIUS_M` more, all others
+beyond that.  A fingertip stops at the nearest, whose distance then is r.
 """
 
 from collections.abc import Sequence
@@ -23,37 +24,37 @@ _CLEAR_SIGMAS = 3.0  # mean gain of held-out touches, in standard errors, from w
 
 
 @dataclass(frozen=True)
-class DoubleTouchEnd:
-    """A fingertip that has just touched a skin part."""
+class PartTouch:
+    """A ball that has just touched a skin part."""
 
-    center: Array  # (3,) m, of the fingertip in the part's frame
+    center: Array  # (3,) m, in the part's frame
     radius_m: float
     touched: Mask  # (n,) taxels of the part that report it
 
 
-def verified_positions(part: SkinPart, touches: Sequence[DoubleTouchEnd]) -> SkinPart:
+def verified_positions(part: SkinPart, touches: Sequence[PartTouch], stops: bool = True) -> SkinPart:
     """The part with positions from all touches, where those from every other touch clearly improve what is predicted to
-    be touched by those left out; else as it was."""
+    be touched by those left out; else as it was.  `stops`: the balls are fingertips that stop at the skin."""
     if len(touches) < _FEWEST:
         return part
     wrong = [
         [np.sum((_distances(p, [t])[0] <= t.radius_m + TOUCH_RADIUS_M) != t.touched) for t in touches[1::2]]
-        for p in (part, estimated(part, touches[::2]))
+        for p in (part, estimated(part, touches[::2], stops))
     ]
     before, after = np.array(wrong)
     gain = before - after
     if not gain.mean() > _CLEAR_SIGMAS * gain.std(ddof=1) / np.sqrt(len(gain)):
         return part
-    return estimated(part, touches)
+    return estimated(part, touches, stops)
 
 
-def estimated(part: SkinPart, touches: Sequence[DoubleTouchEnd]) -> SkinPart:
+def estimated(part: SkinPart, touches: Sequence[PartTouch], stops: bool = True) -> SkinPart:
     """The part with the most probable position of every taxel that was touched often enough."""
     centers = np.array([t.center for t in touches])
     radii = np.array([t.radius_m for t in touches])
     touched = np.array([t.touched for t in touches])
     new = part
-    for attempt in range(_ROUNDS):
+    for attempt in range(_ROUNDS if stops else 1):
         distances = np.where(touched, _distances(new, touches), np.inf)
         is_nearest = touched & (distances == distances.min(axis=1, keepdims=True)) & (attempt > 0)
         positions = part.positions_m.copy()
@@ -73,6 +74,6 @@ def _residuals(x: Array, prior: Array, centers: Array, radii: Array, touched: Ma
     return np.concatenate([(x - prior) / _PRIOR_M, (beyond + within) / _DISTANCE_M])
 
 
-def _distances(part: SkinPart, touches: Sequence[DoubleTouchEnd]) -> Array:
+def _distances(part: SkinPart, touches: Sequence[PartTouch]) -> Array:
     """(k, n) m from the centres to the taxels."""
     return np.linalg.norm(np.array([t.center for t in touches])[:, None] - part.positions_m, axis=2)

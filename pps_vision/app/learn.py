@@ -1,14 +1,15 @@
-"""Learn from recordings in which the skin is touched: PPS maps (`pps_vision.learn`), and touches for calibration."""
+"""Learn from recordings in which the skin is touched: PPS maps (`pps_vision.learn`), encoders and places of taxels."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from learning.pps.body import LearnedBody, learned_body
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
-from pps_vision.app.pipeline import Pipeline, PipelineParams, joints_of
+from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.track import tracker_for, tracker_params
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -24,11 +25,13 @@ _MAX_TOUCH_AGE_S = 0.06  # the skin reports every 0.02 to 0.05 s
 
 @dataclass(frozen=True)
 class Learned:
-    """The memory after a recording, number of new samples, number of rejected samples by reason."""
+    """The memory after a recording, number of new samples, number of rejected samples by reason, and the touches by the
+    tracked object."""
 
     memory: PPSMemory
     samples: int
     rejected: dict[str, int]
+    touches: list[TouchTrial]
 
 
 def learn(
@@ -39,6 +42,9 @@ def learn(
     robot: RobotSetup | None = None,
 ) -> PPSMemory:
     """Learn PPS maps from recordings of a robot in which its skin is touched.
+
+    Where the touches clearly show that encoders or taxels are off, it learns again with them corrected; the correction
+    is part of the memory.
 
     Args:
         recordings: Recordings, or their folders, in the order to learn from them.
@@ -54,11 +60,31 @@ def learn(
         InputError: A recording cannot be read or is not of a robot, or `into` has other taxels than the skin.
     """
     robot = robot or icub_setup()
-    memory = PPSMemory.empty(robot.skin) if into is None else into
+    before = PPSMemory.empty(robot.skin) if into is None else into
+    opened = [r if isinstance(r, Recording) else open_recording(r, robot=robot) for r in recordings]
+    memory, touches = _learn_all(opened, before, mode, seed, robot)
+    corrected, _ = with_body(before, touches, robot)
+    return memory if corrected is before else _learn_all(opened, corrected, mode, seed, robot)[0]
+
+
+def _learn_all(
+    recordings: Sequence[Recording], memory: PPSMemory, mode: Mode, seed: int, robot: RobotSetup
+) -> tuple[PPSMemory, list[TouchTrial]]:
+    touches: list[TouchTrial] = []
     for recording in recordings:
-        opened = recording if isinstance(recording, Recording) else open_recording(recording, robot=robot)
-        memory = learn_from(opened, memory, mode, seed, robot).memory
-    return memory
+        learned = learn_from(recording, memory, mode, seed, robot)
+        memory = learned.memory
+        touches += learned.touches
+    return memory, touches
+
+
+def with_body(memory: PPSMemory, touches: Sequence[TouchTrial], setup: RobotSetup) -> tuple[PPSMemory, LearnedBody]:
+    """The memory with what `touches`, measured with its body, teach about it; itself where that is nothing clear."""
+    body = learned_body(setup.robot, setup.rig, memory.skin_of(setup.skin), touches)
+    if not body.is_corrected:
+        return memory, body
+    before = memory.offsets_rad if len(memory.offsets_rad) else np.zeros(setup.robot.n_joints)
+    return replace(memory, offsets_rad=before + body.offsets_rad, positions_m=body.positions_m), body
 
 
 def learn_from(recording: Recording, memory: PPSMemory, mode: Mode, seed: int, robot: RobotSetup) -> Learned:
@@ -68,25 +94,18 @@ def learn_from(recording: Recording, memory: PPSMemory, mode: Mode, seed: int, r
         raise InputError(recording.name, "has no joints; expected the recording of a robot")
     tracker = tracker_for(recording, tracker_params(mode, objects=1), seed)
     pipeline = Pipeline(PipelineParams.of(robot), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
-    for frame in recording:
-        pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
-    after = pipeline.finish()
-    return Learned(after, int(after.counts.sum() - memory.counts.sum()), pipeline.rejected)
-
-
-def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> list[TouchTrial]:
-    """The first frame of each contact in which the object is tracked."""
-    tracker = tracker_for(recording, tracker_params(mode, objects=1), seed)
-    trials = []
+    touches = []
     is_counted = False
     for frame in recording:
-        track = tracker.step(frame).track
         touched = touched_at(recording.touches, frame.stamp_s, skin)
+        step = pipeline.step(frame, touched)
+        track = step.tracking.track
         if touched.any() and not is_counted and track.is_known:
             state = track.position[None], track.velocity[None], track.cov[None, 3:6, 3:6], np.array([track.radius_m])
-            trials.append(TouchTrial(np.array([frame.stamp_s]), joints_of(frame)[None], *state, touched))
+            touches.append(TouchTrial(np.array([frame.stamp_s]), step.posture.q_rad[None], *state, touched))
         is_counted = bool(touched.any()) and (is_counted or track.is_known)
-    return trials
+    after = pipeline.finish()
+    return Learned(after, int(after.counts.sum() - memory.counts.sum()), pipeline.rejected, touches)
 
 
 def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin) -> Mask:

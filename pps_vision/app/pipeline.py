@@ -169,7 +169,8 @@ class Pipeline:
         rng: np.random.Generator,
         reachable_map: ReachableMap | None = None,
     ) -> None:
-        check_memory(memory, skin)
+        check_memory(memory, skin, robot=robot)
+        skin = memory.skin_of(skin)
         side = params.arm.side
         map_side = reachable_map.side if reachable_map else "no arm"
         if params.other_arm is not None and params.other_arm.side == side:
@@ -200,6 +201,7 @@ class Pipeline:
         touched = np.zeros(n, bool) if touched is None else touched
         if touched.shape != (n,):
             raise InputError("pipeline", f"touched {touched.shape}; expected the skin's {n} taxels")
+        frame = with_offsets(frame, state.learning.memory.offsets_rad)
         posture = self.robot.at(joints_of(frame))
         tracking = self.tracker.step(frame)
         for track in tracking.tracks:
@@ -400,7 +402,8 @@ class TrackActivation:
     def __init__(self, robot: Robot, skin: Skin, memory: PPSMemory) -> None:
         """The memory is one of this skin (`check_memory`)."""
         self.robot = robot
-        self.skin = skin
+        self.skin = memory.skin_of(skin)
+        self.offsets_rad = memory.offsets_rad  # which the joints include already
         self._learning = LearnerState(memory)
         self._attended_id = 0
 
@@ -458,11 +461,23 @@ def highest_by_track(tracks: Sequence[Track3D], by_track: Array) -> dict[int, fl
     return {track.track_id: value for track, value in zip(tracks, highest, strict=True)}
 
 
-def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline") -> None:
-    """InputError, naming the source, unless the memory has exactly the skin's taxels."""
+def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline", robot: Robot | None = None) -> None:
+    """InputError, naming the source, unless the memory has exactly the skin's taxels, and any offsets are of the
+    robot's joints."""
     if memory.taxel_ids != skin.taxel_ids:
         sizes = f"memory has {len(memory.taxel_ids)} taxels but the skin has {len(skin.taxel_ids)}"
         raise InputError(source, f"{sizes}; expected a memory of this skin")
+    n = len(memory.offsets_rad)
+    if robot is not None and n not in (0, robot.n_joints):
+        raise InputError(source, f"memory with offsets of {n} joints; expected those of the robot's {robot.n_joints}")
+
+
+def with_offsets(frame: StereoFrame, offsets_rad: Array) -> StereoFrame:
+    """The frame with offsets (n_joints,) added to its joints; without offsets itself."""
+    if not len(offsets_rad) or frame.joints_left_rad is None or frame.joints_right_rad is None:
+        return frame
+    left, right = frame.joints_left_rad + offsets_rad, frame.joints_right_rad + offsets_rad
+    return replace(frame, joints_left_rad=left, joints_right_rad=right)
 
 
 def check_track(track: Track3D, stamp_s: float) -> None:

@@ -120,6 +120,7 @@ class TrackSummary(TypedDict):
     joints: NotRequired[str | None]
     map: NotRequired[str | None]
     memory: NotRequired[str | None]
+    joint_offsets_deg: NotRequired[dict[str, float]]  # added to the encoders, as the memory was learned with them
     reach: NotRequired[Mapping[str, float]]  # max_fp, and the number of frames by reachability
     versions: NotRequired[dict[str, str]]
     command: NotRequired[str]

@@ -117,6 +117,16 @@ class Recording:
             raise InputError(self.name, f"{asked}; expected times from 0 to {last_s - first_s:.2f} s")
         return replace(self, pairs=kept, roi=roi)
 
+    def with_joint_offsets(self, offsets_rad: Sequence[float]) -> "Recording":
+        """The recording with offsets (n_joints,) added to its joints; without offsets itself."""
+        if not len(offsets_rad):
+            return self
+
+        def moved(file: ImageFile) -> ImageFile:
+            return file if file.joints_rad is None else replace(file, joints_rad=file.joints_rad + offsets_rad)
+
+        return replace(self, pairs=tuple((moved(left), moved(right)) for left, right in self.pairs))
+
     def __iter__(self) -> Iterator[StereoFrame]:
         return (frame for _, frame in self.numbered())
 

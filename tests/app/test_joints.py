@@ -22,10 +22,14 @@ def misread(approach: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The eyes' encoders say that they converge 3° less than they do."""
     rec = tmp_path_factory.mktemp("misread") / "rec"
     shutil.copytree(approach, rec)
+    misread_vergence(rec)
+    return rec
+
+
+def misread_vergence(rec: Path) -> None:
     log = next(rec.rglob("head/data.log"))
     rows = [row.split() for row in log.read_text().splitlines()]
     log.write_text("".join(f"{' '.join(row[:-1])} {float(row[-1]) - 3.0}\n" for row in rows))
-    return rec
 
 
 def position_rms_mm(rec: Path, out: Path, *more: str) -> float:
@@ -58,6 +62,24 @@ def test_learning_takes_offsets_too(misread, approach, tmp_path):
     right, mended, wrong = (np.load(tmp_path / f"{name}.npz")["counts"] for name in ("right", "mended", "misread"))
     assert np.abs(mended - right).sum() <= 0.02 * right.sum()
     assert np.abs(wrong - right).sum() > 0.2 * right.sum()
+
+
+@pytest.mark.long
+def test_a_dozen_touches_correct_the_eyes_by_themselves(misread, tmp_path, capsys):
+    """`learn` estimates and applies the offsets; `track --memory` takes them from the memory."""
+    recordings = []
+    for k, taxel in enumerate((3, 27, 15, 183, 135, 147) * 2):
+        recordings.append(tmp_path / f"rec{k}")
+        words = f"--stimulus ball --motion approach --target left_forearm:{taxel} --speed 0.12 --seconds 2.5 --noise 2"
+        main(["render", *words.split(), "--seed", str(7300 + k), "--out", str(recordings[-1])])
+        misread_vergence(recordings[-1])
+    memory = tmp_path / "memory.npz"
+    main(["learn", *map(str, recordings), "--out", str(memory)])
+    assert "body: 12 touches; encoders corrected by up to " in capsys.readouterr().out
+    corrected = position_rms_mm(misread, tmp_path / "with", "--memory", str(memory))
+    assert corrected < 0.4 * position_rms_mm(misread, tmp_path / "without")
+    pans = json.loads((tmp_path / "with" / "summary.json").read_text())["joint_offsets_deg"]
+    assert 1.5 < pans["left_eye_pan"] - pans["right_eye_pan"] < 4.5
 
 
 def test_no_touch_is_refused_and_nothing_is_written(approach, tmp_path, refused):

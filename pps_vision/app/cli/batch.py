@@ -137,4 +137,5 @@ class Batch(TrackOptions, CalibrationOptions):
         files = replace(
             self, calib=calib, map=self.map and self.map.resolve(), memory=self.memory and self.memory.resolve()
         )
-        return words_of(files, chosen)
+        words = words_of(files, chosen)
+        return [*words, "--keep-body"] if self.learn else words  # one body for all memories that are summed

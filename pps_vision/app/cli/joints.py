@@ -17,25 +17,26 @@ class Joints(RecordingOptions):
         import numpy as np
 
         from learning.pps.joint_offsets import TouchTrial, joint_offsets
-        from pps_vision.app.learn import tracked_touches
+        from learning.pps.memory import PPSMemory
+        from pps_vision.app.learn import learn_from
         from pps_vision.errors import InputError
         from pps_vision.recordings.atomic_write import whole_file
         from pps_vision.recordings.tables import write_joint_offsets
-        from pps_vision.robot.icub import icub_rig, load_icub
-        from pps_vision.robot.skin import icub_skin
+        from pps_vision.robot.icub import icub_setup
 
-        robot, skin = load_icub(), icub_skin()
+        setup = icub_setup()
+        empty = PPSMemory.empty(setup.skin)
         touches: list[TouchTrial] = []
         with whole_file(self.out, self.inputs) as partial:
             _, bugs = self.use_each(
-                "joints", lambda recording: touches.extend(tracked_touches(recording, skin, self.mode, self.seed))
+                "joints", lambda rec: touches.extend(learn_from(rec, empty, self.mode, self.seed, setup).touches)
             )
-            learned = joint_offsets(robot, icub_rig(robot), skin, touches)
+            learned = joint_offsets(setup.robot, setup.rig, setup.skin, touches)
             n = len(learned.before_m)
             if not n:
                 names = ", ".join(map(str, self.recordings))
                 raise InputError("joints", f"no touch by a tracked object in {names}; expected one or more")
-            write_joint_offsets(partial, robot.joint_names, learned.offsets_rad)
+            write_joint_offsets(partial, setup.robot.joint_names, learned.offsets_rad)
         without_mm = 1000 * float(np.median(learned.before_m))
         with_mm = 1000 * float(np.median(learned.after_m))
         print(

@@ -8,12 +8,17 @@ from typing import TYPE_CHECKING
 from pps_vision.app.cli.options import RecordingOptions, RobotOptions, raise_bugs
 
 if TYPE_CHECKING:
+    from learning.pps.joint_offsets import TouchTrial
     from pps_vision.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
 class Learn(RobotOptions, RecordingOptions):
-    """Learn PPS maps from recordings of a robot in which its skin is touched, and write the memory (.npz)."""
+    """Learn PPS maps from recordings of a robot in which its skin is touched, and write the memory (.npz).
+
+    Where the touches clearly show that encoders or taxels are off, it learns again with them corrected; the correction
+    is in the memory, and `track --memory` applies it.
+    """
 
     into: Path | None = None
     """An earlier memory to continue from; default: an empty one."""
@@ -21,21 +26,26 @@ class Learn(RobotOptions, RecordingOptions):
     """Learn R's map of distance and time to contact, in place of the probability that depends on the path too."""
     joints: Path | None = None
     """Offsets to add to the encoders, as `pps-vision joints` writes them."""
+    keep_body: bool = False
+    """Take encoders and taxels as they are."""
 
     def run(self) -> None:
         """Learn from one recording after another."""
         from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
-        from pps_vision.app.learn import learn_from
+        from pps_vision.app.learn import learn_from, with_body
         from pps_vision.app.pipeline import check_memory
+        from pps_vision.app.progress import progress
         from pps_vision.recordings.atomic_write import whole_file
 
         setup = self.setup()
         memory = PPSMemory.empty(setup.skin, MemoryParams() if self.r_map else None)
+        used: list[tuple[Recording, list[TouchTrial]]] = []
 
         def use(recording: "Recording") -> None:
             nonlocal memory
             learned = learn_from(recording, memory, self.mode, self.seed, setup)
             memory = learned.memory
+            used.append((recording, learned.touches))
             rejected = ", ".join(f"{n} {reason}" for reason, n in learned.rejected.items() if n)
             print(
                 f"{recording.name}: {learned.samples} samples learned, {recording.skipped} problems skipped"
@@ -45,9 +55,17 @@ class Learn(RobotOptions, RecordingOptions):
         with whole_file(self.out, (*self.inputs, *self.files, self.into, self.joints)) as partial:
             if self.into:
                 memory = load_memory(self.into)
-                check_memory(memory, setup.skin, self.into)
+                check_memory(memory, setup.skin, self.into, setup.robot)
             initial_memory = memory
             n_used, bugs = self.use_each("learn", use, self.joints, setup)
+            if not self.keep_body:
+                touches = [touch for _, touches in used for touch in touches]
+                corrected, body = with_body(initial_memory, touches, setup)
+                print(body)
+                if body.is_corrected:
+                    memory = corrected
+                    for recording, _ in progress(used, desc="learn again", unit="recording"):
+                        memory = learn_from(recording, memory, self.mode, self.seed, setup).memory
             save_memory(partial, memory)
         if memory is initial_memory:
             print("nothing learned: no recording has a touch by a tracked object", file=sys.stderr)

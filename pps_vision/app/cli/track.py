@@ -30,6 +30,8 @@ class Track(TrackOptions, RecordingSource):
 
     def run(self) -> None:
         """Track the recording, write all files at once, and print the main results and skipped items."""
+        from math import degrees
+
         from tqdm import tqdm
 
         from pps_vision.app.progress import progress
@@ -51,12 +53,15 @@ class Track(TrackOptions, RecordingSource):
                 recording = corrected(recording, late)
             has_robot = recording.robot is not None
             self._check_robot_options(has_robot, "without a robot; expected it with an iCub's REC")
+            activation = self._activation(recording)
+            offsets = activation.offsets_rad.tolist() if activation else []
+            recording = recording.with_joint_offsets(offsets)
             objects = 1 if self.one or self.init_left else self.objects
             params = tracker_params(self.mode, self.order, self.reduction, objects)
             params = following(params, self.hue, self.init_left, self.init_right)
             run = track(recording, params=params, device=self.device, seed=self.seed)
             reach = self._reach(recording)
-            extras = Extras(self.also, self.video, self.viewer, self.report, reach, self._activation(recording))
+            extras = Extras(self.also, self.video, self.viewer, self.report, reach, activation)
             statistics = TracksStatistics(recording.truth)
             with TrackFiles(folder, run, extras) as files:
                 numbered = run.numbered(lambda line: tqdm.write(f"warning: {line}", file=sys.stderr))
@@ -74,6 +79,10 @@ class Track(TrackOptions, RecordingSource):
             content["joints"] = str(self.joints) if self.joints else None
             content["map"] = str(self.map) if self.map else None
             content["memory"] = str(self.memory) if self.memory else None
+            if offsets and recording.robot:
+                content["joint_offsets_deg"] = dict(
+                    zip(recording.robot.joint_names, map(degrees, offsets), strict=True)
+                )
             content["versions"] = versions()
             content["command"] = command_line("track", self)
             if reach:
@@ -115,5 +124,5 @@ class Track(TrackOptions, RecordingSource):
 
         memory = load_memory(self.memory)
         skin = icub_skin()
-        check_memory(memory, skin, self.memory)
+        check_memory(memory, skin, self.memory, recording.robot)
         return TrackActivation(recording.robot, skin, memory)

@@ -162,7 +162,7 @@ class MiscalibratedRobot:
 
     def calibrated_where_verified(self, observed: Sequence[TouchTrial]) -> "MiscalibratedRobot":
         """Return the robot with its encoder offsets corrected if held-out touches clearly confirm the correction."""
-        offsets = verified_offsets(self.model, self.rig, self.skin, observed)
+        offsets = verified_offsets(self.model, self.rig, self.skin, observed).offsets_rad
         return replace(self, joint_offsets_rad=self.joint_offsets_rad + offsets)
 
     def triangulate(self, points: Array, q_true: Array, q: Array) -> Array:

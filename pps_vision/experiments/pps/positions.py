@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
-from learning.pps.taxel_positions import DoubleTouchEnd, verified_positions
+from learning.pps.taxel_positions import PartTouch, verified_positions
 from pps_vision.app.encounters.robots import true_robot
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate, judged
@@ -49,9 +49,7 @@ def run(study: Any) -> dict[str, Any]:
     return {"rms_mm": by_touches, "mean_felt_rms_mm": interval(felt)}
 
 
-def double_touches(
-    true: SkinPart, believed: SkinPart, inner: Array, rng: np.random.Generator
-) -> Iterator[DoubleTouchEnd]:
+def double_touches(true: SkinPart, believed: SkinPart, inner: Array, rng: np.random.Generator) -> Iterator[PartTouch]:
     """Yield touches of the `true` skin by a right index that is aimed about taxels as they are `believed` to be."""
     robot, _, _ = true_robot()
     index = inner[np.arange(_AIMS) % len(inner)]
@@ -78,7 +76,7 @@ def double_touches(
         share = gaps[k - 1] / (gaps[k - 1] - gaps[k]) if k else 1.0  # of the last step, at which the finger stops
         center = path[max(k - 1, 0)] + share * (path[k] - path[max(k - 1, 0)])
         distances = np.linalg.norm(center - true.positions_m, axis=1)
-        yield DoubleTouchEnd(center, FINGERTIP_RADIUS_M, distances <= FINGERTIP_RADIUS_M + TOUCH_RADIUS_M)
+        yield PartTouch(center, FINGERTIP_RADIUS_M, distances <= FINGERTIP_RADIUS_M + TOUCH_RADIUS_M)
 
 
 def _rms_mm(offsets_m: Array) -> float:

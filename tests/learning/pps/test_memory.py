@@ -127,12 +127,15 @@ def test_many_objects_teach_the_probability_of_contact():
 def test_saved_and_loaded_is_the_same(tmp_path, changed):
     """Also large counts, and shares of a touch."""
     memory = random_memory(7, MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75))
-    memory = replace(memory, counts=changed(memory.counts))
+    body = {"positions_m": np.full((len(memory.counts), 3), 0.1), "offsets_rad": np.array([0.02])}
+    memory = replace(memory, counts=changed(memory.counts), **body)
     save_memory(tmp_path / "memory.npz", memory)
     again = load_memory(tmp_path / "memory.npz")
     assert (again.taxel_ids, again.params) == (memory.taxel_ids, memory.params)
     np.testing.assert_array_equal(again.counts, memory.counts)
     np.testing.assert_array_equal(again.part_index, memory.part_index)
+    for name, values in body.items():
+        np.testing.assert_array_equal(getattr(again, name), values)
     assert [p.name for p in tmp_path.iterdir()] == ["memory.npz"]
 
 
@@ -145,9 +148,9 @@ def rewrite(path, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 99}, "version 99; expected version 5"),
+        ({"version": 99}, "version 99; expected version 6"),
         ({"version": None}, "version unknown"),
-        ({"version": np.array([1, 2])}, "version .1 2.; expected version 5"),
+        ({"version": np.array([1, 2])}, "version .1 2.; expected version 6"),
         ({"kind": None}, "is not a PPS memory"),
         ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
@@ -155,6 +158,8 @@ def rewrite(path, **changes):
         ({"counts": np.full((N, 8, 4, 2), np.inf)}, "does not fit together"),
         ({"part_index": np.full(N, np.nan)}, "does not fit together"),
         ({"ranges": np.zeros(3)}, "does not fit together"),
+        ({"positions_m": np.zeros((2, 3))}, "does not fit together"),
+        ({"offsets_rad": np.full(3, np.nan)}, "does not fit together"),
     ],
 )
 def test_a_bad_file_is_refused_by_name(tmp_path, changes, message):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from data import SEED
 
-from learning.pps.taxel_positions import DoubleTouchEnd, verified_positions
+from learning.pps.taxel_positions import PartTouch, verified_positions
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
 
 TRUE = icub_skin(("left_forearm",)).parts[0]
@@ -24,7 +24,7 @@ def touches(n, rng):
         stops = (gaps <= 0).any(axis=1)
         if stops.any():
             k = stops.argmax()
-            ends.append(DoubleTouchEnd(path[k], RADIUS_M, gaps[k] <= TOUCH_RADIUS_M))
+            ends.append(PartTouch(path[k], RADIUS_M, gaps[k] <= TOUCH_RADIUS_M))
     return ends
 
 
