@@ -1,15 +1,11 @@
 """One stereo camera in the calibration of every tool, as its documentation says, and the iCub's own file."""
 
-import json
-import re
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-import scipy.io
-from calibrations import StereoCamera, store
+from calibration_forms import CASES, FORMS, SIZE
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import CalibrationOptions
@@ -18,182 +14,12 @@ from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes, write
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
-SIZE = (640, 480)
-K1, K2 = (np.array([[f, 0, 320], [0, f + 5, 240], [0, 0, 1.0]]) for f in (500, 520))
-D1 = [-0.3, 0.1, 0.001, 0.002]
-D2 = [-0.2, 0.05, 0.003, 0.004]
-ROTATION = np.array([0.01, -0.1, 0.02])
-T_RIGHT_LEFT = np.eye(4)
-T_RIGHT_LEFT[:3, :3] = cv2.Rodrigues(ROTATION)[0]
-T_RIGHT_LEFT[:3, 3] = (-0.12, 0.003, 0.01)
-T_BODY_LEFT = np.eye(4)
-T_BODY_LEFT[:3, :3] = cv2.Rodrigues(np.array([0.4, 1.1, -0.3]))[0]
-T_BODY_LEFT[:3, 3] = (0.05, -0.2, 0.3)
 
-
-def intrinsics(K: np.ndarray) -> list[float]:
-    return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]).tolist()
-
-
-def kalibr(folder: Path) -> list[Path]:
-    rows = "".join(f"  - {row.tolist()}\n" for row in T_RIGHT_LEFT)
-    cameras = [
-        f"cam{k}:\n{pose}  camera_model: pinhole\n  distortion_coeffs: {D}\n  distortion_model: radtan\n"
-        f"  intrinsics: {intrinsics(K)}\n  resolution: [640, 480]\n  rostopic: /cam{k}/image_raw\n"
-        for k, (pose, K, D) in enumerate([("", K1, D1), (f"  T_cn_cnm1:\n{rows}", K2, D2)])
-    ]
-    (folder / "camchain.yaml").write_text("".join(cameras))
-    return [folder / "camchain.yaml"]
-
-
-def euroc(folder: Path) -> list[Path]:
-    poses = (T_BODY_LEFT, T_BODY_LEFT @ np.linalg.inv(T_RIGHT_LEFT))
-    for k, (T_BS, K, D) in enumerate(zip(poses, (K1, K2), (D1, D2), strict=True)):
-        data = ",\n         ".join(str(row.tolist())[1:-1] for row in T_BS)
-        (folder / f"{k}.yaml").write_text(
-            f"# General sensor definitions.\nsensor_type: camera\ncomment: VI-Sensor cam{k} (MT9M034)\n\n"
-            f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\nrate_hz: 20\nresolution: [640, 480]\n"
-            f"camera_model: pinhole\nintrinsics: {intrinsics(K)} #fu, fv, cu, cv\n"
-            f"distortion_model: radial-tangential\ndistortion_coefficients: {D}\n"
-        )
-    return [folder / "0.yaml", folder / "1.yaml"]
-
-
-def ros(folder: Path) -> list[Path]:
-    """camera_calibration's files, rectified by OpenCV itself."""
-    lenses = np.append(D1, 0), np.append(D2, 0)
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(
-        K1, lenses[0], K2, lenses[1], SIZE, T_RIGHT_LEFT[:3, :3], T_RIGHT_LEFT[:3, 3]
-    )
-    for name, *matrices in (("left", K1, lenses[0][None], R1, P1), ("right", K2, lenses[1][None], R2, P2)):
-        keys = ("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix")
-        entries = "".join(
-            f"{key}:\n  rows: {M.shape[0]}\n  cols: {M.shape[1]}\n  data: {M.ravel().tolist()}\n"
-            for key, M in zip(keys, matrices, strict=True)
-        )
-        head = f"image_width: 640\nimage_height: 480\ncamera_name: {name}\ndistortion_model: plumb_bob\n"
-        (folder / f"{name}.yaml").write_text(head + entries)
-    return [folder / "left.yaml", folder / "right.yaml"]
-
-
-def anipose(folder: Path) -> list[Path]:
-    """Poses from the world, here the left camera turned."""
-    world = np.eye(4)
-    world[:3, :3] = cv2.Rodrigues(np.array([0.2, -0.5, 0.1]))[0]
-    world[:3, 3] = (0.3, 0.2, 1.0)
-    text = ""
-    for k, (pose, K, D) in enumerate([(world, K1, D1), (T_RIGHT_LEFT @ world, K2, D2)]):
-        text += (
-            f'[cam_{k}]\nname = "{k}"\nsize = [ 640, 480,]\nmatrix = {K.tolist()}\ndistortions = {[*D, 0.0]}\n'
-            f"rotation = {cv2.Rodrigues(pose[:3, :3])[0].ravel().tolist()}\ntranslation = {pose[:3, 3].tolist()}\n\n"
-        )
-    (folder / "calibration.toml").write_text(text + "[metadata]\nadjusted = false\nerror = 0.5\n")
-    return [folder / "calibration.toml"]
-
-
-def camera_tables(folder: Path, matrix: str, names: tuple[str, str], coefficients: int = 5) -> list[Path]:
-    """The tables of aniposelib's descendants, in the left camera's frame; a rotation as a vector or a matrix."""
-    text = "CreationDate = 2024-01-01T00:00:00\n"
-    for name, pose, K, D in zip(names, (np.eye(4), T_RIGHT_LEFT), (K1, K2), (D1, D2), strict=True):
-        R = pose[:3, :3].tolist() if matrix == "matrix" else cv2.Rodrigues(pose[:3, :3])[0].ravel().tolist()
-        text += f"[{name}]\nport = 1\nsize = [ 640, 480,]\nmatrix = {K.tolist()}\nrotation = {R}\n"
-        text += f"distortions = {[*D, 0.0][:coefficients]}\ntranslation = {pose[:3, 3].tolist()}\n"
-    (folder / "config.toml").write_text(text + "[charuco]\ncolumns = 4\n[spare]\nmatrix = []\n")
-    return [folder / "config.toml"]
-
-
-def caliscope(folder: Path) -> list[Path]:
-    return camera_tables(folder, "matrix", ("cam_1", "cam_2"))
-
-
-def caliscope_2(folder: Path) -> list[Path]:
-    return camera_tables(folder, "vector", ("cameras.1", "cameras.2"))
-
-
-def pose2sim(folder: Path) -> list[Path]:
-    return camera_tables(folder, "vector", ("Miqus_26587", "Miqus_28440"), coefficients=4)
-
-
-def rostopic(folder: Path) -> list[Path]:
-    """The messages as `rostopic echo -n 1` prints them."""
-    names = {
-        "camera_matrix": "K",
-        "distortion_coefficients": "D",
-        "rectification_matrix": "R",
-        "projection_matrix": "P",
-    }
-    for file in ros(folder):
-        rows = {key: re.search(rf"{name}:\n.*\n.*\n  data: (.*)", file.read_text())[1] for name, key in names.items()}
-        text = 'header: \n  seq: 1\n  frame_id: x\nheight: 480\nwidth: 640\ndistortion_model: "plumb_bob"\n'
-        text += "".join(f"{key}: {data}\n" for key, data in rows.items())
-        zeros = "".join(f"  {name}: 0\n" for name in ("x_offset", "y_offset", "height", "width"))
-        file.write_text(f"{text}binning_x: 0\nbinning_y: 0\nroi: \n{zeros}  do_rectify: False\n---\n")
-    return [folder / "left.yaml", folder / "right.yaml"]
-
-
-def named(K: str, D: str, R: str, T: str, sides: tuple[str, str], suffix: str) -> Callable[[Path], list[Path]]:
-    """OpenCV's matrices under other names; as YAML, or as arrays of NumPy or MATLAB."""
-
-    def write(folder: Path) -> list[Path]:
-        entries = {R: T_RIGHT_LEFT[:3, :3], T: T_RIGHT_LEFT[:3, 3:]}
-        for side, matrix, lens in zip(sides, (K1, K2), (D1, D2), strict=True):
-            entries |= {K.format(side): matrix, D.format(side): np.array([[*lens, 0.0]])}
-        file = folder / f"calibration.{suffix}"
-        if suffix == "npz":
-            np.savez(file, **entries, imageSize=[640, 480], rvecs=np.array([None, 1]), images=np.zeros((9, 99, 999)))
-        elif suffix == "mat":
-            scipy.io.savemat(file, entries)
-        else:
-            store(file, **entries)
-        return [file]
-
-    return write
-
-
-def samples(folder: Path) -> list[Path]:
-    """intrinsics.yml and extrinsics.yml of OpenCV's sample stereo_calib."""
-    R, T = T_RIGHT_LEFT[:3, :3], T_RIGHT_LEFT[:3, 3:]
-    lenses = np.array([*D1, 0.0]), np.array([*D2, 0.0])
-    R1, R2, P1, P2, Q, *_ = cv2.stereoRectify(K1, lenses[0], K2, lenses[1], SIZE, R, T)
-    intrinsics = store(folder / "intrinsics.yml", M1=K1, D1=lenses[0], M2=K2, D2=lenses[1])
-    return [intrinsics, store(folder / "extrinsics.yml", R=R, T=T, R1=R1, R2=R2, P1=P1, P2=P2, Q=Q)]
-
-
-def nested(folder: Path) -> list[Path]:
-    """A table for each side and one for the pose."""
-    sides = {
-        side: {"camera_matrix": K.tolist(), "dist_coeffs": [*D, 0.0]}
-        for side, K, D in (("left", K1, D1), ("right", K2, D2))
-    }
-    pose = {"R": T_RIGHT_LEFT[:3, :3].tolist(), "T": T_RIGHT_LEFT[:3, 3].tolist()}
-    (folder / "calibration.json").write_text(json.dumps(sides | {"stereo": pose}))
-    return [folder / "calibration.json"]
-
-
-FORMS = {
-    **{write.__name__: write for write in (kalibr, euroc, ros, rostopic, anipose, caliscope, caliscope_2, pose2sim)},
-    "samples": samples,
-    "nested": nested,
-    "cameras": named("cam{}_K", "cam{}_distortion_coeffs", "rot_mat", "tvec", ("1", "2"), "yml"),
-    "documentation": named("cameraMatrix{}", "distCoeffs{}", "R", "T", ("1", "2"), "yml"),
-    "npz": named("K{}", "D{}", "R", "T", ("1", "2"), "npz"),
-    "npz from 0": named("K{}", "dist_{}", "rotation_matrix", "translation_vector", ("0", "1"), "npz"),
-    "letters": named("mtx{}", "dist{}", "Rot", "Trans", ("L", "R"), "npz"),
-    "words": named("{}_camera_matrix", "{}_distortion", "R", "T", ("left", "right"), "json"),
-    "mat": named(
-        "intrinsicMatrix{}", "distortionCoefficients{}", "rotationOfCamera2", "translationOfCamera2", ("1", "2"), "mat"
-    ),
-}
-
-
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", CASES)
 def test_positions_by_each_form_are_those_of_opencv_s_projections(tmp_path, form):
     """Points are projected by OpenCV; what is read triangulates them within 1 µm, in the left camera's frame."""
-    files = FORMS[form](tmp_path)
-    truth = StereoCamera(SIZE, (K1, K2), (np.array(D1), np.array(D2)), T_RIGHT_LEFT)
-    assert truth.error_m(files) < 1e-6
-    half = read_stereo_calibration(files, (320, 240), CalibrationOptions(unit_m=0.001, scaled=True))
-    np.testing.assert_allclose(half[2][:3, 3], np.linalg.inv(T_RIGHT_LEFT)[:3, 3] / 1000, atol=1e-12)
+    write, camera = CASES[form]
+    assert camera.error_m(write(tmp_path)) < 1e-6
 
 
 @pytest.mark.parametrize(("form", "name"), [("P{}: {}\n", "image_{}"), ("P_rect_0{}: {}\n", "image_0{}")])
@@ -218,25 +44,25 @@ def test_kitti(tmp_path, form, name):
 
 
 @pytest.mark.parametrize(
-    ("write", "original", "instead", "message"),
+    ("form", "original", "instead", "message"),
     [
-        (kalibr, "cam1:", "cam1: 3\ncam2:", "cam1 is '3'; expected the entries of a camera"),
-        (kalibr, "cam1:", "cam2:", r"camchain\.yaml: no R; expected K1, .*, or two cameras with their poses"),
-        (kalibr, "intrinsics: [500.0", "intrinsics: [1.2e9", "intrinsics is .* expected 4 numbers"),
-        (kalibr, "cam0", "# " + "x" * 2**22 + "\ncam0", "more than 4194304 characters or 2000 nodes"),
-        (kalibr, "cam0", "#" + 200_000 * "[" + "\ncam0", "characters or 2000 nodes; expected a calibration"),
-        (kalibr, "radtan", "fov", "distortion_model fov; expected one of radtan"),
-        (kalibr, "camera_model: pinhole", "camera_model: omni", "camera_model omni; expected pinhole"),
-        (kalibr, "T_cn_cnm1", "T_cam_imu", "T_cn_cnm1 is None; expected 4×4 numbers"),
-        (euroc, "resolution: [640, 480]", "resolution: [640]", "resolution is .* expected 2 numbers"),
-        (euroc, "data: [", "data: [nan, ", "T_BS has 17 numbers; expected 16"),
-        (euroc, "rate_hz: 20", "rate_hz: &x 20", r"0\.yaml:12: cannot be parsed"),
-        (ros, "rows: 3\n", "rows: 3\n  rows: 3\n", "rows again"),
-        (anipose, "size", "[size", "cannot be parsed: .*line 3"),
+        ("kalibr", "cam1:", "cam1: 3\ncam2:", "cam1 is '3'; expected the entries of a camera"),
+        ("kalibr", "cam1:", "cam2:", r"camchain\.yaml: no R; expected K1, .*, or two cameras with their poses"),
+        ("kalibr", "intrinsics: [700.0", "intrinsics: [1.2e9", "intrinsics is .* expected 4 numbers"),
+        ("kalibr", "cam0", "# " + "x" * 2**22 + "\ncam0", "more than 4194304 characters or 2000 nodes"),
+        ("kalibr", "cam0", "#" + 200_000 * "[" + "\ncam0", "characters or 2000 nodes; expected a calibration"),
+        ("kalibr", "radtan", "fov", "distortion_model fov; expected one of radtan"),
+        ("kalibr", "camera_model: pinhole", "camera_model: omni", "camera_model omni; expected pinhole"),
+        ("kalibr", "T_cn_cnm1", "T_cam_imu", "T_cn_cnm1 is None; expected 4×4 numbers"),
+        ("euroc", "resolution: [1280, 720]", "resolution: [1280]", "resolution is .* expected 2 numbers"),
+        ("euroc", "data: [", "data: [nan, ", "T_BS has 17 numbers; expected 16"),
+        ("euroc", "rate_hz: 20", "rate_hz: &x 20", r"0\.yaml:12: cannot be parsed"),
+        ("ros", "rows: 3\n", "rows: 3\n  rows: 3\n", "rows again"),
+        ("anipose", "size", "[size", "cannot be parsed: .*line 5"),
     ],
 )
-def test_what_cannot_be_used_is_named(tmp_path, write, original, instead, message):
-    files = write(tmp_path)
+def test_what_cannot_be_used_is_named(tmp_path, form, original, instead, message):
+    files = FORMS[form](tmp_path)
     files[0].write_text(files[0].read_text().replace(original, instead, 1))
     with pytest.raises(InputError, match=message):
         read_stereo_calibration(files, SIZE)

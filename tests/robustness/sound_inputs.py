@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import trimesh
 from bags import BagWriter
-from calibrations import store
+from calibration_forms import FORMS, SIZE
+from recorded import START_S, write_recording
 from results import write_results
-from scipy.io import savemat
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
 from learning.reach.labels import Labels
@@ -38,12 +38,10 @@ from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
 from pps_vision.recordings.times import read_times
 from pps_vision.recordings.video import open_video
 from pps_vision.recordings.warnings import Problem
-from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.gaze import GazeLimits
-from pps_vision.robot.icub import home, icub_setup, load_icub
+from pps_vision.robot.icub import icub_setup, load_icub
 from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import StereoFrame, Truth
 from rendering.stimulus_file import load_stimulus
 
 
@@ -58,20 +56,7 @@ class Reader:
 
 
 def _recording(folder: Path) -> list[Path]:
-    setup = icub_setup()
-    rng = np.random.default_rng(0)
-    robot = setup.robot
-    q = home(robot)
-    with YarpWriter(folder / "rec", setup) as writer:
-        for i in range(4):
-            left, right = rng.integers(0, 256, (2, 6, 8, 3), dtype=np.uint8)
-            stamp_s = 1512784563.5 + 0.05 * i
-            writer.write_frame(StereoFrame(left, right, stamp_s, stamp_s + 0.005, q, q))
-            writer.write_joints(stamp_s, q)
-            writer.write_joints(stamp_s + 0.005, q)
-            writer.write_touches(stamp_s, ("left_forearm:27", "left_forearm:15")[: i % 3])
-            zero = np.zeros(3)
-            writer.write_truth(Truth(stamp_s, zero, zero, 0.03, zero[:2], zero[:2], True, False))
+    write_recording(folder / "rec")
     return sorted(file for file in (folder / "rec").rglob("*") if file.is_file())
 
 
@@ -104,7 +89,7 @@ def _skin(folder: Path) -> list[Path]:
     _recording(folder)
     contact = "((0 3 4 2) (0.1 -0.02 0.0) (0 0 0) (0 0 0) (0 0 0) (1 0 0) (1 5 9) 10.0)"
     log = folder / "rec/skin/data.log"
-    log.write_text("".join(f"{i} {1512784563.5 + 0.05 * i} {i * contact}\n" for i in range(4)))
+    log.write_text("".join(f"{i} {START_S + 0.05 * i} {i * contact}\n" for i in range(4)))
     return [log, *_taxels(folder)]
 
 
@@ -151,94 +136,20 @@ def _of_recording(name: str) -> Callable[[Path], list[Path]]:
     return lambda folder: [file for file in _recording(folder) if file.name == name]
 
 
-def _calibration(suffix: str) -> Reader:
-    def write(folder: Path) -> list[Path]:
-        file = folder / f"stereo.{suffix}"
-        K = np.array([[220.0, 0, 160], [0, 221, 120], [0, 0, 1]])
-        entries = {"K1": K, "D1": 0.01 * np.ones((1, 5)), "K2": K, "D2": np.zeros((1, 4)), "R": np.eye(3)}
-        store(file, **entries, T=np.array([[-0.07], [0.001], [0.002]]), image_width=320, image_height=240)
-        return [file]
-
-    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
+def _calibration(form: str) -> Reader:
+    return Reader(FORMS[form], lambda folder: read_stereo_calibration(sorted(folder.iterdir()), SIZE))
 
 
-_PINHOLE = (
-    "resolution: [320, 240]\nintrinsics: [220.0, 221, 160, 120]  # f, c\ndistortion_coefficients: [0.1, 0, 0, 0]\n"
-)
-_ROS_K = "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [220, 0, 160, 0, 220, 120, 0, 0, 1]\n"
-_ROS_R = "distortion_model: plumb_bob\nrectification_matrix: {data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
-_ANIPOSE = "size = [320, 240]\nmatrix = [[220, 0, 160], [0, 221, 120], [0, 0, 1]]\nrotation = [0.1, 0, 0]\n"
-_CALIBRATIONS: Mapping[str, Sequence[str]] = {  # the files of one stereo camera in the form of each tool
-    "kalibr": [
-        "cam0:\n  " + _PINHOLE.replace("\n", "\n  ") + "\ncam1:\n  T_cn_cnm1:\n  - [1, 0, 0, -0.1]\n  - [0, 1, 0, 0]\n"
-        "  - - 0\n    - 0\n    - 1\n    - 0\n  - [0, 0, 0, 1]\n  " + _PINHOLE.replace("\n", "\n  ")
-    ],
-    "euroc": [
-        _PINHOLE + f"T_BS:\n  rows: 4\n  data: [1, 0, 0, {x},\n    0, 1, 0, 0, 0, 0, 1, 0,\n    0, 0, 0, 1]\n"
-        for x in (0, 0.1)
-    ],
-    "ros": [
-        "image_width: 320\nimage_height: 240\ndistortion_coefficients: {data: [0.1, 0, 0, 0, 0]}\n"
-        + _ROS_K
-        + _ROS_R
-        + f"projection_matrix:\n  data: [220, 0, 160, {x}, 0, 220, 120, 0, 0, 0, 1, 0]\n"
-        for x in (0, -22)
-    ],
-    "zed": [
-        "".join(
-            f"[{side}_CAM_HD]\nfx=700.0\nfy=700.0\ncx=640.0\ncy=360.0\nk1=-0.17\nk2=0.02\n"
-            for side in ("LEFT", "RIGHT")
-        )
-        + "[STEREO]\nBaseline=120\nTY=0.1\nTZ=-0.2\nCV_HD=0.01\nRX_HD=0.002\nRZ_HD=-0.001\n"
-    ],
-    "multical": [
-        '{"cameras": {"a": {"model": "standard", "image_size": [320, 240], '
-        '"K": [[220, 0, 160], [0, 220, 120], [0, 0, 1]], "dist": [[0.1, 0, 0, 0, 0]]}, '
-        '"b": {"image_size": [320, 240], "K": [[220, 0, 160], [0, 220, 120], [0, 0, 1]], '
-        '"dist": [0.1]}}, "camera_poses": {"a": {"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [0, 0, 0]}, "b_to_a": '
-        '{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [-0.1, 0, 0]}}}'
-    ],
-    "orb_slam3": [
-        '%YAML:1.0\nCamera.type: "KannalaBrandt8"\nCamera.width: 320\nCamera.height: 240\n'
-        + "".join(
-            f"Camera{k}.{key}: {x}\n"
-            for k in (1, 2)
-            for key, x in {"fx": 99, "fy": 99, "cx": 160, "cy": 120, "k1": 0.1}.items()
-        )
-        + "Stereo.T_c1_c2: !!opencv-matrix\n  rows: 4\n  cols: 4\n  dt: f\n"
-        + "  data: [1,0,0,0.1,0,1,0,0,0,0,1,0,0,0,0,1]\n"
-    ],
-    "kitti": ["".join(f"P{k}: 220 0 160 {-22 * k} 0 220 120 0 0 0 1 0\n" for k in range(4))],
-    "anipose": [
-        "".join(f"[cam_{k}]\n{_ANIPOSE}translation = [{k}, 0, 0.5]\ndistortions = [0.0, 0.1]\n" for k in range(2))
-    ],
-}
+_KITTI = "".join(f"P{k}: 30 0 12 {-22 * k} 0 30 8 0 0 0 1 0\n" for k in range(4))
 
 
-def _arrays(suffix: str) -> Reader:
-    """The matrices as arrays of NumPy or variables of MATLAB."""
-
-    def write(folder: Path) -> list[Path]:
-        K = np.array([[220.0, 0, 160], [0, 221, 120], [0, 0, 1]])
-        arrays = {"K1": K, "D1": np.full(5, 0.01), "K2": K, "D2": np.zeros(5), "R": np.eye(3), "T": [-0.1, 0, 0]}
-        if suffix == "npz":
-            np.savez(folder / "stereo.npz", **arrays)
-        else:
-            savemat(folder / "stereo.mat", arrays | {"imageSize": [[320, 240]]})
-        return [folder / f"stereo.{suffix}"]
-
-    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
+def _kitti_calibration(folder: Path) -> list[Path]:
+    (folder / "calib.txt").write_text(_KITTI)
+    return [folder / "calib.txt"]
 
 
-def _calibration_of(tool: str) -> Reader:
-    def write(folder: Path) -> list[Path]:
-        for k, text in enumerate(_CALIBRATIONS[tool]):
-            (folder / str(k)).write_text(text)
-        return sorted(folder.iterdir())
-
-    cameras = CalibrationOptions(cameras=("image_0", "image_1") if tool == "kitti" else None)
-    size = (1280, 720) if tool == "zed" else (320, 240)
-    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), size, cameras))
+def _read_kitti_calibration(folder: Path) -> None:
+    read_stereo_calibration([folder / "calib.txt"], (24, 16), CalibrationOptions(cameras=("image_0", "image_1")))
 
 
 def _write_images(folder: Path, names: Sequence[str]) -> None:
@@ -250,12 +161,13 @@ def _write_images(folder: Path, names: Sequence[str]) -> None:
 
 def _euroc(folder: Path) -> list[Path]:
     stamps = [1403636579763555584 + 50_000_000 * k for k in range(4)]
-    for camera, text in zip(("cam0", "cam1"), _CALIBRATIONS["euroc"], strict=True):
+    for camera, calibration in zip(("cam0", "cam1"), FORMS["euroc"](folder), strict=True):
         place = folder / "mav0" / camera
         _write_images(place / "data", [f"{stamp}.png" for stamp in stamps])
         rows = "".join(f"{stamp},{stamp}.png\n" for stamp in stamps)
         (place / "data.csv").write_text("#timestamp [ns],filename\n" + rows)
-        (place / "sensor.yaml").write_text(text.replace("[320, 240]", "[24, 16]"))
+        (place / "sensor.yaml").write_text(calibration.read_text().replace("[1280, 720]", "[24, 16]"))
+        calibration.unlink()
     return sorted(file for file in folder.rglob("*") if file.is_file())
 
 
@@ -263,9 +175,7 @@ def _kitti(folder: Path) -> list[Path]:
     for camera in ("image_0", "image_1"):
         _write_images(folder / camera, [f"{k:06d}.png" for k in range(4)])
     (folder / "times.txt").write_text("".join(f"{0.1 * k:e}\n" for k in range(4)))
-    (folder / "calib.txt").write_text(
-        _CALIBRATIONS["kitti"][0].replace("220 0 160", "30 0 12").replace("220 120", "30 8")
-    )
+    _kitti_calibration(folder)
     return sorted(file for file in folder.rglob("*") if file.is_file())
 
 
@@ -473,9 +383,12 @@ READERS: Mapping[str, Reader] = {
     "icub_eyes": Reader(
         _of_recording("icubEyes.ini"), lambda folder: read_icub_eyes(folder / "rec/icubEyes.ini", (640, 480))
     ),
-    **{f"calibration_{suffix}": _calibration(suffix) for suffix in ("xml", "yml", "json")},
-    **{f"calibration_{suffix}": _arrays(suffix) for suffix in ("npz", "mat")},
-    **{f"calibration_{tool}": _calibration_of(tool) for tool in _CALIBRATIONS},
+    **{
+        f"calibration_{form}": _calibration(form)
+        for form in ("xml", "yml", "json", "npz", "mat", "kalibr", "euroc", "ros", "zed", "multical", "anipose")
+    },
+    "calibration_orb_slam3": _calibration("orb_slam3, fisheye"),
+    "calibration_kitti": Reader(_kitti_calibration, _read_kitti_calibration),
     **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},
     "video_mp4": _video("mp4", "libx264"),
     "video_mkv": _video("mkv", "mpeg4"),
