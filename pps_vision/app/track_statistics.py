@@ -2,7 +2,7 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -178,14 +178,6 @@ class TracksStatistics:
         if self._has_truth:
             numbers["errors"] = path.errors()
         return numbers
-
-
-def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:
-    """Return the errors of tracks, as `PathStatistics.errors`."""
-    statistics = PathStatistics(truth)
-    for track in tracks:
-        statistics.add(track)
-    return statistics.errors()
 
 
 def _rms(values: Array) -> float:

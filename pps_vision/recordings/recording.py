@@ -24,7 +24,6 @@ if TYPE_CHECKING:  # kinematics take 0.2 s to load, and are not installed where 
 Pair = tuple[ImageFile, ImageFile]
 FileT = TypeVar("FileT", bound=ImageFile)
 
-_STAMPS_EXPECTED = "a stamp a row, in s or digits of ms, µs or ns since 1970, each later than the last"
 _SIZED = 10  # readable images whose sizes are compared
 _AHEAD = 2  # pairs that are decoded beside the work on one; more take memory and save no time
 _SAME_RATE = 0.01  # by which 29.97 and 30 frames a second differ, and more

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,11 +24,12 @@ SQUARE_PX = 60
 SQUARE_M = 0.03
 
 
-def pattern(charuco: bool) -> np.ndarray:
+def pattern(charuco: bool, legacy: bool = False) -> np.ndarray:
     """A board of 9×6 squares seen from the front, with a white margin of one square."""
     if charuco:
         markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
         board = cv2.aruco.CharucoBoard((9, 6), SQUARE_M, 0.022, markers)
+        board.setLegacyPattern(legacy)
         drawn = board.generateImage((9 * SQUARE_PX, 6 * SQUARE_PX))
     else:
         rows, columns = np.mgrid[: 6 * SQUARE_PX, : 9 * SQUARE_PX] // SQUARE_PX
@@ -35,21 +37,33 @@ def pattern(charuco: bool) -> np.ndarray:
     return cv2.copyMakeBorder(drawn, *[SQUARE_PX] * 4, cv2.BORDER_CONSTANT, value=255)
 
 
+def write_views(
+    folder: Path,
+    board: np.ndarray,
+    n: int = 4,
+    aside_m: float = 0.0,
+    shown: Callable[[np.ndarray, int], np.ndarray] = lambda image, side: image,
+) -> list[str]:
+    """Images of a board held in front of both cameras, as the camera of a side has them `shown`; the command without
+    the board's size."""
+    rng = np.random.default_rng(SEED)
+    for k in range(n):
+        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
+        at = np.array([*rng.uniform(-aside_m, aside_m, 2), rng.uniform(0.45, 0.6)]) + np.array([0.05, 0, 0])
+        for side, name in enumerate(("left", "right")):
+            image = seen(board, SQUARE_M / SQUARE_PX, turn, at, side)
+            cv2.imwrite(str(folder / f"{name}{k}.png"), shown(image, side))
+    words = ["calibrate", "--left", folder / "left*.png", "--right", folder / "right*.png", "--square-mm", 30]
+    return [*map(str, words), "--out", str(folder / "out")]
+
+
 @pytest.mark.parametrize("charuco", [False, True])
 def test_known_cameras_are_found(tmp_path, charuco, capsys):
-    rng = np.random.default_rng(SEED)
-    board = pattern(charuco)
-    for k in range(7):
-        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
-        at = np.array([*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.45, 0.6)]) + np.array([0.05, 0, 0])
-        for side, name in enumerate(("left", "right")):
-            cv2.imwrite(str(tmp_path / f"{name}{k}.png"), seen(board, SQUARE_M / SQUARE_PX, turn, at, side))
+    words = write_views(tmp_path, pattern(charuco), 7, 0.06)
     for name in ("left", "right"):  # no board here
         cv2.imwrite(str(tmp_path / f"{name}99.png"), np.full(SIZE[::-1], 90, np.uint8))
-    words = ["calibrate", "--left", str(tmp_path / "left*.png"), "--right", str(tmp_path / "right*.png")]
-    size = ["--board", *(("9", "6", "--marker-mm", "22") if charuco else ("8", "5")), "--square-mm", "30"]
     out = tmp_path / "out"
-    main([*words, *size, "--out", str(out)])
+    main([*words, "--board", *(("9", "6", "--marker-mm", "22") if charuco else ("8", "5"))])
     said = capsys.readouterr()
     assert "left99.png and right99.png: no board found" in said.err
     assert re.match(r"7 of 8 pairs; RMS left 0\.\d{3}, .* baseline 1[12]\d\.\d{2} mm, .* px → ", said.out)
@@ -178,20 +192,13 @@ def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path):
 @pytest.mark.parametrize("both", [False, True])
 def test_cameras_that_are_rolled(tmp_path, capsys, roll_deg, both):
     """The right camera alone, or both; OpenCV numbers a board of 8×5 inner corners from either end."""
-    rng = np.random.default_rng(SEED)
-    board = pattern(False)
     turned = cv2.getRotationMatrix2D(((SIZE[0] - 1) / 2, (SIZE[0] - 1) / 2), roll_deg, 1.0)
-    for k in range(8):
-        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
-        at = np.array([*rng.uniform(-0.03, 0.03, 2), rng.uniform(0.5, 0.6)]) + np.array([0.05, 0, 0])
-        for side, name in enumerate(("left", "right")):
-            square = np.full((SIZE[0], SIZE[0]), 90, np.uint8)
-            square[80 : 80 + SIZE[1]] = seen(board, SQUARE_M / SQUARE_PX, turn, at, side)
-            if side or both:
-                square = cv2.warpAffine(square, turned, (SIZE[0], SIZE[0]), borderValue=90)
-            cv2.imwrite(str(tmp_path / f"{name}{k}.png"), square)
-    images = ["--left", str(tmp_path / "left*.png"), "--right", str(tmp_path / "right*.png")]
-    main(["calibrate", *images, "--board", "8", "5", "--square-mm", "30", "--out", str(tmp_path / "out")])
+
+    def shown(image: np.ndarray, side: int) -> np.ndarray:
+        square = cv2.copyMakeBorder(image, 80, 80, 0, 0, cv2.BORDER_CONSTANT, value=90)
+        return cv2.warpAffine(square, turned, (SIZE[0], SIZE[0]), borderValue=90) if side or both else square
+
+    main([*write_views(tmp_path, pattern(False), 8, 0.03, shown), "--board", "8", "5"])
     assert capsys.readouterr().err == ""
     storage = cv2.FileStorage(str(tmp_path / "out" / "calibration.yml"), cv2.FILE_STORAGE_READ)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -221,53 +228,24 @@ def test_a_poor_calibration_is_warned_of_or_refused(tmp_path, capsys, refused):
     assert re.search(r"warning: the RMS reprojection error is 1\.\d px; expected below 1:", capsys.readouterr().err)
 
 
-def write_views(folder: Path, board: np.ndarray) -> tuple[object, ...]:
-    rng = np.random.default_rng(SEED)
-    for k in range(4):
-        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
-        at = np.array([0.05, 0, rng.uniform(0.45, 0.6)])
-        for side, name in enumerate(("left", "right")):
-            cv2.imwrite(str(folder / f"{name}{k}.png"), seen(board, SQUARE_M / SQUARE_PX, turn, at, side))
-    images = "--left", folder / "left*.png", "--right", folder / "right*.png"
-    return "calibrate", *images, "--square-mm", 30, "--out", folder / "out"
-
-
 def test_the_number_of_corners_is_guessed(tmp_path, refused):
     words = write_views(tmp_path, pattern(False))
     line = refused(*words, "--board", 9, 6)
     assert line.endswith(
         "no pair of images shows a board of 9×6; they seem to show 8×5 inner corners: expected --board 8 5"
     )
-    main([str(word) for word in (*words, "--board", 8, 5)])
+    main([*words, "--board", "8", "5"])
 
 
 def test_markers_of_another_dictionary_are_named(tmp_path, refused):
-    words = write_views(tmp_path, pattern(True))
-    line = refused(*words, "--board", 9, 6, "--marker-mm", 22, "--dictionary", "4X4_50")
-    assert re.search(r"\d+ markers of 5X5_\d+ are there: expected --dictionary 5X5_\d+, or another --board", line)
-    main(
-        [
-            str(word)
-            for word in (
-                *words,
-                "--board",
-                9,
-                6,
-                "--marker-mm",
-                22,
-                "--dictionary",
-                line.split("markers of ")[1].split()[0],
-            )
-        ]
-    )
+    words = [*write_views(tmp_path, pattern(True)), "--board", "9", "6", "--marker-mm", "22", "--dictionary"]
+    line = refused(*words, "4X4_50")
+    named = re.search(r"\d+ markers of (5X5_\d+) are there: expected --dictionary 5X5_\d+, or another --board", line)
+    main([*words, named[1]])
 
 
 def test_a_charuco_board_of_older_opencv(tmp_path):
-    markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
-    board = cv2.aruco.CharucoBoard((9, 6), SQUARE_M, 0.022, markers)
-    board.setLegacyPattern(True)
-    drawn = board.generateImage((9 * SQUARE_PX, 6 * SQUARE_PX))
-    drawn = cv2.copyMakeBorder(drawn, *[SQUARE_PX] * 4, cv2.BORDER_CONSTANT, value=255)
-    main([str(word) for word in (*write_views(tmp_path, drawn), "--board", 9, 6, "--marker-mm", 22)])
+    words = write_views(tmp_path, pattern(True, legacy=True))
+    main([*words, "--board", "9", "6", "--marker-mm", "22"])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["baseline_mm"] == pytest.approx(1000 * np.linalg.norm(T), abs=2.0)

@@ -113,13 +113,7 @@ def test_rectified_images_with_the_projections_of_stereo_rectify(tmp_path):
         maps = cv2.initUndistortRectifyMap(camera.K, camera.lens, R, P, SIZE, cv2.CV_32FC1)
         rectified = (cv2.remap(image, *maps, cv2.INTER_CUBIC) for image in images)
         words += [f"--{side}", str(write_video(tmp_path / f"{side}.mp4", rectified))]
-    main(["track", *words, "--one", "--out", str(tmp_path / "path")])
-    table = np.genfromtxt(tmp_path / "path/trajectory.csv", delimiter=",", names=True, dtype=None, encoding=None)
-    known = table["status"] == "tracking"
-    assert known.mean() > 0.5
-    path = np.column_stack([table[f"{axis}_m"] for axis in "xyz"])
-    truth = np.array([row.position for row in shown.truth]) @ R1.T
-    assert 1000 * np.median(np.linalg.norm(path - truth, axis=1)[known]) < 1
+    assert track_error_mm(words, shown, tmp_path / "path", R=R1) < 1
 
 
 def test_stamps_are_read_in_the_unit_that_fits_the_video(tmp_path, capsys):

@@ -3,13 +3,14 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from calibrations import store
+from videos import encode
 
 from pps_vision.app.cli import main
 from pps_vision.app.cli.options import RecordingSource
@@ -18,24 +19,14 @@ from pps_vision.app.track import track
 from pps_vision.app.track_files import diagnosis_of, summary
 from pps_vision.app.track_statistics import PathStatistics
 from pps_vision.experiments.films.scenes import Film, FilmScene
+from pps_vision.experiments.severity.inputs import Shot
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
-from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
 
 K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])
 N = 16
-
-
-@dataclass(frozen=True)
-class MadeUp(ImageFile):
-    """An image without a file, or the reason why it cannot be read."""
-
-    pixels: np.ndarray | str = ""
-
-    def load(self) -> np.ndarray | str:
-        return self.pixels
 
 
 def every_image(rec: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -203,10 +194,7 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered, tmp_path, cap
         ("both", [np.hstack(pair) for pair in zip(left, right, strict=True)]),
         ("one", [cv2.resize(image, None, fx=2, fy=1) for image in left]),
     ):
-        video = cv2.VideoWriter(str(tmp_path / f"{name}.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 20, (640, 240))
-        for image in images:
-            video.write(image)
-        video.release()
+        encode(tmp_path / f"{name}.mp4", (image[..., ::-1] for image in images), 20)
         capsys.readouterr()
         main(["info", str(tmp_path / f"{name}.mp4"), "--calib", str(tmp_path / "calib.yml"), "--json"])
         warnings = json.loads(capsys.readouterr().out)["warnings"]
@@ -235,7 +223,7 @@ def plain_pairs(step_s: float = 1.0, moving: int = 0) -> Recording:
     images[1, 10 : 10 + moving, 10 : 10 + moving] = 250
     pairs = [
         tuple(
-            MadeUp(Path(f"{side}.png"), k * step_s, pixels=images[k] + np.uint8(i) if moving else images[i])
+            Shot(Path(f"{side}.png"), k * step_s, pixels=images[k] + np.uint8(i) if moving else images[i])
             for i, side in enumerate(("left", "right"))
         )
         for k in range(2)
@@ -248,10 +236,10 @@ def test_the_frames_of_the_diagnosis_are_not_read_again(crossing, tmp_path, monk
     """One image is read before, for its depth."""
     rig, frames = crossing
     read = []
-    monkeypatch.setattr(MadeUp, "load", lambda self: read.append(self.path) or self.pixels)
+    monkeypatch.setattr(Shot, "load", lambda self: read.append(self.path) or self.pixels)
     sides = ("left", "right")
     pairs = tuple(
-        tuple(MadeUp(Path(f"{side}{k}.png"), k / 30, pixels=getattr(frame, side)) for side in sides)
+        tuple(Shot(Path(f"{side}{k}.png"), k / 30, pixels=getattr(frame, side)) for side in sides)
         for k, frame in enumerate(frames[:N])
     )
     recording = Recording("made up", pairs, (320, 240), [], rig=rig)
@@ -272,7 +260,7 @@ def test_left_and_right_of_different_moments_or_a_wrong_calibration(crossing, la
     """One eye is 0.2 s late, or the calibration's rows are 8 px off; either is told without saying which it is."""
     rig, frames = crossing
     pairs = tuple(
-        (MadeUp(Path("left.png"), k / 30, pixels=left.left), MadeUp(Path("right.png"), k / 30, pixels=right.right))
+        (Shot(Path("left.png"), k / 30, pixels=left.left), Shot(Path("right.png"), k / 30, pixels=right.right))
         for k, (left, right) in enumerate(zip(frames[late:], frames, strict=False))
     )
     rig = StereoRig(rig.left, replace(rig.right, cy=rig.right.cy + off_px), rig.eye_poses)

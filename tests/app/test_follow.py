@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from filmed import SIZE, calibration
+from filmed import SIZE, calibration, errors_mm
 
 from pps_vision.app.cli import main
 from pps_vision.experiments.films.scenes import Film, FilmObject, FilmScene
@@ -41,19 +41,18 @@ def balls(tmp_path_factory: pytest.TempPathFactory) -> tuple[Film, list[str]]:
     return shown, [*sides, "--fps", "25", "--calib", str(calib)]
 
 
-def errors_mm(shown: Film, options: list[str], out: Path, ball: int) -> np.ndarray:
-    """Distance of each tracked position from a ball, in a track of this ball alone."""
-    main(["track", *options, "--out", str(out)])
-    table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True, dtype=None, encoding=None)
-    known = table[table["status"] == "tracking"]
-    truth = np.array([row.position for row in shown.truths[ball]])
-    frames = np.rint(FPS * known["stamp_s"]).astype(int)
-    return 1000 * np.linalg.norm(np.column_stack([known[f"{axis}_m"] for axis in "xyz"]) - truth[frames], axis=1)
+def errors_of(balls: tuple[Film, list[str]], options: list[str], out: Path, ball: int) -> np.ndarray:
+    """Distance in mm of each tracked position from a ball, in a track of this ball alone."""
+    main(["track", *balls[1], *options, "--out", str(out)])
+    truth = balls[0].truths[ball]
+    path = np.array([row.position for row in truth])
+    errors = errors_mm(out / "trajectory.csv", np.array([row.stamp_s for row in truth]), path)
+    return errors[np.isfinite(errors)]
 
 
 @pytest.mark.parametrize(("ball", "hue"), [(0, "359"), (1, "225")])
 def test_a_hue(balls, tmp_path, ball, hue):
-    errors = errors_mm(balls[0], [*balls[1], "--hue", hue], tmp_path / "out", ball)
+    errors = errors_of(balls, ["--hue", hue], tmp_path / "out", ball)
     assert len(errors) > 40
     assert np.median(errors) < 5
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["mode"] == "marker"
@@ -70,10 +69,10 @@ def box(shown: Film, ball: int, side: str, first: int = 0) -> list[str]:
 @pytest.mark.parametrize("ball", [0, 1])
 @pytest.mark.parametrize("start_s", [0.0, 0.4])
 def test_boxes_in_the_first_images(balls, tmp_path, ball, start_s):
-    shown, options = balls
+    shown = balls[0]
     first = round(FPS * start_s)
     boxes = [word for side in ("left", "right") for word in (f"--init-{side}", *box(shown, ball, side, first))]
-    errors = errors_mm(shown, [*options, *boxes, "--start-s", str(start_s)], tmp_path / "out", ball)
+    errors = errors_of(balls, [*boxes, "--start-s", str(start_s)], tmp_path / "out", ball)
     assert len(errors) > 40 - first
     assert np.median(errors) < 5
     assert len(json.loads((tmp_path / "out" / "summary.json").read_text())["tracks"]) == 1
@@ -103,7 +102,7 @@ def test_a_part_of_the_images(balls, tmp_path, refused):
     px = np.array([[truth.left_px, truth.right_px] for truth in shown.truths[0]]).reshape(-1, 2)
     x, y = np.floor(px.min(axis=0) - 20).astype(int)
     w, h = np.ceil(px.max(axis=0) + 20).astype(int) - (x, y)
-    errors = errors_mm(shown, [*options, "--one", "--roi", *map(str, (x, y, w, h))], tmp_path / "out", 0)
+    errors = errors_of(balls, ["--one", "--roi", *map(str, (x, y, w, h))], tmp_path / "out", 0)
     assert len(errors) > 40
     assert np.median(errors) < 5
     line = refused("track", *options, "--roi", 300, 0, 100, 100, "--out", tmp_path / "none")

@@ -9,7 +9,7 @@ from tracks import track_at
 
 from pps_vision.app.track import TrackedRecording
 from pps_vision.app.track_files import headline
-from pps_vision.app.track_statistics import CameraStatistics, PathStatistics, errors_against
+from pps_vision.app.track_statistics import CameraStatistics, PathStatistics
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import Status, Track3D, Truth
@@ -34,14 +34,21 @@ def later(*tracks: Track3D) -> list[Track3D]:
     return [track(0.01 * k, 1.0) for k in range(FRAMES)] + list(tracks)
 
 
+def numbers_of(tracks: list[Track3D], rows: tuple[Truth, ...] = ()) -> PathStatistics:
+    numbers = PathStatistics(rows)
+    for row in tracks:
+        numbers.add(row)
+    return numbers
+
+
 def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted():
-    rows = [truth(0.01 * k, -1.0) for k in range(20)]
+    rows = tuple(truth(0.01 * k, -1.0) for k in range(20))
     at_m = -1.0
     tracks = later(
         *(track(0.1, at_m + 0.003), track(0.11, at_m - 0.004), track(0.12, at_m + 0.012, Status.COASTING)),
         Track3D.unknown(0.13),
     )
-    errors = errors_against(rows, tracks)
+    errors = numbers_of(tracks, rows).errors()
     assert errors["tracked_share"] == 0.5
     assert errors["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16) / 2))
     assert errors["position_rms_all_mm"] == pytest.approx(np.sqrt((9 + 16 + 144) / 3))
@@ -52,8 +59,8 @@ def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted():
 @pytest.mark.parametrize(("late_s", "counts"), [(0.018, True), (-0.022, False)])
 def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s, counts):
     """An object at 2 m/s that is where it is said to be; of three rows of truth the nearest counts."""
-    rows = [truth(0.45, 7.0), truth(0.5 + late_s, 2.0 * late_s, 2.0), truth(0.9, 7.0)]
-    errors = errors_against(rows, later(track(0.5, 0.001)))
+    rows = truth(0.45, 7.0), truth(0.5 + late_s, 2.0 * late_s, 2.0), truth(0.9, 7.0)
+    errors = numbers_of(later(track(0.5, 0.001)), rows).errors()
     assert errors["tracked_share"] == counts
     if counts:
         assert errors["position_rms_mm"] == pytest.approx(1.0)
@@ -64,11 +71,9 @@ def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s
 
 def test_the_objects_size_is_the_median_where_it_is_tracked():
     """Radii of 30, 31 and 40 mm with standard deviations of 1 mm; predictions do not count."""
-    numbers = PathStatistics()
-    for radius_m in (0.04, 0.03, 0.031):
-        numbers.add(replace(track(0.1, 0.0), radius_m=radius_m))
-    numbers.add(replace(track(0.2, 0.0, Status.COASTING), radius_m=9.0))
-    assert numbers.size() == pytest.approx(
+    tracks = [replace(track(0.1, 0.0), radius_m=radius_m) for radius_m in (0.04, 0.03, 0.031)]
+    tracks.append(replace(track(0.2, 0.0, Status.COASTING), radius_m=9.0))
+    assert numbers_of(tracks).size() == pytest.approx(
         {"diameter_m": 0.062, "low_95_m": 0.062 - 0.00392, "high_95_m": 0.062 + 0.00392}
     )
 
@@ -97,14 +102,11 @@ def test_the_headline_says_what_is_known():
     """3 mm off where it is tracked, 5 mm where it is predicted."""
     run = recorded((0.0, 0.0))
     run.stopwatch.ms["total"].extend([2.0, 3.0, 10.0])
-    numbers = PathStatistics()
-    numbers.add(Track3D.unknown(0.0))
+    numbers = numbers_of([Track3D.unknown(0.0)])
     assert headline(run, numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
     run.recording = replace(run.recording, truth=(truth(0.1), truth(0.11)))
     assert headline(run, numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
-    numbers = PathStatistics(run.recording.truth)
-    for row in later(track(0.1, 0.003), track(0.11, 0.005, Status.COASTING)):
-        numbers.add(row)
+    numbers = numbers_of(later(track(0.1, 0.003), track(0.11, 0.005, Status.COASTING)), run.recording.truth)
     assert headline(run, numbers) == (
         "11 of 12 pairs tracked, median 3.0 ms a pair, 3D RMS 3.00 mm where tracked, 4.12 mm with predicted positions, "
         "object 60 mm across (95 %: 56.1–63.9)"

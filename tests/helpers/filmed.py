@@ -1,7 +1,6 @@
 """A ball before a wall, ray-cast in front of two known cameras, and how far `track` is from its true path."""
 
 from collections.abc import Callable, Iterable, Sequence
-from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import av
 import numpy as np
 from calibrations import store
+from videos import encode
 
 from pps_vision.app.cli import main
 from pps_vision.experiments.films.scenes import Film, FilmScene
@@ -39,27 +39,10 @@ def calibration(file: Path, shown: Film, size: tuple[int, int] | None = SIZE, **
 
 
 def write_video(
-    file: Path,
-    images: Iterable[Image],
-    fps: float = 25.0,
-    codec: str = "libx264",
-    set_up: Callable[[av.VideoStream], None] = lambda _: None,
+    file: Path, images: Iterable[Image], fps: float = 25.0, set_up: Callable[[av.VideoStream], None] = lambda _: None
 ) -> Path:
     """A video of hardly compressed images; `set_up` changes its stream before it is written."""
-    with av.open(str(file), "w") as container:
-        stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001))
-        stream.pix_fmt = "yuv420p" if codec == "mpeg2video" else "yuv444p"
-        if codec == "mpeg2video":
-            stream.codec_context.options = {"qmin": "1", "qmax": "2"}
-        else:
-            stream.codec_context.options = {"qp": "4", "preset": "ultrafast"}
-        set_up(stream)
-        for k, image in enumerate(images):
-            if k == 0:
-                stream.height, stream.width = image.shape[:2]
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
-        container.mux(stream.encode())
-    return file
+    return encode(file, images, fps, pix_fmt="yuv444p", set_up=set_up, qp="4", preset="ultrafast")
 
 
 def write_videos(
@@ -73,15 +56,21 @@ def write_videos(
     return shown, words
 
 
-def track_error_mm(words: Sequence[object], shown: Film, out: Path, start_s: float = 0.0) -> float:
-    """Median distance of the path that `track` writes from the ball's, whose film begins at `start_s`; half of the
-    pairs at least must be tracked."""
+def errors_mm(file: Path, stamps_s: Array, path: Array) -> Array:
+    """Distances of a trajectory.csv from the true path (n, 3), m, at these stamps; NaN where it is not tracked."""
+    table = np.genfromtxt(file, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    measured = np.column_stack([table[f"{axis}_m"] for axis in "xyz"])
+    true = np.column_stack([np.interp(table["stamp_s"], stamps_s, path[:, k]) for k in range(3)])
+    return np.where(table["status"] == "tracking", 1000 * np.linalg.norm(measured - true, axis=1), np.nan)
+
+
+def track_error_mm(
+    words: Sequence[object], shown: Film, out: Path, start_s: float = 0.0, R: Array | None = None
+) -> float:
+    """Median distance of the path that `track` writes from the ball's, whose film begins at `start_s`, in a frame
+    turned by R; half of the pairs at least must be tracked."""
     main(["track", *map(str, words), "--one", "--out", str(out)])
-    table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True, dtype=None, encoding=None)
-    known = table[table["status"] == "tracking"]
-    assert 2 * len(known) > len(table)
-    truth = np.array([row.position for row in shown.truth])
-    stamps_s = np.array([row.stamp_s for row in shown.truth])
-    measured = np.column_stack([known[f"{axis}_m"] for axis in "xyz"])
-    true = np.column_stack([np.interp(known["stamp_s"] - start_s, stamps_s, truth[:, k]) for k in range(3)])
-    return float(1000 * np.median(np.linalg.norm(measured - true, axis=1)))
+    path = np.array([row.position for row in shown.truth]) @ (np.eye(3) if R is None else R.T)
+    errors = errors_mm(out / "trajectory.csv", np.array([row.stamp_s for row in shown.truth]) + start_s, path)
+    assert np.isfinite(errors).mean() >= 0.5
+    return float(np.nanmedian(errors))

@@ -3,13 +3,13 @@
 import shutil
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 from calibrations import store
 from data import ARM7
 from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
+from videos import encode
 
 N, FPS, RADIUS_M, SHIFT = 40, 20, 0.04, 4  # OpenCV draws at 1/16 px
 PATH = [np.array([-0.15 + 0.006 * k, 0.02, 0.7 - 0.002 * k]) for k in range(N)]
@@ -30,13 +30,7 @@ def photo(side: int, at: np.ndarray, wall: np.ndarray) -> np.ndarray:
 
 def film(file: Path, images: list[np.ndarray]) -> None:
     file.parent.mkdir(exist_ok=True)
-    with av.open(str(file), "w") as container:
-        stream = container.add_stream("libx264", rate=FPS, options={"crf": "12", "preset": "veryfast"})
-        stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
-        for image in images:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-        container.mux(stream.encode())
+    encode(file, images, FPS, crf="12", preset="veryfast")
 
 
 def write(file: Path, image: np.ndarray) -> None:

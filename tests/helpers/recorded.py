@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from pps_vision.recordings.yarp_writer import YarpWriter
@@ -48,3 +49,30 @@ def write_recording(folder: Path, n: int = 4, seed: int = 0) -> Written:
             written.touches.append((stamp, touched))
             written.truth.append(truth)
     return written
+
+
+def as_dumped(rec: Path, kind: str) -> None:
+    """Store the images as yarpdatadumper does with a `--type` (of video: mkv or avi), by its source."""
+    info = {"image": "Image;", "image_jpg": "Image:jpg;", "image_png": "Image:png;", "depth": "Depth;"}
+    suffix = {"image": "ppm", "image_jpg": "jpg", "image_png": "png", "depth": "float"}.get(kind, "")
+    for log in (rec / "cam").rglob("data.log"):
+        rows = [row.split() for row in log.read_text().splitlines()]
+        images = [cv2.imread(str(log.with_name(name))) for _, _, name in rows]
+        for _, _, name in rows:
+            log.with_name(name).unlink()
+        if suffix:
+            names = [f"{k:08d}.{suffix}" for k in range(len(rows))]
+            for name, image in zip(names, images, strict=True):
+                if kind != "depth":
+                    cv2.imwrite(str(log.with_name(name)), image)
+            names = [f"{name} [{'mono_float' if kind == 'depth' else 'rgb'}]" for name in names]
+        else:
+            names = [f"frame_{k:08d}" for k in range(len(rows))]
+            code = cv2.VideoWriter.fourcc(*"HFYU")
+            size = images[0].shape[1::-1]
+            video = cv2.VideoWriter(str(log.with_name(f"video.{kind}")), code, 20, size)
+            for image in images:
+                video.write(image)
+            video.release()
+        log.with_name("info.log").write_text(f"Type: {info.get(kind, f'Image; Video:{kind}(huffyuv);')}\nStamp: rx;\n")
+        log.write_text("".join(f"{row[0]} {row[1]} {name}\n" for row, name in zip(rows, names, strict=True)))

@@ -18,7 +18,6 @@ from recorded import START_S, Written, write_recording
 
 from learning.pps.memory import PPSMemory, load_memory, save_memory
 from pps_vision.errors import InputError
-from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
@@ -89,15 +88,6 @@ def test_nested_brackets_in_a_skin_log_are_a_bad_row(rec, tmp_path):
     recording = open_recording(rec.folder, taxels=tmp_path / "taxels.ini")
     assert [(p.kind, p.line) for p in recording.problems] == [(ProblemKind.ROW, 1)]
     assert len(recording.touches) == 1
-
-
-@pytest.mark.parametrize("change", [("w 8", "w 1e300"), ("fy 1", "fy 1e999"), ("h 6", "h 99999999")])
-def test_an_absurd_size_in_icub_eyes_is_one_line(tmp_path, change):
-    camera = "w 8\nh 6\nfx 10\nfy 10\ncx 4\ncy 3\nk1 0\nk2 0\np1 0\np2 0\n"
-    text = f"[CAMERA_CALIBRATION_LEFT]\n{camera}[CAMERA_CALIBRATION_RIGHT]\n{camera}"
-    (tmp_path / "eyes.ini").write_text(text.replace(*change, 1))
-    with pytest.raises(InputError, match=r"eyes\.ini:[235]: [wfh]"):
-        read_icub_eyes(tmp_path / "eyes.ini", (8, 6))
 
 
 def test_a_section_of_icub_eyes_that_comes_twice_is_refused(rec):

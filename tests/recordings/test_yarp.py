@@ -5,10 +5,9 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from recorded import ROBOT, SETUP, START_S, Written, write_recording
+from recorded import ROBOT, SETUP, START_S, Written, as_dumped, write_recording
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
@@ -179,33 +178,6 @@ def test_ports_are_found_by_other_names(rec, with_info):
     np.testing.assert_array_equal(joints[left], 0)
 
 
-def as_dumped(rec: Written, kind: str) -> None:
-    """Store the images as yarpdatadumper does with a `--type` (of video: mkv or avi), by its source."""
-    info = {"image": "Image;", "image_jpg": "Image:jpg;", "image_png": "Image:png;", "depth": "Depth;"}
-    suffix = {"image": "ppm", "image_jpg": "jpg", "image_png": "png", "depth": "float"}.get(kind, "")
-    for log in (rec.folder / "cam").rglob("data.log"):
-        rows = [row.split() for row in log.read_text().splitlines()]
-        images = [cv2.imread(str(log.with_name(name))) for _, _, name in rows]
-        for _, _, name in rows:
-            log.with_name(name).unlink()
-        if suffix:
-            names = [f"{k:08d}.{suffix}" for k in range(len(rows))]
-            for name, image in zip(names, images, strict=True):
-                if kind != "depth":
-                    cv2.imwrite(str(log.with_name(name)), image)
-            names = [f"{name} [{'mono_float' if kind == 'depth' else 'rgb'}]" for name in names]
-        else:
-            names = [f"frame_{k:08d}" for k in range(len(rows))]
-            code = cv2.VideoWriter.fourcc(*"HFYU")
-            size = images[0].shape[1::-1]
-            video = cv2.VideoWriter(str(log.with_name(f"video.{kind}")), code, 20, size)
-            for image in images:
-                video.write(image)
-            video.release()
-        log.with_name("info.log").write_text(f"Type: {info.get(kind, f'Image; Video:{kind}(huffyuv);')}\nStamp: rx;\n")
-        log.write_text("".join(f"{row[0]} {row[1]} {name}\n" for row, name in zip(rows, names, strict=True)))
-
-
 def without_info(rec: Written) -> None:
     for info in rec.folder.rglob("info.log"):
         info.unlink()
@@ -214,7 +186,7 @@ def without_info(rec: Written) -> None:
 @pytest.mark.parametrize("kind", ["image", "image_jpg", "image_png", "mkv", "avi"])
 @pytest.mark.parametrize("with_info", [True, False])
 def test_all_images_that_the_dumper_writes_are_read(rec, kind, with_info):
-    as_dumped(rec, kind)
+    as_dumped(rec.folder, kind)
     if not with_info:
         without_info(rec)
     recording = open_recording(rec.folder)
@@ -231,7 +203,7 @@ def test_all_images_that_the_dumper_writes_are_read(rec, kind, with_info):
 
 
 def test_a_row_without_a_frame_of_the_video_is_named(rec):
-    as_dumped(rec, "mkv")
+    as_dumped(rec.folder, "mkv")
     change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} frame_00000004")
     problems, numbers = problems_of(rec.folder)
     assert problems[0] == (ProblemKind.IMAGE, "cam/left/data.log", 2)
@@ -245,7 +217,7 @@ def test_a_row_without_a_frame_of_the_video_is_named(rec):
 
 @pytest.mark.parametrize("with_info", [True, False])
 def test_distances_are_no_images(rec, with_info):
-    as_dumped(rec, "depth")
+    as_dumped(rec.folder, "depth")
     if not with_info:
         without_info(rec)
     with pytest.raises(InputError, match=r"left/data\.log: holds distances, no images; expected left images"):

@@ -7,6 +7,7 @@ import pytest
 from data import shared_data
 
 from pps_vision.errors import InputError
+from pps_vision.experiments.films.scenes import denavit_hartenberg
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.robot import icub
 from pps_vision.robot.model import FrameNames, Robot
@@ -67,16 +68,10 @@ LIMITS_DEG = {
 }  # fmt: skip
 
 
-def denavit_hartenberg(rows: list[tuple[float, float, float, float]], q: Array) -> Array:
+def end_of(rows: list[tuple[float, float, float, float]], q: Array) -> Array:
     T = ROOT
     for (a, d, alpha_deg, offset_deg), angle in zip(rows, q, strict=True):
-        t = angle + np.deg2rad(offset_deg)
-        alpha = np.deg2rad(alpha_deg)
-        c = np.cos(t)
-        s = np.sin(t)
-        ca = np.cos(alpha)
-        sa = np.sin(alpha)
-        T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
+        T = T @ denavit_hartenberg(a, d, np.deg2rad(alpha_deg), angle + np.deg2rad(offset_deg))
     return T
 
 
@@ -87,7 +82,7 @@ def test_every_chain_is_its_denavit_hartenberg_table(robot, frame):
     rng = np.random.default_rng(11)
     for _ in range(1000):
         q = rng.uniform(robot.lower_rad, robot.upper_rad)
-        np.testing.assert_allclose(robot.at(q).T_root(frame), denavit_hartenberg(rows, q[columns]), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(robot.at(q).T_root(frame), end_of(rows, q[columns]), rtol=0, atol=1e-9)
 
 
 def test_index_tips_in_their_palms(robot):

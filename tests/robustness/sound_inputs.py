@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from shutil import copytree
 from tempfile import TemporaryDirectory
-from typing import Literal, cast
+from typing import Literal
 
-import av
 import cv2
 import numpy as np
 import trimesh
 from bags import BagWriter
 from calibration_forms import FORMS, SIZE
-from recorded import START_S, write_recording
+from recorded import START_S, as_dumped, write_recording
 from results import write_results
+from videos import encode
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
 from learning.reach.labels import Labels
@@ -73,15 +73,8 @@ def _read_recording(folder: Path) -> None:
 def _dumped_videos(folder: Path) -> list[Path]:
     """The recording with a video in the place of each eye's images, as yarpdatadumper writes it."""
     _recording(folder)
+    as_dumped(folder / "rec", "mkv")
     logs = sorted((folder / "rec/cam").rglob("data.log"))
-    for log in logs:
-        rows = [row.split() for row in log.read_text().splitlines()]
-        video = cv2.VideoWriter(str(log.with_name("video.mkv")), cv2.VideoWriter.fourcc(*"HFYU"), 20, (8, 6))
-        for _, _, name in rows:
-            video.write(np.asarray(cv2.imread(str(log.with_name(name)))))
-            log.with_name(name).unlink()
-        video.release()
-        log.write_text("".join(f"{k} {stamp_s} frame_{k:08d}\n" for k, (_, stamp_s, _) in enumerate(rows)))
     return [*logs, *(log.with_name("video.mkv") for log in logs)]
 
 
@@ -274,17 +267,8 @@ def _read_image(folder: Path) -> None:
 
 def _video(suffix: str, codec: str) -> Reader:
     def write(folder: Path) -> list[Path]:
-        rng = np.random.default_rng(0)
-        with av.open(str(folder / f"video.{suffix}"), "w") as container:
-            stream = cast(av.VideoStream, container.add_stream(codec, rate=20))
-            stream.width = 32
-            stream.height = 24
-            stream.pix_fmt = "yuv420p"
-            for _ in range(5):
-                pixels = rng.integers(0, 256, (24, 32, 3), dtype=np.uint8)
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
-            container.mux(stream.encode())
-        return [folder / f"video.{suffix}"]
+        images = np.random.default_rng(0).integers(0, 256, (5, 24, 32, 3), dtype=np.uint8)
+        return [encode(folder / f"video.{suffix}", images, 20, codec=codec)]
 
     return Reader(write, lambda folder: [frame.load() for frame in open_video(next(folder.iterdir()), None)])
 

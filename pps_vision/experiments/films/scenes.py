@@ -139,11 +139,12 @@ def head_pose(joints_rad: Mapping[str, float], side: Literal["left", "right"]) -
         joint = f"{side}_eye_pan" if name == "eye_pan" else name
         if name == "eyes_tilt" and side == "left":
             d = -d
-        T = T @ _denavit_hartenberg(a, d, np.deg2rad(alpha_deg), joints_rad.get(joint, 0.0) + np.deg2rad(offset_deg))
+        T = T @ denavit_hartenberg(a, d, np.deg2rad(alpha_deg), joints_rad.get(joint, 0.0) + np.deg2rad(offset_deg))
     return T
 
 
-def _denavit_hartenberg(a: float, d: float, alpha: float, theta: float) -> Array:
+def denavit_hartenberg(a: float, d: float, alpha: float, theta: float) -> Array:
+    """Return the pose (4, 4) of a link: lengths in m, angles in rad."""
     ct = np.cos(theta)
     st = np.sin(theta)
     ca = np.cos(alpha)
