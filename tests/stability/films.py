@@ -7,10 +7,11 @@ import numpy as np
 from ball_scenes import Sphere, frame
 from data import SEED
 
+from pps_vision.experiments.films import disturbances as d
 from pps_vision.experiments.films.recordings import Footage
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array, Mask, StereoFrame
+from pps_vision.types import Array, Image, StereoFrame
 
 RED = (210.0, 45.0, 40.0)
 RADIUS_M = 0.035
@@ -71,21 +72,24 @@ def each(footage: Footage, change: Callable[[StereoFrame], StereoFrame]) -> Foot
     return replace(footage, frames=tuple(change(stereo_frame) for stereo_frame in footage.frames))
 
 
-def held(footage: Footage, stale: Mask) -> Footage:
-    """Both images shown again, under the new stamp and joints, in the frames (n,) that are `stale`."""
-    frames = [footage.frames[0]]
-    for stereo_frame, again in zip(footage.frames[1:], stale[1:], strict=True):
-        frames.append(replace(stereo_frame, left=frames[-1].left, right=frames[-1].right) if again else stereo_frame)
-    return replace(footage, frames=tuple(frames))
+def blurred(fine: Footage, every: int, frames_open: int) -> Footage:
+    """Each image the mean of `frames_open` successive fine ones around its stamp."""
+    k = np.arange(every, len(fine.frames) - every, every)
+
+    def mean(images: list[Image]) -> Image:
+        return np.rint(np.mean(images, axis=0, dtype=np.float32)).astype(np.uint8)
+
+    def blur(stereo_frame: StereoFrame, i: int) -> StereoFrame:
+        shots = [fine.frames[i + offset - (frames_open - 1) // 2] for offset in range(frames_open)]
+        return replace(stereo_frame, left=mean([s.left for s in shots]), right=mean([s.right for s in shots]))
+
+    return d.each_frame(d.picked(fine, k), k.tolist(), blur)
 
 
-def right_black(footage: Footage, out: Mask) -> Footage:
-    """The right eye black in the frames (n,) where it is `out`."""
-    pairs = zip(footage.frames, out, strict=True)
-    return replace(footage, frames=tuple(replace(f, right=0 * f.right) if dark else f for f, dark in pairs))
-
-
-def without(footage: Footage, gone: Mask) -> Footage:
-    """Only the frames that are not `gone` (n,)."""
-    frames = tuple(f for f, missing in zip(footage.frames, gone, strict=True) if not missing)
-    return replace(footage, frames=frames, position=footage.position[~gone], visible=footage.visible[~gone])
+def jittered(fine: Footage, every: int, std_s: float, rng: np.random.Generator) -> Footage:
+    """Noise on the stamps, which still rise, and the joints of the wrong stamps."""
+    stamps_s = d.at_rate(fine, every).stamps_s
+    half_s = 0.45 * float(np.median(np.diff(stamps_s)))
+    off_s = np.clip(std_s * rng.standard_normal(len(stamps_s)), -half_s, half_s)
+    stale = d.stale_joints(fine, every, -off_s)
+    return d.each_frame(stale, stamps_s + off_s, lambda f, t: replace(f, stamp_left_s=t, stamp_right_s=t))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from ball_scenes import Sphere
 from data import SEED
-from films import EVERY, FPS, ROBOT, circle, during, each, film, held, right_black, swaying, without
+from films import EVERY, FPS, ROBOT, blurred, circle, during, each, film, jittered, swaying
 from judge import HONEST, Demand, check, whole
 
 from pps_vision.experiments.films import disturbances as d
@@ -39,11 +39,13 @@ def usual() -> Footage:
     return d.at_rate(fine(), EVERY)
 
 
-def now_and_then(missing: Callable[[Footage, Mask], Footage]) -> Footage:
-    """Nothing new but every sixth frame."""
-    k = np.arange(len(usual().frames))
-    stamps = usual().stamps_s
-    return missing(usual(), (stamps > FROM_S - 1e-6) & (stamps < TO_S - 1e-6) & (k % 6 != 0))
+def inside() -> Mask:
+    return (usual().stamps_s > FROM_S - 1e-6) & (usual().stamps_s < TO_S - 1e-6)
+
+
+def old() -> Mask:
+    """Where there is nothing new but every sixth frame."""
+    return inside() & (np.arange(len(usual().frames)) % 6 != 0)
 
 
 def random(image: Image) -> Image:
@@ -66,7 +68,7 @@ class Disturbance:
 
 
 def eyes(kind: d.EyeFault, in_both: bool) -> Disturbance:
-    return Disturbance(lambda: d.eyes_fail(usual(), kind, FROM_S, TO_S, in_both))
+    return Disturbance(lambda: d.eyes_fail(usual(), kind, inside(), in_both))
 
 
 DEGRADED = Demand("degraded", FROM_S, TO_S)
@@ -75,18 +77,18 @@ DISTURBANCES: dict[str, Disturbance] = {
     "darkness": Disturbance(lambda: d.exposed(usual(), lambda t: -6.0)),
     "glare": Disturbance(lambda: d.exposed(usual(), lambda t: 6.0)),
     "flicker": Disturbance(lambda: d.exposed(usual(), lambda t: 4.0 * (-1) ** round(FPS * t))),
-    "blur": Disturbance(lambda: d.blurred(fine(), EVERY, 2 * EVERY + 1), DEGRADED),
+    "blur": Disturbance(lambda: blurred(fine(), EVERY, 2 * EVERY + 1), DEGRADED),
     "grey": Disturbance(lambda: d.desaturated(usual(), 0.0)),
-    "missing pairs": Disturbance(lambda: now_and_then(without), DEGRADED),
-    "repeated pairs": Disturbance(lambda: now_and_then(held), DEGRADED),
-    "stamp jitter": Disturbance(lambda: d.jittered(fine(), EVERY, 0.05, rng()), DEGRADED),
+    "missing pairs": Disturbance(lambda: d.picked(usual(), np.flatnonzero(~old())), DEGRADED),
+    "repeated pairs": Disturbance(lambda: d.eyes_fail(usual(), "frozen", old(), both=True), DEGRADED),
+    "stamp jitter": Disturbance(lambda: jittered(fine(), EVERY, 0.05, rng()), DEGRADED),
     "right eye late": Disturbance(lambda: d.right_late(fine(), EVERY, 0.25), DEGRADED),
     "stale head pose": Disturbance(lambda: d.stale_joints(fine(), EVERY, 0.25), DEGRADED),
     "stale head pose, said so": Disturbance(
         lambda: d.stale_joints(fine(), EVERY, 0.25), replace(DEGRADED, accuracy_m=0.01), 0.25
     ),
     "occluder": Disturbance(lambda: film(SECONDS, others=passing), DEGRADED),
-    "right eye flickers": Disturbance(lambda: now_and_then(right_black), DEGRADED),
+    "right eye flickers": Disturbance(lambda: d.eyes_fail(usual(), "black", old()), DEGRADED),
     "right eye knocked": Disturbance(lambda: each(usual(), lambda f: replace(f, right=np.roll(f.right, -30, axis=0)))),
     "right eye sees noise": Disturbance(lambda: each(usual(), lambda f: replace(f, right=random(f.right)))),
     "one eye black": eyes("black", in_both=False),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pps_vision.experiments.films.recordings import Footage
 from pps_vision.geometry.camera import Camera, StereoRig
-from pps_vision.types import Array, Image, StereoFrame
+from pps_vision.types import Array, Image, Mask, StereoFrame
 from rendering.sensor import Sensor, expose
 
 EyeFault = Literal["black", "frozen"]
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 def at_rate(fine: Footage, every: int) -> Footage:
     """Keep every n-th frame."""
-    return _picked(fine, np.arange(0, len(fine.frames), every))
+    return picked(fine, np.arange(0, len(fine.frames), every))
 
 
 def noisy(recording: Footage, sigma: float, rng: np.random.Generator) -> Footage:
@@ -54,42 +54,18 @@ def faded(recording: Footage, empty: Footage, contrast: float) -> Footage:
     def blend(image: Image, background: Image) -> Image:
         return np.asarray(cv2.addWeighted(image, contrast, background, 1 - contrast, 0), dtype=np.uint8)
 
-    return _each_frame(
+    return each_frame(
         recording,
         empty.frames,
         lambda frame, bare: replace(frame, left=blend(frame.left, bare.left), right=blend(frame.right, bare.right)),
     )
 
 
-def blurred(fine: Footage, every: int, frames_open: int) -> Footage:
-    """Blur by motion: each image is the mean of `frames_open` successive fine ones around its stamp."""
-    k = np.arange(every, len(fine.frames) - every, every)
-    offsets = np.arange(frames_open) - (frames_open - 1) // 2
-
-    def mean(images: list[Image]) -> Image:
-        return np.rint(np.mean(images, axis=0, dtype=np.float32)).astype(np.uint8)
-
-    def blur(frame: StereoFrame, i: int) -> StereoFrame:
-        shots = [fine.frames[i + offset] for offset in offsets]
-        return replace(frame, left=mean([shot.left for shot in shots]), right=mean([shot.right for shot in shots]))
-
-    return _each_frame(_picked(fine, k), k.tolist(), blur)
-
-
 def dropped(recording: Footage, share: float, rng: np.random.Generator) -> Footage:
     """Drop a random share of the pairs; never the first."""
     arrives = rng.random(len(recording.frames)) >= share
     arrives[0] = True
-    return _picked(recording, np.flatnonzero(arrives))
-
-
-def jittered(fine: Footage, every: int, std_s: float, rng: np.random.Generator) -> Footage:
-    """Add noise to the stamps, which still rise, and take the joints of the wrong stamps."""
-    recording = at_rate(fine, every)
-    half_s = 0.45 * float(np.median(np.diff(recording.stamps_s)))
-    stamps_s = recording.stamps_s + np.clip(std_s * rng.standard_normal(len(recording.frames)), -half_s, half_s)
-    stale = _with_joints(recording, fine, stamps_s)
-    return _each_frame(stale, stamps_s.tolist(), lambda f, t: replace(f, stamp_left_s=t, stamp_right_s=t))
+    return picked(recording, np.flatnonzero(arrives))
 
 
 def stale_joints(fine: Footage, every: int, delay_s: float) -> Footage:
@@ -102,12 +78,11 @@ def right_late(fine: Footage, every: int, delay_s: float) -> Footage:
     """Make the right image `delay_s` older than the left, with the same stamp and joints."""
     recording = at_rate(fine, every)
     late = _frames_at(fine, recording.stamps_s - delay_s)
-    return _each_frame(recording, late, lambda frame, old: replace(frame, right=old.right))
+    return each_frame(recording, late, lambda frame, old: replace(frame, right=old.right))
 
 
-def eyes_fail(recording: Footage, kind: EyeFault, from_s: float, to_s: float, both: bool = False) -> Footage:
-    """Make the right eye, or both, black or frozen (its last image under new stamps) for a time."""
-    failed = (recording.stamps_s >= from_s) & (recording.stamps_s < to_s)
+def eyes_fail(recording: Footage, kind: EyeFault, failed: Mask, both: bool = False) -> Footage:
+    """Make the right eye, or both, black or frozen (its last image under new stamps) where it `failed` (n,)."""
     shown = recording.frames[0]
 
     def fail(frame: StereoFrame, fails: bool) -> StereoFrame:
@@ -119,7 +94,7 @@ def eyes_fail(recording: Footage, kind: EyeFault, from_s: float, to_s: float, bo
         shown = frame
         return frame
 
-    return replace(_each_frame(recording, failed, fail), visible=recording.visible & ~failed)
+    return replace(each_frame(recording, failed, fail), visible=recording.visible & ~failed)
 
 
 def miscalibrated(recording: Footage, share: float, rng: np.random.Generator) -> Footage:
@@ -137,7 +112,8 @@ def miscalibrated(recording: Footage, share: float, rng: np.random.Generator) ->
     return replace(recording, rig=StereoRig(off(rig.left), off(rig.right), rig.eye_poses))
 
 
-def _picked(recording: Footage, k: NDArray[np.integer]) -> Footage:
+def picked(recording: Footage, k: NDArray[np.integer]) -> Footage:
+    """Keep the frames with these numbers."""
     return replace(
         recording,
         frames=tuple(recording.frames[int(i)] for i in k),
@@ -148,7 +124,7 @@ def _picked(recording: Footage, k: NDArray[np.integer]) -> Footage:
     )
 
 
-def _each_frame(recording: Footage, values: Iterable[T], change: Callable[[StereoFrame, T], StereoFrame]) -> Footage:
+def each_frame(recording: Footage, values: Iterable[T], change: Callable[[StereoFrame, T], StereoFrame]) -> Footage:
     """Change every frame by its value."""
     frames = [change(frame, value) for frame, value in zip(recording.frames, values, strict=True)]
     return replace(recording, frames=tuple(frames))
@@ -156,7 +132,7 @@ def _each_frame(recording: Footage, values: Iterable[T], change: Callable[[Stere
 
 def _each_image(recording: Footage, change: Callable[[Image, float], Image]) -> Footage:
     """Change every image by its stamp."""
-    return _each_frame(
+    return each_frame(
         recording,
         recording.frames,
         lambda f, _: replace(f, left=change(f.left, f.stamp_left_s), right=change(f.right, f.stamp_right_s)),
@@ -164,7 +140,7 @@ def _each_image(recording: Footage, change: Callable[[Image, float], Image]) -> 
 
 
 def _with_joints(recording: Footage, fine: Footage, stamps_s: Array) -> Footage:
-    return _each_frame(
+    return each_frame(
         recording,
         _frames_at(fine, stamps_s),
         lambda f, source: replace(f, joints_left_rad=source.joints_left_rad, joints_right_rad=source.joints_right_rad),

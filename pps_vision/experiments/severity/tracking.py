@@ -241,7 +241,9 @@ def _swing(source: SceneSource, seed: int, stops: float) -> Footage:
 
 
 def _eye_fails(source: SceneSource, seed: int, seconds: float) -> Footage:
-    return d.eyes_fail(_sensed(plain(source, seed), seed), "black", _FAILS_S, _FAILS_S + seconds)
+    recording = _sensed(plain(source, seed), seed)
+    stamps_s = recording.stamps_s
+    return d.eyes_fail(recording, "black", (stamps_s >= _FAILS_S) & (stamps_s < _FAILS_S + seconds))
 
 
 _DELAYS_MS = (0, 10, 20, 50, 100)
