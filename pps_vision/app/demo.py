@@ -17,9 +17,11 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app import versions
-from pps_vision.app.encounters.encounter import HAZARDS, EncounterScene, draw
+from pps_vision.app.encounters.encounter import HAZARDS, TRIALS, EncounterScene, draw
 from pps_vision.app.encounters.rendered import open_encounter
-from pps_vision.app.encounters.training import learn
+from pps_vision.app.encounters.robots import MiscalibratedRobot
+from pps_vision.app.encounters.training import calibrate, learn, learn_from, training_trials
+from pps_vision.app.pipeline import with_offsets
 from pps_vision.app.progress import progress
 from pps_vision.app.report import figures, page
 from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
@@ -29,6 +31,7 @@ from pps_vision.app.simulation import (
     Episode,
     EpisodeLog,
     Kind,
+    Policy,
     Side,
     SimulationScene,
     SimulationStep,
@@ -54,6 +57,8 @@ THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
 _FEWEST_SAMPLES = 50  # before touches, of a taxel whose landscape is shown
 _TOUCH_EVERY = 3  # training approaches; the others stop before the skin
+_ERROR_M = 0.03  # by which the robot of the last two episodes misjudges where objects touch its skin, RMS
+_TOUCHES = 20  # of its palm, that it then learns from
 _NORMAL_M = 0.012  # length of the line that shows a taxel
 _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
     ("approach", False, "octopus approaching, avoidance off"),
@@ -61,10 +66,13 @@ _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
     ("recede", True, "octopus receding"),
     ("static", True, "octopus at rest"),
 )
+_ERRING = f"robot {100 * _ERROR_M:g} cm off, nothing learned", f"the same after {_TOUCHES} touches"
+_PALM = "left_palm:101"
 _COLUMNS = {
     "touched": "touched",
     "smallest_gap_mm": "smallest gap (mm)",
     "highest_activation": "highest activation",
+    "activation_at_command": "activation when the arm first moves",
     "predicted_after_s": f"above {THRESHOLD:g} after (s)",
     "arm_moved": "arm moved",
     "track_rms_mm": "3D RMS (mm)",
@@ -114,22 +122,49 @@ def demo(out: Path, trials: int, noise: float, seed: int, robot: Path | None = N
 def _run_episodes(
     scene: SimulationScene, memory: PPSMemory, reachable_map: ReachableMap, folder: Path, timer: Stopwatch, seed: int
 ) -> list[EpisodeLog]:
-    """Run and film the four episodes; demo.png shows the first touch without avoidance. Returns their logs."""
+    """Run and film the episodes, of an iCub also those of one that errs; demo.png shows the first touch without
+    avoidance. Returns their logs."""
     logs: list[EpisodeLog] = []
     images: list[list[Image]] = []
-    taxel = scene.trained_taxels[_TAXEL % len(scene.trained_taxels)]
-    for kind, avoid, title in progress(_EPISODES, desc="episodes", unit="episode", after_s=0.0):
-        # the same seed for both approaches: the same path with and without avoidance
+    aim = scene.trained_taxels[_TAXEL % len(scene.trained_taxels)]
+    runs: list[tuple[Kind, bool, str, str, Policy | None]] = [(*episode, aim, None) for episode in _EPISODES]
+    if _PALM in scene.skin.taxel_ids:
+        runs += [("approach", True, title, _PALM, policy) for title, policy in erring_robots(scene, seed).items()]
+    for kind, avoid, title, taxel, erring in progress(runs, desc="episodes", unit="episode", after_s=0.0):
+        # the same seed for all approaches: the same path without avoidance and with it
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
         episode = replace(make_episode(kind, scene, taxel, "octopus", rng, speed_m_s=0.10), title=title)
-        pipeline = new_pipeline(scene, memory, timer, reachable_map)
-        steps = list(simulate(scene, episode, pipeline.step, avoid))
+        policy = erring or new_pipeline(scene, memory, timer, reachable_map).step
+        steps = list(simulate(scene, episode, policy, avoid))
         images.append([drawn(scene, step, title) for step in steps])
         logs.append(log_of(scene, episode, steps, avoid))
-    write_side_by_side(folder / "demo.mp4", (images[0], images[1]), (images[2], images[3]))
+    write_side_by_side(folder / "demo.mp4", *zip(images[::2], images[1::2], strict=True))
     touching = int(np.argmax(logs[0].touched.any(axis=1)))
     save_png(folder / "demo.png", np.hstack([images[0][touching], images[1][touching]]))
     return logs
+
+
+def erring_robots(scene: SimulationScene, seed: int) -> dict[str, Policy]:
+    """An iCub that misjudges where its skin is touched, by title: with nothing learned, and after touches of its palm
+    and as many passing objects, simulated without rendering."""
+    world = EncounterScene()
+    trials = [*training_trials(world, "left", seed, _TOUCHES / TRIALS["palm"], ["palm"])]
+    robot = MiscalibratedRobot.with_error(_ERROR_M, [trial.encounter for trial in trials], (seed,))
+    corrected = calibrate(trials, robot, np.random.default_rng((seed, 1)))
+    learned = learn_from(world, "left", trials, corrected, np.random.default_rng((seed, 2)), with_others=False)
+    naive = robot, PPSMemory.empty(world.skins["left"])
+    return {
+        title: _misjudging(scene, body, memory, body.reading(np.random.default_rng((seed, 3))))
+        for title, (body, memory) in zip(_ERRING, (naive, (corrected, learned.probability)), strict=True)
+    }
+
+
+def _misjudging(scene: SimulationScene, robot: MiscalibratedRobot, memory: PPSMemory, reading: Array) -> Policy:
+    """The pipeline of a robot that takes itself to be another than the scene's, with these errors of its encoders."""
+    skin = robot.skin.on_arm(robot.model, scene.side)
+    setup = replace(scene.setup, robot=robot.model, rig=robot.rig, skin=skin)
+    pipeline = new_pipeline(replace(scene, setup=setup), memory)
+    return lambda frame, touched: pipeline.step(with_offsets(frame, reading), touched)
 
 
 def write_side_by_side(file: Path, *pairs: tuple[Sequence[Image], Sequence[Image]]) -> None:
@@ -174,14 +209,17 @@ def _numbers(log: EpisodeLog) -> dict[str, object]:
     """The row of an episode in the report's table."""
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     error = error[np.isfinite(error)]
-    predicted = np.flatnonzero(log.activations.max(axis=1) > THRESHOLD)
+    highest = log.activations.max(axis=1)
+    predicted = np.flatnonzero(highest > THRESHOLD)
+    commanded = np.flatnonzero(log.arm_commanded)
     tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
     degrees = [reach.degree for reach in tracked if reach.status != ReachStatus.NOT_FIXATED]
     return {
         "touched": log.was_touched,
         "arm_moved": log.was_commanded,
         "smallest_gap_mm": 1000 * float(log.surface_gap_m.min()),
-        "highest_activation": float(log.activations.max()),
+        "highest_activation": float(highest.max()),
+        "activation_at_command": float(highest[commanded[0]]) if len(commanded) else None,
         "predicted_after_s": float(log.stamps_s[predicted[0]] - log.stamps_s[0]) if len(predicted) else None,
         "tracked_share": sum(status == Status.TRACKING for status in log.status) / len(log.status),
         "track_rms_mm": 1000 * float(np.sqrt(np.mean(error**2))) if len(error) else None,
@@ -232,8 +270,9 @@ def _sections(
             f"{THRESHOLD:g}, these taxels at up to 10 cm/s, and returns 0.3 s after the last. Red: touch. Bottom row: "
             f"degree of reach R of the tracked object for the {scene.side} hand, on green where reachable; no line "
             "where nothing is tracked or no gaze fixates it.",
-            page.image(figures.episodes(logs, THRESHOLD)),
+            page.image(figures.episodes(logs[: len(_EPISODES)], THRESHOLD)),
         ),
+        *(_erring_section(logs[len(_EPISODES) :]) if len(logs) > len(_EPISODES) else ()),
         (
             "What the skin learned",
             "Probability of touch over distance D and time to contact TTC of an object on its way to the taxel, after "
@@ -261,6 +300,17 @@ def _sections(
             page.table(["", ""], [["command", command], *map(list, versions.machine(versions.commit()).items())]),
         ),
     )
+
+
+def _erring_section(logs: Sequence[EpisodeLog]) -> tuple[page.Section]:
+    text = (
+        f"This iCub misjudges by {100 * _ERROR_M:g} cm (RMS) where objects touch its palm: encoders, links, taxels and "
+        "cameras are off. The octopus comes to the palm on the same path both times. Left: nothing is learned, so no "
+        f"taxel is activated before the touch. Right: the same robot after {_TOUCHES} touches of the palm and as many "
+        "objects that passed, simulated without rendering; they also correct its encoders where held-out touches "
+        "confirm it. Links without skin keep clear by geometry in both."
+    )
+    return (("A robot that errs", text, page.image(figures.episodes(logs, THRESHOLD))),)
 
 
 def _scene(scene: SimulationScene, log: EpisodeLog) -> list[tuple[str, Array]]:

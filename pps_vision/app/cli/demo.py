@@ -10,8 +10,9 @@ from pps_vision.errors import InputError
 class Demo:
     """Close the loop: learn the arm's skin from rendered approaches, then avoid an octopus.
 
-    With avoidance off, with avoidance on, receding, and standing still; everything in report.html. With --encounters
-    objects come at both arms, fast and slow; the report shows the best, the median and every one that touched.
+    With avoidance off, with avoidance on, receding, and standing still; and before an iCub whose body is 3 cm off, with
+    nothing learned and after 20 touches; everything in report.html. With --encounters objects come at both arms, fast
+    and slow; the report shows the best, the median and every one that touched.
     """
 
     out: Path = Path("demo")

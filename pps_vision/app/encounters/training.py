@@ -1,6 +1,6 @@
 """PPS memories learned without rendering, from as many approaches as R's robot had of each body part."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from pps_vision.app.encounters.encounter import (
     Condition,
     Encounter,
     EncounterScene,
+    Part,
     approach,
     draw_one,
     felt,
@@ -63,11 +64,13 @@ def learn(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> M
     return learn_from(scene, side, training_trials(scene, side, seed, share))
 
 
-def training_trials(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> Iterator[Trial]:
-    """Yield the trials that `learn` learns from: approaches that touch, and as many objects that pass at up to 20 cm,
-    some of which touch too."""
+def training_trials(
+    scene: EncounterScene, side: Side, seed: int, share: float = 1.0, parts: Collection[Part] = tuple(SESSIONS)
+) -> Iterator[Trial]:
+    """Yield the trials that `learn` learns from: approaches that touch these parts, and as many objects that pass at up
+    to 20 cm, some of which touch too."""
     for j, (part, session) in enumerate(SESSIONS.items()):
-        for k in range(max(round(share * TRIALS[session]), 1)):
+        for k in range(max(round(share * TRIALS[session]), 1) if part in parts else 0):
             for path, is_pass in ((_TOUCH, False), (_PASS, True)):
                 rng = np.random.default_rng((seed, _STREAM, side == "right", j, k, is_pass))
                 speed = float(rng.uniform(*SPEED_M_S))
