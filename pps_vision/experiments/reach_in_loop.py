@@ -25,10 +25,10 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
 _DEG = np.pi / 180
-_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's neck
-_ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's first joint
-_SIDE = "right"
-_MAX_FP = 1e-4
+GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's neck
+ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's first joint
+SIDE = "right"
+MAX_FP = 1e-4
 _TORSO_STEP_RAD = 2 * _DEG  # grid step of the ground truth
 _DT_S = 0.05
 _MAX_LEAN_S = 20.0
@@ -62,16 +62,16 @@ def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point:
     while t < _MAX_LEAN_S:
         posture = robot.at(q)
         error = max(error, fixation_error(posture, point))
-        status, command = lean.step(LeanParams(), model, _GAZE, is_reachable, posture, point, _DT_S, t)
+        status, command = lean.step(LeanParams(), model, GAZE, is_reachable, posture, point, _DT_S, t)
         if status != "leaning":
             break
         carried = compensates * head.carried_velocity(posture, point, command.dq_rad_s)
         gaze_command = fixation.step(FixationParams(), posture, point, -carried, _DT_S, t)
         q = robot.clamp(q + _DT_S * (command.dq_rad_s + gaze_command.dq_rad_s))
         t += _DT_S
-    solution = oracle.solve(model.gaze(model.to_upright(q[None], point), _GAZE))
-    q[robot.indices(robot.names.arm(_SIDE))[:4]] = solution.q_rad[0]
-    palm = robot.at(q).point(robot.names.palm(_SIDE))
+    solution = oracle.solve(model.gaze(model.to_upright(q[None], point), GAZE))
+    q[robot.indices(robot.names.arm(SIDE))[:4]] = solution.q_rad[0]
+    palm = robot.at(q).point(robot.names.palm(SIDE))
     is_touched = status == "within reach" and bool(np.linalg.norm(palm - point) <= _TOUCH_M)
     return Attempt(status, is_touched, error / _DEG, t)
 
@@ -79,7 +79,7 @@ def attempt(oracle: ReachOracle, learned: ReachableMap, threshold: float, point:
 def can_be_reached(robot: Robot, points: Array) -> Mask:
     """Return (N,) whether points (N, 3) can be fixated and reached from a torso posture of a grid, in closed form."""
     model = GazeModel(robot)
-    arm = closed_form(robot, _SIDE, _ARM)
+    arm = closed_form(robot, SIDE, ARM)
     torso = robot.indices(robot.names.torso)
     axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, _TORSO_STEP_RAD) for i in torso]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(torso))
@@ -88,19 +88,19 @@ def can_be_reached(robot: Robot, points: Array) -> Mask:
 
     def is_reached(point: Array) -> bool:
         upright = model.to_upright(q, point)
-        gaze = model.gaze(upright, _GAZE)
+        gaze = model.gaze(upright, GAZE)
         return bool((np.isfinite(arm.solve(upright)[:, 0]) & np.isfinite(gaze[:, 0])).any())
 
     return np.array([is_reached(point) for point in points])
 
 
-def _draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:
+def draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:
     """(n, 3) points that can be fixated, not reached, with the torso upright."""
     model = GazeModel(robot)
-    arm = closed_form(robot, _SIDE, _ARM)
+    arm = closed_form(robot, SIDE, ARM)
     points: Array = np.zeros((0, 3))
     while len(points) < n:
-        gaze = rng.uniform(isotropic(_GAZE.lower), isotropic(_GAZE.upper), (n, 3))  # uniform in log distance
+        gaze = rng.uniform(isotropic(GAZE.lower), isotropic(GAZE.upper), (n, 3))  # uniform in log distance
         gaze[:, 2] = 2 * np.arctan(np.exp(gaze[:, 2]))
         candidates = model.points(gaze)
         points = np.concatenate([points, candidates[np.isnan(arm.solve(candidates)[:, 0])]])
@@ -132,10 +132,10 @@ class ReachInLoop(SampledStudy):
         """Return counts; median, 95 % quantile and maximum over the objects touched."""
         robot = load_icub()
         rng = np.random.default_rng(self.seed)
-        params = replace(map_params(self.n_labels), gaze_limits=_GAZE, arm_limits=_ARM)
-        learned = train_reachable_map(robot, _SIDE, rng, params)
-        lean_once = partial(attempt, ReachOracle(robot, _SIDE, params, rng), learned, learned.threshold(_MAX_FP))
-        points = _draw_unreachable(robot, self.n, np.random.default_rng(self.seed + 1_000_000))
+        params = replace(map_params(self.n_labels), gaze_limits=GAZE, arm_limits=ARM)
+        learned = train_reachable_map(robot, SIDE, rng, params)
+        lean_once = partial(attempt, ReachOracle(robot, SIDE, params, rng), learned, learned.threshold(MAX_FP))
+        points = draw_unreachable(robot, self.n, np.random.default_rng(self.seed + 1_000_000))
         possible = can_be_reached(robot, points)
         attempts = [lean_once(point, compensates=True) for point in tqdm(points, desc="objects", disable=None)]
         touched = [row for row in attempts if row.is_touched]

@@ -108,7 +108,7 @@ def _mind(
     number: int, error_m: float, seed: int, share: float, with_others: bool
 ) -> tuple[MiscalibratedRobot, MiscalibratedRobot, Memories]:
     side = side_of(number)
-    trials = _training(side, seed, share)
+    trials = training(side, seed, share)
     robot = MiscalibratedRobot.with_error(error_m, [trial.encounter for trial in trials], (seed, number))
     rng = np.random.default_rng((seed, number, 1))
     calibrated = calibrate(trials, robot, rng)
@@ -132,7 +132,7 @@ def scene() -> EncounterScene:
 
 
 @cache
-def _training(side: Side, seed: int, share: float) -> tuple[Trial, ...]:
+def training(side: Side, seed: int, share: float) -> tuple[Trial, ...]:
     return tuple(training_trials(scene(), side, seed, share))
 
 
