@@ -1,12 +1,12 @@
-"""Each part of the system switched off, and what changes, on the same recordings, objects and robots.
+"""Each part of the design switched off, and what changes, on the same recordings, objects and robots.
 
-The mean over recordings, objects or robots, with the part and without it, and the change, with 95 % over these units. A
-part whose every change holds 0 in its interval decides nothing of what was measured here.
+The means with the part, without it, and of the change, with 95 % over recordings, objects or robots. A part whose every
+change holds 0 in its interval decides nothing of what is measured here.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,77 +15,70 @@ from tqdm import tqdm
 
 from learning.reach.labels import ReachOracle
 from learning.reach.training import train_reachable_map
-from pps_vision.app.encounters.encounter import HARMLESS
-from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import ONE_GATED, OURS, memory_of, new_controller
-from pps_vision.app.encounters.robots import MiscalibratedRobot
-from pps_vision.app.encounters.training import Memories, learn_from
+from pps_vision.app.encounters.registry import ONE_GATED, OURS
+from pps_vision.app.encounters.training import learn_from
 from pps_vision.experiments import reach_in_loop
 from pps_vision.experiments.encounters.learning import (
-    PER_ROBOT,
     RobotTask,
-    encounter_of,
     mind,
+    rows_of_minds,
     scene,
+    scores_of,
     side_of,
     training,
 )
+from pps_vision.experiments.films import score
 from pps_vision.experiments.films.cases import NEW_CASES
 from pps_vision.experiments.films.recordings import EYES_M, FPS, MOTIONS, Footage, from_film, moving
 from pps_vision.experiments.films.scenes import Film
-from pps_vision.experiments.films.score import NEAR, measure_film
-from pps_vision.experiments.films.score import OURS as TRACKER
 from pps_vision.experiments.reach_truth import map_params
 from pps_vision.experiments.stages import trigger
 from pps_vision.experiments.study import DATA, Part, PartsStudy, SampledStudy, interval, mean, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 from tracking.kalman import KalmanParams
 from tracking.motion_trigger import TriggerParams
 from tracking.particle_filter import ParticleFilterParams
 from tracking.tracker import Tracker, TrackerParams
 
-Units = Sequence[Mapping[str, float]]  # of each unit the quantities; NaN where there is none
-_WITH = "with"
+Unit = Mapping[
+    str, Mapping[str, float]
+]  # quantities of a recording, object or robot: first with all parts, then without
 _ERROR_M = 0.03  # of the robots' position of what touches them, RMS
 _FAST_M_S = 0.4
 _SETTLE_S = 0.5
-_VARIANTS = {
-    _WITH: TrackerParams(),
+_TRACKERS = {
+    "": TrackerParams(),
     "optical flow of the trigger": TrackerParams(trigger=TriggerParams(flow=False)),
-    "particles (2 for 120)": TrackerParams(particles=ParticleFilterParams(count=2)),
-    "particles (1000 for 120)": TrackerParams(particles=ParticleFilterParams(count=1000)),
+    "120 particles (2)": TrackerParams(particles=ParticleFilterParams(count=2)),
+    "120 particles (1000)": TrackerParams(particles=ParticleFilterParams(count=1000)),
     "order 4 (3)": TrackerParams(kalman=KalmanParams.of_order(3)),
     "order 4 (2)": TrackerParams(kalman=KalmanParams.of_order(2)),
 }
 
 
-def _changes(units: Mapping[str, Units]) -> list[dict[str, Any]]:
-    """Return for each part, and quantity, the means with it and without it and of the change."""
+def _run(unit: Callable[["Decides", int], Unit], share: float, study: "Decides") -> dict[str, Any]:
+    """Return the mean of each quantity with a part, without it, and of the change, over a share of n units."""
+    numbers = range(max(round(share * study.n), 1))
+    units = [unit(study, k) for k in tqdm(numbers, unit.__name__.strip("_"), disable=None)]
     rows = []
-    for part in (name for name in units if name != _WITH):
-        for quantity in units[part][0]:
-            pairs = np.array([[a[quantity], b[quantity]] for a, b in zip(units[_WITH], units[part], strict=True)])
+    for part, quantities in list(units[0].items())[1:]:
+        for quantity in quantities:
+            pairs = np.array([[next(iter(unit.values()))[quantity], unit[part][quantity]] for unit in units])
             pairs = pairs[np.isfinite(pairs).all(axis=1)]
-            values = (pairs[:, 0], pairs[:, 1], pairs[:, 1] - pairs[:, 0])
-            cells = [interval(column[:, None]) for column in values]
+            cells = [interval(x[:, None]) for x in (pairs[:, 0], pairs[:, 1], pairs[:, 1] - pairs[:, 0])]
             rows.append({"part": part, "quantity": quantity, "n": len(pairs), "with, without, change": cells})
-    return rows
+    return {"rows": rows}
 
 
-def _tracking(study: "Decides") -> dict[str, Any]:
-    """A rendered ball, slow and fast, followed by the eyes while the head sways."""
-    units: dict[str, list[dict[str, float]]] = {name: [] for name in (*_VARIANTS, "stereo (size in the left eye)")}
-    for seed in tqdm(study.seeds, "tracking", disable=None):
-        speed = {"speed": _FAST_M_S} if seed % 2 else {}
-        recording = moving("ball", MOTIONS[seed // 2 % len(MOTIONS)], seed, study.seconds, **speed)
-        for name, params in _VARIANTS.items():
-            own, of_one_eye = _tracked(recording, params, seed)
-            units[name].append(own)
-            if name == _WITH:
-                units["stereo (size in the left eye)"].append(of_one_eye)
-    return {"rows": _changes(units)}
+def _tracking(study: "Decides", k: int) -> Unit:
+    """A rendered ball, slow and fast, that the eyes follow while the head sways."""
+    seed = study.seed + k
+    speed = _FAST_M_S if k % 2 else None
+    recording = moving("ball", MOTIONS[k // 2 % len(MOTIONS)], seed, study.seconds, speed=speed)
+    both = {name: _tracked(recording, params, seed) for name, params in _TRACKERS.items()}
+    return {name: own for name, (own, _) in both.items()} | {"stereo (size in the left eye)": both[""][1]}
 
 
 def _tracked(recording: Footage, params: TrackerParams, seed: int) -> tuple[dict[str, float], dict[str, float]]:
@@ -107,115 +100,94 @@ def _tracked(recording: Footage, params: TrackerParams, seed: int) -> tuple[dict
     return own, _scores(recording, by_size, judged)
 
 
-def _scores(recording: Footage, path: Array, judged: Array) -> dict[str, float]:
+def _scores(recording: Footage, path: Array, judged: Mask) -> dict[str, float]:
     """Share of the `judged` frames near the object, and RMS error of the known places."""
     error = np.linalg.norm(path - recording.position, axis=1)
-    near = error <= NEAR * np.linalg.norm(recording.position - EYES_M, axis=1)
+    near = error <= score.NEAR * np.linalg.norm(recording.position - EYES_M, axis=1)
     known = judged & np.isfinite(error)
     return {"near the object (%)": 100 * mean(near[judged]), "position, RMS (mm)": 1000 * rms(error[known])}
 
 
-def _fixation(study: "Decides") -> dict[str, Any]:
-    """The same motions of a ball with eyes that fixate it, and with a head that rests; of all frames."""
-    units: dict[str, list[dict[str, float]]] = {_WITH: [], "fixation (head and eyes rest)": []}
-    for seed in tqdm(study.seeds, "fixation", disable=None):
-        for name, head in zip(units, ("follow", "still"), strict=True):
-            motion = MOTIONS[seed % len(MOTIONS)]
-            recording = moving("ball", motion, seed, study.seconds, speed=_FAST_M_S, head=head)
-            everywhere = replace(recording, visible=np.ones(len(recording.frames), bool))
-            units[name].append(_tracked(everywhere, TrackerParams(), seed)[0])
-    return {"rows": _changes(units)}
+def _fixation(study: "Decides", k: int) -> Unit:
+    """A fast ball before eyes that fixate it, and before a head that rests; all frames count."""
+    unit = {}
+    for name, head in {"": "follow", "fixation (head and eyes rest)": "still"}.items():
+        motion = MOTIONS[k % len(MOTIONS)]
+        recording = moving("ball", motion, study.seed + k, study.seconds, speed=_FAST_M_S, head=head)
+        everywhere = replace(recording, visible=np.ones(len(recording.frames), bool))
+        unit[name] = _tracked(everywhere, TrackerParams(), study.seed + k)[0]
+    return unit
 
 
-def _flow(study: "Decides") -> dict[str, Any]:
+def _flow(study: "Decides", k: int) -> Unit:
     """The motion trigger where nothing moves but the head, before photographs."""
-    units: dict[str, list[dict[str, float]]] = {_WITH: [], "optical flow of the trigger": []}
-    for seed in tqdm(study.seeds, "trigger", disable=None):
-        calm = trigger.film_scene(np.random.default_rng((seed, 45)), 2 * study.seconds, *trigger.OBJECTS["nothing"])
-        recording = from_film(Film(calm, seed, study.data))
-        for name, method in zip(units, trigger.OURS.values(), strict=True):
-            alarms = method(recording, seed)["alarm"]
-            units[name].append({"false alarms a minute": 60 * FPS * mean(np.asarray(alarms))})
-    return {"rows": _changes(units)}
+    seed = study.seed + k
+    calm = trigger.film_scene(np.random.default_rng((seed, 45)), 2 * study.seconds, *trigger.OBJECTS["nothing"])
+    recording = from_film(Film(calm, seed, study.data))
+    alarms = [np.asarray(method(recording, seed)["alarm"]) for method in trigger.OURS.values()]
+    names = "", "optical flow of the trigger"
+    return {name: {"false alarms a minute": 60 * FPS * mean(own)} for name, own in zip(names, alarms, strict=True)}
 
 
-def _objects(study: "Decides") -> dict[str, Any]:
+def _objects(study: "Decides", k: int) -> Unit:
     """Ray-cast films of two objects; of two of one colour the worse one counts."""
-    units: dict[str, list[dict[str, float]]] = {_WITH: [], "several objects (1)": []}
-    for k in tqdm(range(max(study.n // 2, 1)), "objects", disable=None):
-        scores: dict[str, dict[str, float]] = {name: {} for name in units}
-        for case in NEW_CASES:
-            if case.name not in ("two of one colour cross", "nearer comes later"):
-                continue
-            film = Film(case.scene(k), study.seed + k, study.data)
-            for name, count in zip(units, (4, 1), strict=True):
-                measured = measure_film(film, replace(case.tracker(film.hue_deg), max_objects=count), each=case.each)
-                scores[name][f"{case.name}: right (%)"] = measured[TRACKER]["right_percent"]
-        for name in units:
-            units[name].append(scores[name])
-    return {"rows": _changes(units)}
+    unit: dict[str, dict[str, float]] = {"": {}, "several objects (1)": {}}
+    for case in (case for case in NEW_CASES if case.name in ("two of one colour cross", "nearer comes later")):
+        film = Film(case.scene(k), study.seed + k, study.data)
+        for name, count in zip(unit, (4, 1), strict=True):
+            measured = score.measure_film(film, replace(case.tracker(film.hue_deg), max_objects=count), each=case.each)
+            unit[name][f"{case.name}: right (%)"] = measured[score.OURS]["right_percent"]
+    return unit
 
 
-def _touch(study: "Decides") -> dict[str, Any]:
-    """Robots that misjudge by 3 cm where objects touch them, which learn from a share of R's approaches."""
-    units: dict[str, list[dict[str, float]]] = {
-        name: []
-        for name in (_WITH, "learned activation (constant 1, gates by hand)", "learned body (encoders as they are)")
+def _touch(study: "Decides", k: int) -> Unit:
+    """A robot that misjudges by 3 cm where objects touch it, and has learned from a share of R's approaches."""
+    task = RobotTask(k, _ERROR_M, study.seed, study.share, (OURS, ONE_GATED))
+    robot, calibrated, memories = mind(task)
+    trials = training(side_of(k), study.seed, study.share)
+    uncorrected = learn_from(scene(), side_of(k), trials, robot, np.random.default_rng((study.seed, k, 1)), False)
+    minds = {
+        "": (OURS, calibrated, memories),
+        "learned activation (constant 1, gates)": (ONE_GATED, calibrated, memories),
+        "learned body (encoders as they are)": (OURS, robot, uncorrected),
     }
-    for k in tqdm(range(max(study.n // 2, 1)), "touch", disable=None):
-        task = RobotTask(k, _ERROR_M, study.seed, study.share, (OURS, ONE_GATED))
-        robot, calibrated, memories = mind(task)
-        trials = training(side_of(k), study.seed, study.share)
-        uncorrected = learn_from(scene(), side_of(k), trials, robot, np.random.default_rng((study.seed, k, 1)), False)
-        bodies = (calibrated, memories, OURS), (calibrated, memories, ONE_GATED), (robot, uncorrected, OURS)
-        for name, body in zip(units, bodies, strict=True):
-            units[name].append(_met(task, robot, *body))
-    return {"rows": _changes(units)}
+    rows = rows_of_minds(task, robot, minds)
+    quantities = "hazards untouched (%)", "harmless at rest (%)"
+    return {name: dict(zip(quantities, scores_of(rows, _ERROR_M, name)[k], strict=False)) for name in minds}
 
 
-def _met(
-    task: RobotTask, robot: MiscalibratedRobot, body: MiscalibratedRobot, memories: Memories, name: str
-) -> dict[str, float]:
-    """Shares of a robot's encounters untouched and left alone, as it takes its `body` to be."""
-    rng = np.random.default_rng((task.seed, task.robot, 2))
-    right: dict[bool, list[bool]] = {False: [], True: []}
-    for condition, n in PER_ROBOT.items():
-        for k in range(n):
-            encounter, tracks = encounter_of(task, condition, k, n)
-            reading = body.joint_offsets_rad + robot.reading(rng) - robot.joint_offsets_rad
-            seen = body.see(tracks, encounter.q_rad, reading)
-            arguments = memory_of(name, memories), encounter, name, new_controller(name), seen
-            result = simulate_encounter(scene(), *arguments, erring=(body.scene, reading))
-            right[condition in HARMLESS].append(not (result.commands if condition in HARMLESS else result.touched))
-    return {"hazards untouched (%)": 100 * mean(right[False]), "harmless at rest (%)": 100 * mean(right[True])}
-
-
-def _map(study: "Decides") -> dict[str, Any]:
-    """Objects beyond the reach of the upright iCub, to which it leans by the map, or by none: all is within reach."""
+@cache
+def _leaning(study: "Decides") -> tuple[Array, Callable[..., reach_in_loop.Attempt], float]:
+    """Objects beyond the reach of the upright iCub, a function that leans towards one, and the map's threshold."""
     robot = load_icub()
     rng = np.random.default_rng(study.seed)
     params = replace(map_params(study.n_labels), gaze_limits=reach_in_loop.GAZE, arm_limits=reach_in_loop.ARM)
     learned = train_reachable_map(robot, reach_in_loop.SIDE, rng, params)
     lean_once = partial(reach_in_loop.attempt, ReachOracle(robot, reach_in_loop.SIDE, params, rng), learned)
-    units: dict[str, list[dict[str, float]]] = {_WITH: [], "reachable map (all is within reach)": []}
     points = reach_in_loop.draw_unreachable(robot, 5 * study.n, np.random.default_rng(study.seed + 1_000_000))
-    for point in tqdm(points, "map", disable=None):
-        for name, threshold in zip(units, (learned.threshold(reach_in_loop.MAX_FP), -1.0), strict=True):
-            units[name].append({"touched (%)": 100.0 * lean_once(threshold, point, True).is_touched})
-    return {"rows": _changes(units)}
+    return points, lean_once, learned.threshold(reach_in_loop.MAX_FP)
+
+
+def _map(study: "Decides", k: int) -> Unit:
+    """An object to which the torso leans by the map, or by one that calls everything reachable."""
+    points, lean_once, threshold = _leaning(study)
+    names = {"": threshold, "reachable map (all is within reach)": -1.0}
+    return {
+        name: {"touched (%)": 100.0 * lean_once(least, points[k], True).is_touched} for name, least in names.items()
+    }
 
 
 @dataclass(frozen=True)
 class Decides(PartsStudy, SampledStudy):
-    """What each part of the design decides: its table is one of all parts."""
+    """What each part of the design decides; one table of all parts of the study."""
 
     PARTS: ClassVar[Mapping[str, Part]] = {
-        "tracking": Part(_tracking),
-        "touch": Part(_touch),
-        "map": Part(_map),
-        "fixation": Part(_fixation),
-        "objects": Part(_objects),
-        "flow": Part(_flow),
+        "tracking": Part(partial(_run, _tracking, 1.0)),
+        "touch": Part(partial(_run, _touch, 0.5)),
+        "map": Part(partial(_run, _map, 5.0)),
+        "fixation": Part(partial(_run, _fixation, 1.0)),
+        "objects": Part(partial(_run, _objects, 0.5)),
+        "flow": Part(partial(_run, _flow, 1.0)),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 600, "share": 0.02}
 
@@ -226,12 +198,12 @@ class Decides(PartsStudy, SampledStudy):
     data: Path = DATA  # folder of the photographs (default: PPS_VISION_DATA, else ../shared/data)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return a row for each part and quantity; no change whose interval holds 0."""
+        """Return a row for each part and quantity."""
         rows = []
         for row in (row for part in self.PARTS if part in numbers for row in numbers[part]["rows"]):
-            own, without, (change, low, high) = row["with, without, change"]
-            decides = "yes" if low > 0 or high < 0 else "no"
-            cells = estimate(own), estimate(without), estimate([change, low, high]), decides
-            rows.append([row["part"], row["quantity"], str(row["n"]), *cells])
-        header = ["part, in its place", "quantity", "n", "with it", "without", "change", "decides"]
+            own, without, change = row["with, without, change"]
+            decides = "yes" if change[1] > 0 or change[2] < 0 else "no"
+            cells: Sequence[str] = [estimate(values) for values in (own, without, change)]
+            rows.append([row["part"], row["quantity"], str(row["n"]), *cells, decides])
+        header = ["part (in its place)", "quantity", "n", "with it", "without", "change", "decides"]
         return {"": Table(header, rows)}

@@ -5,6 +5,7 @@ as many passes, and its own encounters, the same with every controller. Its touc
 held-out touches clearly confirm it; the controls have neither.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache, lru_cache
 from pathlib import Path
@@ -76,19 +77,27 @@ def run(study: Any) -> dict[str, Any]:
 def robot_rows(task: RobotTask, folder: Path | None = None) -> Rows:
     """Return a row for each encounter and controller of a robot."""
     robot, calibrated, memories = mind(task)
+    bodies = {name: calibrated if name in (OURS, R_MAP) else robot for name in task.controllers}
+    return rows_of_minds(task, robot, {name: (name, body, memories) for name, body in bodies.items()})
+
+
+def rows_of_minds(
+    task: RobotTask, robot: MiscalibratedRobot, minds: Mapping[str, tuple[str, MiscalibratedRobot, Memories]]
+) -> Rows:
+    """Return a row for each encounter of a robot, by what it may be told apart by: controller, the body that it takes
+    its own to be, and memories."""
     rng = np.random.default_rng((task.seed, task.robot, 2))
     rows: Rows = []
     for condition, n in PER_ROBOT.items():
         for k in range(n):
             encounter, tracks = encounter_of(task, condition, k, n)
             slack = robot.reading(rng) - robot.joint_offsets_rad
-            for name in task.controllers:
-                body = calibrated if name in (OURS, R_MAP) else robot
+            for label, (name, body, memories) in minds.items():
                 reading = body.joint_offsets_rad + slack
                 seen = body.see(tracks, encounter.q_rad, reading)
                 arguments = memory_of(name, memories), encounter, name, new_controller(name), seen
                 result = simulate_encounter(scene(), *arguments, erring=(body.scene, reading), field=field_of(name))
-                rows.append({**asdict(result), "robot": task.robot, "error_m": task.error_m})
+                rows.append({**asdict(result), "controller": label, "robot": task.robot, "error_m": task.error_m})
     return rows
 
 
@@ -148,7 +157,7 @@ def summary(rows: Rows) -> dict[str, Any]:
     cells: dict[str, dict[str, Any]] = {}
     for error_m in sorted({row["error_m"] for row in rows}):
         names = [name for name in CONTROLLERS if any(row["controller"] == name for row in rows)]
-        scores = {name: _scores(rows, error_m, name) for name in names}
+        scores = {name: scores_of(rows, error_m, name) for name in names}
         cells[f"{100 * error_m:g}"] = {
             name: {
                 "robots": len(by_robot),
@@ -164,7 +173,7 @@ def summary(rows: Rows) -> dict[str, Any]:
     return {"per_robot": PER_ROBOT, "by_error_cm": cells}
 
 
-def _scores(rows: Rows, error_m: float, name: str) -> dict[int, tuple[float, float, float]]:
+def scores_of(rows: Rows, error_m: float, name: str) -> dict[int, tuple[float, float, float]]:
     """Percentages by robot: hazards untouched, harmless without a command, and the mean of both."""
     scores = {}
     chosen = [row for row in rows if row["error_m"] == error_m and row["controller"] == name]
