@@ -60,12 +60,12 @@ def run(study: Any) -> dict[str, Any]:
         values: dict[str, Any] = {name: value}
         return Setting(seed)._replace(**values)
 
-    return {
-        name: compare_severities(
-            partial(setting, name), axis, methods, _METRICS, seeds, Break("found", 90.0, above=False)
-        )
+    breaks = Break("found", 90.0, above=False)
+    axes = {
+        name: compare_severities(partial(setting, name), axis, methods, _METRICS, seeds, breaks)
         for name, axis in AXES.items()
     }
+    return {"axes": axes}
 
 
 def _measured(seconds: float, setting: Setting, seed: int) -> Values:
@@ -105,11 +105,11 @@ def _estimate(paths: tuple[PointPath, PointPath]) -> Delay:
 
 def chart(numbers: dict[str, Any]) -> Figure:
     """Draw the share of delays found within 1 ms over each axis."""
-    return severities(numbers, "found", "found within 1 ms (%)", 90.0, len(numbers))
+    return severities(numbers["axes"], "found", "found within 1 ms (%)", 90.0, len(AXES))
 
 
 def table(numbers: dict[str, Any]) -> Table:
-    """One row for each length and value of an axis."""
+    """One row for each value of an axis."""
     header = [
         "delay of a camera",
         "found within 1 ms (%)",
@@ -120,12 +120,12 @@ def table(numbers: dict[str, Any]) -> Table:
     ]
     rows = [
         [
-            f"{study['axis']} {value:g}, {name}",
+            f"{study['axis']} {value:g}",
             *(estimate(cell[metric][k]) for metric in _METRICS),
             "–" if cell["breaks_at"] is None else f"{cell['breaks_at']:g}",
         ]
-        for study in numbers.values()
-        for name, cell in study["methods"].items()
+        for study in numbers["axes"].values()
+        for cell in study["methods"].values()
         for k, value in enumerate(study["severities"])
     ]
     return Table(header, rows)
