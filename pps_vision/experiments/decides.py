@@ -202,8 +202,8 @@ class Decides(PartsStudy, SampledStudy):
         rows = []
         for row in (row for part in self.PARTS if part in numbers for row in numbers[part]["rows"]):
             own, without, change = row["with, without, change"]
-            decides = "yes" if change[1] > 0 or change[2] < 0 else "no"
+            certain = "yes" if change[1] > 0 or change[2] < 0 else "no"
             cells: Sequence[str] = [estimate(values) for values in (own, without, change)]
-            rows.append([row["part"], row["quantity"], str(row["n"]), *cells, decides])
-        header = ["part (in its place)", "quantity", "n", "with it", "without", "change", "decides"]
+            rows.append([row["part"], row["quantity"], str(row["n"]), *cells, certain])
+        header = ["part (in its place)", "quantity", "n", "with it", "without", "change", "certain"]
         return {"": Table(header, rows)}
