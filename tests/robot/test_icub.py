@@ -7,7 +7,7 @@ import pytest
 from data import shared_data
 
 from pps_vision.errors import InputError
-from pps_vision.experiments.films.scenes import denavit_hartenberg
+from pps_vision.experiments.films.scenes import denavit_hartenberg, head_pose
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.robot import icub
 from pps_vision.robot.model import FrameNames, Robot
@@ -37,11 +37,7 @@ RIGHT_ARM = [
     (0, 0, 90, 90),
     (0.0625, 0.016, 0, 180),
 ]
-NECK = [(0.00231, -0.1933, -90, -90), (0.033, 0, 90, 90), (0, 0.001, -90, -90), (-0.054, 0.0825, -90, 90)]
-LEFT_EYE = [(0, -0.034, -90, 0), (0, 0, 90, -90)]
-RIGHT_EYE = [(0, 0.034, -90, 0), (0, 0, 90, -90)]
 TORSO_JOINTS = ("torso_pitch", "torso_roll", "torso_yaw")
-NECK_JOINTS = ("neck_pitch", "neck_roll", "neck_yaw", "eyes_tilt")
 ARM_JOINTS = (
     "shoulder_pitch",
     "shoulder_roll",
@@ -56,8 +52,6 @@ CHAINS = {
     "right_palm": (TORSO + RIGHT_ARM, TORSO_JOINTS + tuple(f"right_{j}" for j in ARM_JOINTS)),
     "left_forearm": (TORSO + LEFT_ARM[:6], TORSO_JOINTS + tuple(f"left_{j}" for j in ARM_JOINTS[:5])),
     "right_forearm": (TORSO + RIGHT_ARM[:6], TORSO_JOINTS + tuple(f"right_{j}" for j in ARM_JOINTS[:5])),
-    "left_eye": (TORSO + NECK + LEFT_EYE, (*TORSO_JOINTS, *NECK_JOINTS, "left_eye_pan")),
-    "right_eye": (TORSO + NECK + RIGHT_EYE, (*TORSO_JOINTS, *NECK_JOINTS, "right_eye_pan")),
 }
 LIMITS_DEG = {
     "torso_pitch": (-22, 84), "torso_roll": (-39, 39), "torso_yaw": (-59, 59),
@@ -83,6 +77,15 @@ def test_every_chain_is_its_denavit_hartenberg_table(robot, frame):
     for _ in range(1000):
         q = rng.uniform(robot.lower_rad, robot.upper_rad)
         np.testing.assert_allclose(robot.at(q).T_root(frame), end_of(rows, q[columns]), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_eyes_are_those_of_the_films_table(robot, side):
+    rng = np.random.default_rng(11)
+    for _ in range(1000):
+        q = rng.uniform(robot.lower_rad, robot.upper_rad)
+        pose = head_pose(dict(zip(robot.joint_names, q, strict=True)), side)
+        np.testing.assert_allclose(robot.at(q).T_root(f"{side}_eye"), pose, rtol=0, atol=1e-9)
 
 
 def test_index_tips_in_their_palms(robot):
