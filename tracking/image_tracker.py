@@ -492,24 +492,32 @@ class CameraTracker:
         )
         if result is None:
             return None
-        target, detection, mask = result
-        off_px = math.dist(detection.outline.center_px.tolist(), prior.center_px.tolist())
+        center_px = result[1].outline.center_px
+        off_px = math.dist(center_px.tolist(), prior.center_px.tolist())
         if off_px > 3 * prior.std_px + _OFF_PREDICTION * prior.size_px:
             return None
-        p_root = camera.view.center + prior.distance_m * camera.view.rays(detection.outline.center_px)
-        radius_m = prior.distance_m * math.sin(prior.angle_rad)
-        seen = self._seen(detection, mask, examined, camera, p_root, radius_m)
-        return state._replace(target=replace(target, silhouette=seen)), detection
+        p_root = camera.view.center + prior.distance_m * camera.view.rays(center_px)
+        return self._shown(state, camera, examined, result, p_root, prior.distance_m * math.sin(prior.angle_rad))
 
-    @staticmethod
-    def _seen(
-        detection: ImageDetection, mask: Mask, examined: Examined, camera: CameraFrame, p_root: Array, radius_m: float
-    ) -> Silhouette | None:
-        """The silhouette of an object that is no ball."""
-        outline = detection.outline
-        if outline.is_disc:
+    def _shown(
+        self,
+        state: CameraState,
+        camera: CameraFrame,
+        examined: Examined,
+        result: tuple[Target, ImageDetection, Mask],
+        p_root: Array,
+        radius_m: float,
+    ) -> tuple[CameraState, ImageDetection] | None:
+        """The object at `p_root` (3,) with its own outline and silhouette; None for the place that it has left."""
+        target, detection, mask = result
+        place = camera.image, camera.view, mask, examined.roi
+        if state.by_background and self.background.is_ghost(*place):
+            self.background.adopt(*place)
             return None
-        return Silhouette(mask, examined.roi, camera.view, p_root, outline.center_px, radius_m)
+        outline = detection.outline
+        seen = Silhouette(mask, examined.roi, camera.view, p_root, outline.center_px, radius_m)
+        target = replace(target, silhouette=None if outline.is_disc else seen)
+        return state._replace(target=target), detection
 
     def detect(
         self, state: CameraState, camera: CameraFrame, examined: Examined, located: Located, eye: int
@@ -526,9 +534,8 @@ class CameraTracker:
         state = state._replace(target=target)
         whole = self.image_tracker.detect(target, camera.image, examined, center_px, not state.by_background)
         if whole is not None:
-            target, detection, mask = whole
-            seen = self._seen(detection, mask, examined, camera, located.p_root, located.radius_m)
-            return state._replace(target=replace(target, silhouette=seen)), detection
+            shown = self._shown(state, camera, examined, whole, located.p_root, located.radius_m)
+            return shown or (state, None)
         if self.marker is not None or min(located.fill) < _MIN_FILL:  # a marker's occluder may have the same hue
             return state, None
         return state, self._partial(target, camera, examined, located, eye, center_px)

@@ -17,7 +17,10 @@ from pps_vision.experiments.films.caster import (
     Paint,
     Panel,
     RayCaster,
+    SensorChain,
     Solids,
+    light_of,
+    noise_tape,
     visible_share,
 )
 from pps_vision.experiments.films.raycast import ball_row, cylinder_row, first_hits, panel_row
@@ -97,10 +100,21 @@ def test_nearer_solids_occlude():
     np.testing.assert_array_equal(image, swapped)
     u, v = np.rint(LENS.project(HERE, near.center)[0]).astype(int)
     lambert = AMBIENT + (1 - AMBIENT) * (LIGHT @ (-near.center / np.linalg.norm(near.center)))
-    np.testing.assert_allclose(image[v, u], [200 * lambert, 0, 0], rtol=0.02)
+    np.testing.assert_allclose(image[v, u], [255 * ((200 / 255 + 0.055) / 1.055) ** 2.4 * lambert, 0, 0], rtol=0.02)
     board = Panel(np.array([-0.5, 0, 0.5]), np.array([0.5, 0, 0]), np.array([0, 1.0, 0]), WHITE)  # up to x = 0
     assert visible_share(LENS, HERE, (far, board), far) == pytest.approx(0.5, abs=0.02)
     assert visible_share(LENS, HERE, (far,), far) == 1.0
+
+
+def test_light_adds_before_the_tone_curve(rng):
+    """Full light and none, blurred: 188 of 255 levels (sRGB) where both have the same share."""
+    light = np.zeros((40, 40, 3), np.float32)
+    light[:, 20:] = 255.0
+    image = SensorChain(defocus_px=3.0, read_noise=0.0).expose(light, 1.0, rng, noise_tape(rng))
+    assert np.interp(19.5, [19, 20], image[20, 19:21, 0]) == pytest.approx(188, abs=2)
+    levels = np.tile(np.arange(256, dtype=np.float32)[:, None, None], (1, 2, 3))
+    again = SensorChain(read_noise=0.0).expose(light_of(levels), 1.0, rng, noise_tape(rng))
+    np.testing.assert_allclose(again, levels, atol=1)
 
 
 @pytest.mark.parametrize("place", [(-0.5, 0, 0.5), (0.5, 0, 0.5), (0, -0.5, 0.5), (0, 0.5, 0.5), (0, 0, -10)])

@@ -83,7 +83,7 @@ _SLOW = {"speed_m_s": 0.02, "start": "rest", "rest_s": 0.5, "extent_m": 0.04}
 _BOARD = {"motion": "straight", "start": "moving", "seconds": 6.0, "speed_m_s": 0.1, "hidden_s": 1.0}
 _STOPS = {"motion": "stop_and_go", "start": "moving", "seconds": 5.0}
 _SQUARE = {"shape": "square", "pattern": "textured", "radius_m": 0.04, "spin_rad_s": 0.3}
-_WHOLE_CHAIN = {"sensor": SensorChain(bayer=True, shot=0.2, jpeg=85), "gain_drift": 0.1}
+_WHOLE_CHAIN = {"sensor": SensorChain(bayer=True, shot=0.2, jpeg=85), "gain_drift": 0.2}
 _LARGE = {"width": 1280, "height": 960, "fps": 60.0, "seconds": 2.0, "start": "moving"}
 _IN_VIEW: dict[str, Any] = {"start": "rest"}
 _GREY_IN_VIEW: dict[str, Any] = {**_IN_VIEW, "sensor": SensorChain(grey=True)}
@@ -102,7 +102,7 @@ _SHARED: dict[str, tuple[Options, Goals]] = {
     "behind a board for 1 s": (_BOARD, {}),
     "defocus, sigma 3 px": ({"sensor": SensorChain(defocus_px=3.0)}, {}),
     "motion blur, 20 ms": ({"shutter_s": 0.02}, {}),
-    "flicker and gain drift": ({"flicker": 0.15, "gain_drift": 0.2}, {}),
+    "flicker and gain drift": ({"flicker": 0.3, "gain_drift": 0.4}, {}),
     "noise 10": ({"sensor": SensorChain(read_noise=10.0)}, {}),
     "2 cm/s": (_SLOW, {"most_found_s": (Goal(2.0),)}),
     "1 m/s, instant reversal": ({"speed_m_s": 1.0, "motion": "reversal", "start": "moving"}, {}),

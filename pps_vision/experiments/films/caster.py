@@ -1,12 +1,14 @@
 """Light of painted balls, panels and cylinders in a room whose walls show a photograph, by ray casting, and its sensor.
 
 Shares no code with `rendering`. The lens is OpenCV's. Coordinates are those of the stage frame (m): x to the right,
-y down, z ahead, origin midway between the eyes at rest. Levels are grey levels of 255, proportional to light.
+y down, z ahead, origin midway between the eyes at rest. Paints and photographs are given as the levels (0–255) that a
+camera shows of them in full light. Light adds in proportion to itself, 255 at full scale; the camera's tone curve, that
+of sRGB, turns it to levels.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -51,6 +53,7 @@ _COARSE_INSTANTS = (1, 5, 10, 14)  # while the background moves
 _COARSE_INSTANT_OF_SAMPLE = np.array([[0, 2], [3, 1]])
 _TAPE_LENGTH = 1 << 21  # normal deviates for the noise
 _SIDES = tuple(np.linspace(-0.97, 0.97, 16))  # where the visible share of a panel is sampled
+_SHADES = 4096  # of light, at which the tone curve is tabulated
 _WIDEST_RAD = np.deg2rad(55.0)  # from the optical axis: farther out the lens model may fold back
 
 
@@ -144,15 +147,27 @@ Solid = Ball | Panel | Cylinder
 Solids = tuple[Solid, ...]  # the solids of a scene at one instant
 
 
+def light_of(levels: ArrayLike) -> NDArray[np.float32]:
+    """Return the light of levels, by the tone curve of sRGB (IEC 61966-2-1)."""
+    share = np.asarray(levels, np.float32) / 255
+    return np.float32(255) * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def levels_of(light: ArrayLike) -> NDArray[np.float32]:
+    """Return the levels of light, the inverse of `light_of`; what is brighter than full scale saturates."""
+    share = np.minimum(np.asarray(light, np.float32) / 255, 1)
+    return np.float32(255) * np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
+
+
 @lru_cache(maxsize=32)
 def photograph(data: Path, index: int, width: int) -> NDArray[np.float32]:
-    """Return a photograph (h, width, 3), RGB levels; a procedural texture where its file is absent."""
+    """Return the light (h, width, 3) of a photograph; of a procedural texture where its file is absent."""
     file = data / PHOTOS[index % len(PHOTOS)]
     image = cv2.imread(str(file), cv2.IMREAD_COLOR) if file.exists() else None
     picture = procedural(index) if image is None else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     height = max(1, round(width * picture.shape[0] / picture.shape[1]))
     interpolation = cv2.INTER_AREA if width < picture.shape[1] else cv2.INTER_CUBIC
-    scaled = cv2.resize(picture.astype(np.float32), (width, height), interpolation=interpolation)
+    scaled = cv2.resize(light_of(picture), (width, height), interpolation=interpolation)
     return np.clip(np.asarray(scaled, dtype=np.float32), 0, 255)
 
 
@@ -315,7 +330,8 @@ def _rows(solids: Solids) -> Array:
         texture += paint.pattern == "textured"
         rotation = solid.R_stage_body.T if isinstance(solid, Ball) else np.eye(3)
         pattern = PATTERNS.index(paint.pattern)
-        row[:] = [*_row(solid), pattern, texture, *paint.color, *paint.color2, paint.count, *rotation.ravel()]
+        colors = light_of([*paint.color, *paint.color2])
+        row[:] = [*_row(solid), pattern, texture, *colors, paint.count, *rotation.ravel()]
     return rows
 
 
@@ -458,7 +474,7 @@ def _color(solid, x, y, z, texels, sizes, lamp):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class SensorChain:
-    """Stages in this order: defocus, gain, mosaic, noise, eight bits, grey, JPEG."""
+    """Stages in this order: defocus, gain, tone curve, mosaic, noise, eight bits, grey, JPEG."""
 
     defocus_px: float = 0.0
     """Standard deviation of the defocus blur."""
@@ -472,16 +488,18 @@ class SensorChain:
         """Return the image (h, w, 3) of light; the noise of each row is cut from the tape where `rng` says."""
         if self.defocus_px > 0:
             light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.defocus_px), dtype=np.float32)
+        shade = np.minimum(light, 255 / gain) * np.float32((_SHADES - 1) * gain / 255)
+        levels = np.take(_tone_curve(), np.rint(shade).astype(np.uint16))
         if self.bayer:
-            mosaic = light[..., 1].copy()
-            mosaic[::2, ::2] = light[::2, ::2, 0]
-            mosaic[1::2, 1::2] = light[1::2, 1::2, 2]
-            light = mosaic
-        h, w = light.shape[:2]
-        rows = light.reshape(h, -1)
+            mosaic = levels[..., 1].copy()
+            mosaic[::2, ::2] = levels[::2, ::2, 0]
+            mosaic[1::2, 1::2] = levels[1::2, 1::2, 2]
+            levels = mosaic
+        h, w = levels.shape[:2]
+        rows = levels.reshape(h, -1)
         image: Image = np.empty(rows.shape, np.uint8)
         starts = rng.integers(0, len(tape) - rows.shape[1], h)
-        _add_noise(rows, gain, self.read_noise**2, self.shot, tape, starts, image)
+        _add_noise(rows, self.read_noise**2, self.shot, tape, starts, image)
         if self.bayer:
             image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2RGB), dtype=np.uint8)
         image = image.reshape(h, w, 3)
@@ -493,16 +511,22 @@ class SensorChain:
         return image
 
 
+@cache
+def _tone_curve() -> NDArray[np.float32]:
+    """(_SHADES,) levels of light from none to full scale."""
+    return levels_of(np.linspace(0, 255, _SHADES))
+
+
 def noise_tape(rng: np.random.Generator) -> Array:
     """Return normal deviates (n,) for `SensorChain.expose`."""
     return rng.standard_normal(_TAPE_LENGTH, dtype=np.float32)
 
 
 @njit(cache=True, error_model="numpy")
-def _add_noise(light, gain, read_var, shot, tape, starts, image):  # type: ignore[no-untyped-def]
-    for y in range(light.shape[0]):
+def _add_noise(levels, read_var, shot, tape, starts, image):  # type: ignore[no-untyped-def]
+    for y in range(levels.shape[0]):
         start = starts[y]
-        for x in range(light.shape[1]):
-            level = gain * light[y, x]
+        for x in range(levels.shape[1]):
+            level = levels[y, x]
             level += tape[start + x] * np.sqrt(read_var + shot * level)
             image[y, x] = np.uint8(min(max(level + 0.5, 0.0), 255.0))

@@ -28,6 +28,7 @@ from pps_vision.experiments.films.caster import (
     SensorChain,
     Solid,
     Solids,
+    levels_of,
     noise_tape,
     photograph,
     visible_share,
@@ -46,7 +47,7 @@ _BASELINE_M = 0.12  # between the eyes of a rig without a head
 _DISTORTION = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])  # of the left eye
 _ROTATION_RAD = np.deg2rad(1.0)  # amplitude of a rotating rig about the vertical axis
 _ROTATION_HZ = 0.5
-_DARK_GAIN = 0.03
+_DARK_GAIN = 0.0005
 _ABSENT = np.array([0.0, 0.0, -10.0])  # place of an object that is to come, behind the eyes
 _THROW_S = 0.8  # from throw to throw
 _GRAVITY = np.array([0.0, 9.81, 0.0])
@@ -264,8 +265,10 @@ class Film:
     def _paint(self, shown: FilmObject) -> Paint:
         color = shown.color
         if isinstance(color, str):
-            r, g, b = self._background_mean.tolist()
-            color = (r / 0.75, g / 0.75, b / 0.75)  # shading leaves three quarters of a ball's paint
+            r, g, b = levels_of(
+                self._background_mean / 0.75
+            ).tolist()  # shading leaves three quarters of a ball's light
+            color = r, g, b
         return Paint(color, shown.pattern, photo=shown.texture)
 
     @cached_property
@@ -399,7 +402,7 @@ class Film:
         return [RayCaster(lens, self.scene.background, self.data, self.scene.room_m) for lens in self._lenses]
 
     def gain(self, eye: int, t_s: float) -> float:
-        """Return the factor of an eye's (0 left, 1 right) levels: drift of the gain, light's flicker and darkness."""
+        """Return the factor of the light in an eye's image (0 left, 1 right): drift, flicker and darkness."""
         drift = 1 + self.scene.gain_drift * np.sin(2 * np.pi * 0.2 * t_s - eye * np.pi / 2)
         light = _DARK_GAIN if self.is_dark(t_s) else 1.0
         return float(light * drift * (1 + self.scene.flicker * np.sin(2 * np.pi * 100.0 * 1.0013 * t_s)))

@@ -108,8 +108,8 @@ def film_scene(rng: np.random.Generator, seconds: float, radius_m: float, px_per
         speed_m_s=px_per_frame * FPS * distance / (FOCAL * 320),
         distance_m=distance,
         background=int(rng.integers(0, 100)),
-        gain_drift=0.1,
-        flicker=0.03,
+        gain_drift=0.2,
+        flicker=0.06,
         sensor=SensorChain(read_noise=NOISE_SIGMA, bayer=True),
     )
 
