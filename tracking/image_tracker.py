@@ -262,7 +262,7 @@ class ImageTracker:
             outline = beside_foreground(outline, masks.foreground_around(mask, hiding))
         ratio = outline.angular_radius_rad / target.angle_rad
         is_free = examined.covered[mask].mean() > 0.5 and around < _FREE
-        may_be_smaller = is_free if target.silhouette else outline.is_disc and not target.is_size_known
+        may_be_smaller = is_free if target.silhouette else outline.is_disc and (is_free or not target.is_size_known)
         if ratio < target.ratio - _ERRORS * target.ratio_std and not may_be_smaller:
             return None
         if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size + _OFF_PX:
