@@ -188,8 +188,6 @@ def test_its_place_is_known_no_more_when_the_eye_has_turned_since(rng):
     known = background.knows(VIEW, WHOLE)
     assert not known[92:128, 102:148].any()
     assert np.count_nonzero(~known) < 60 * 70
-    background.invalidate_mask(draw(rng), view, mask, (-900, 0, -800, 80), is_red)
-    assert np.count_nonzero(~background.knows(VIEW, WHOLE)) == np.count_nonzero(~known)
 
 
 def turned(k: int, deg: float = 1.0) -> View:
@@ -269,7 +267,7 @@ def test_a_resting_wall_at_any_distance_is_background_of_an_eye_that_moves_sidew
 
 
 @pytest.mark.parametrize("is_object", [True, False])
-def test_an_edge_that_only_the_background_has_tells_a_place_that_an_object_has_left(is_object, rng):
+def test_the_place_that_an_object_has_left_is_told_by_its_colours(is_object, rng):
     background = new_background()
     view = turned(3)
     at = (150.0, 120.0)
@@ -279,7 +277,19 @@ def test_an_edge_that_only_the_background_has_tells_a_place_that_an_object_has_l
     image, _ = seen(view, rng, (u, v) if is_object else None)
     box = int(u) - 20, int(v) - 30, int(u) + 40, int(v) + 50
     for part, region in ((place, WHOLE), (place[box[1] : box[3], box[0] : box[2]], box)):
-        assert background.is_uncovered(image, view, part, region) == (not is_object)
+        assert background.is_ghost(image, view, part, region) == (not is_object)
+
+
+def test_a_ghost_becomes_background_at_once_before_an_eye_that_rests(rng):
+    background = new_background()
+    at = (150.0, 120.0)
+    before, place = seen(turned(0), rng, at)
+    background.update(before, turned(0), 0.0)
+    image, _ = seen(turned(0), rng)
+    assert background.differs(image, turned(0), WHOLE)[place].mean() > 0.8
+    assert background.is_ghost(image, turned(0), place, WHOLE)
+    background.adopt(image, turned(0), place, WHOLE)
+    assert background.differs(image, turned(0), WHOLE)[place].mean() < 0.2
 
 
 def test_the_tracked_object_s_place_is_kept(rng):
