@@ -313,15 +313,15 @@ def shift_cov(previous: Observation3D | None, observation: Observation3D) -> Arr
 
     Where the outline shows more or less of the object, the centre moves about as far as the radius changes: a part at
     the rim with a small share ε of the area changes the radius by ε/2 of itself and moves the centre by ε of it, 2/√3
-    as much per axis.  Changes within the radius's variance are noise.  Where the correlated error grows or shrinks, as
-    when something comes before the object, the centre moves by the difference of its standard deviations.
+    as much per axis.  Changes within the radius's variance are noise.  Where the correlated error grows, as when
+    something comes before the object, the centre moves by as much as its standard deviations grow.
     """
     if previous is None:
         return np.zeros((3, 3))
     change_m = observation.radius_m - previous.radius_m
     of_outline = max(change_m**2 - previous.radius_var_m2 - observation.radius_var_m2, 0.0)
-    by_error = _root(observation.correlated_cov_root) - _root(previous.correlated_cov_root)
-    cov: Array = of_outline * np.eye(3) + by_error @ by_error
+    growth_m, axes = np.linalg.eigh(_root(observation.correlated_cov_root) - _root(previous.correlated_cov_root))
+    cov: Array = of_outline * np.eye(3) + axes * np.maximum(growth_m, 0.0) ** 2 @ axes.T
     return cov
 
 
