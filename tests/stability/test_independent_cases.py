@@ -61,7 +61,7 @@ LIMITS = {  # of cases that miss the usual ones at this size; `bench independent
     "2 cm/s": Limits(right=75, median_mm=30),  # at first joined with the place that it leaves
     "moves, stops for 2 s, moves on": Limits(false=4),  # at first joined with the place that it left
     # with seed 2016 it passes dark red, its own hue and saturation; with 2017 to 2020 nothing is false
-    "flicker and gain drift": Limits(false=3),
+    "flicker and gain drift": Limits(false=5),
     "head moves, 10 ms stale": Limits(false=8),
     "head moves, 20 ms stale": Limits(false=13),
     LARGE.name: Limits(right=70, false=15),  # cut by the image's border as it enters
