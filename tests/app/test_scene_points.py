@@ -114,7 +114,7 @@ def test_a_rotation_off_by_0_3_degrees_is_told_as_far_as_points_show_it(filmed, 
         return
     line = advice(tmp_path, capsys, options)
     assert line.startswith("try another calibration: ")
-    assert float(line.split("only within ")[1].split()[0]) == pytest.approx(misfit_px, rel=0.15)
+    assert float(line.split("only within ")[1].split()[0]) == pytest.approx(misfit_px, rel=0.2)
 
 
 def test_cameras_of_the_calibration_exchanged(filmed, tmp_path, capsys):
