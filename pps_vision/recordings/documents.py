@@ -7,6 +7,8 @@ import base64
 import json
 import re
 import struct
+import subprocess
+import sys
 import tomllib
 import zipfile
 import zlib
@@ -40,6 +42,7 @@ _TABLE = re.compile(r"^[ \t]*\[[^\[\]]+\][ \t]*$", re.MULTILINE)  # [name] in TO
 _YAML_TAGS = ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:binary")
 _BINARY_HEADER = 24  # bytes before the numbers of base64 data
 _TYPES = {"d": "<f8", "f": "<f4", "i": "<i4", "s": "<i2", "w": "<u2", "c": "i1", "u": "u1"}
+_MAT_S = 60.0  # for one .mat file
 _MATLAB_HINT = "expected a struct: s = toStruct(stereoParams); save('stereo.mat', 's', '-v7')"
 _COMPRESSED = 15  # type of a compressed element in a .mat file
 
@@ -211,10 +214,9 @@ def _read_mat(file: Path, data: bytes) -> dict[str, Any]:
         raise InputError(file, f"is of MATLAB's version 7.3; {_MATLAB_HINT}")
     if _inflated(data) > _MOST_ARRAY_BYTES:
         raise InputError(file, f"holds more than {_MOST_ARRAY_BYTES} bytes of variables; {_MATLAB_HINT}")
-    try:
-        variables = loadmat(BytesIO(data), simplify_cells=True)
-    except Exception as error:  # which is of many kinds for a damaged file
-        raise InputError(file, f"cannot be read: {first_line(error)}; {_MATLAB_HINT}") from error
+    if problem := _problem_of_mat(data):
+        raise InputError(file, f"cannot be read: {problem}; {_MATLAB_HINT}")
+    variables = loadmat(BytesIO(data), simplify_cells=True)
     objects = MatlabOpaque, MatlabObject, MatlabFunction
     plain = {
         name: value for name, value in variables.items() if not name.startswith("__") and not isinstance(value, objects)
@@ -222,6 +224,19 @@ def _read_mat(file: Path, data: bytes) -> dict[str, Any]:
     if not plain:
         raise InputError(file, f"holds objects of MATLAB only; {_MATLAB_HINT}")
     return plain
+
+
+def _problem_of_mat(data: bytes) -> str:
+    """Why SciPy cannot read a .mat file, tried in another process, which damaged files crash; empty if it can."""
+    read = "import io, sys, scipy.io; scipy.io.loadmat(io.BytesIO(sys.stdin.buffer.read()), simplify_cells=True)"
+    try:
+        tried = subprocess.run([sys.executable, "-P", "-c", read], input=data, capture_output=True, timeout=_MAT_S)
+    except subprocess.TimeoutExpired:
+        return f"it takes longer than {_MAT_S:g} s"
+    if tried.returncode == 0:
+        return ""
+    said = tried.stderr.decode(errors="replace").strip().splitlines() if tried.returncode > 0 else []
+    return (said[-1].partition(": ")[2] if said else "") or "it is damaged"
 
 
 def _inflated(data: bytes) -> int:
