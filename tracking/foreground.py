@@ -196,8 +196,8 @@ class Background:
         self, image: Image, view: View, mask: Mask, box: Box, is_alike: Callable[[Pixels], Mask]
     ) -> None:
         """Mark the background as unknown where the object may have been at rest during learning: where it, a mask
-        (h, w) of a box, equals the background, and where the background has its colours and the image does not; if the
-        camera has moved since, where the background has its colours.
+        (h, w) of a box, equals the background (if the camera has moved since: has the background's colours), and where
+        the background has its colours and the image does not.
 
         Args:
             is_alike: Pixels (h, w, 3) → mask (h, w) of the object's colours.
@@ -353,13 +353,15 @@ class Foreground:
         inside = np.s_[y0 - around[1] : y1 - around[1], x0 - around[0] : x1 - around[0]]
         differs = self.differs(around)
         mask = masks.closed_component(differs[inside], seed)
-        if mask is None or self.earlier is None or background.is_ghost(self.image, self.view, mask, box):
+        if mask is None or self.earlier is None:
             return None
         differed = background.differed(*self.earlier, self.view, around)
         covered = np.count_nonzero(mask & ~differed[inside])
         uncovered = np.count_nonzero(differed & ~differs)
         ratio = background.params.max_area_ratio
         if covered <= background.params.min_moved * np.count_nonzero(mask):
+            return None
+        if background.is_ghost(self.image, self.view, mask, box):
             return None
         is_whole = covered / ratio < uncovered < ratio * covered
         if is_whole and rests:

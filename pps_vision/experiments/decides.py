@@ -42,9 +42,8 @@ from tracking.motion_trigger import TriggerParams
 from tracking.particle_filter import ParticleFilterParams
 from tracking.tracker import Tracker, TrackerParams
 
-Unit = Mapping[
-    str, Mapping[str, float]
-]  # quantities of a recording, object or robot: first with all parts, then without
+Unit = Mapping[str, Mapping[str, float]]
+"""Quantities of a recording, object or robot: first with all parts, then without each."""
 _ERROR_M = 0.03  # of the robots' position of what touches them, RMS
 _FAST_M_S = 0.4
 _SETTLE_S = 0.5

@@ -265,9 +265,8 @@ class Film:
     def _paint(self, shown: FilmObject) -> Paint:
         color = shown.color
         if isinstance(color, str):
-            r, g, b = levels_of(
-                self._background_mean / 0.75
-            ).tolist()  # shading leaves three quarters of a ball's light
+            # shading leaves three quarters of a ball's light
+            r, g, b = levels_of(self._background_mean / 0.75).tolist()
             color = r, g, b
         return Paint(color, shown.pattern, photo=shown.texture)
 
