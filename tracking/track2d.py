@@ -154,8 +154,9 @@ def nano_tracker(image: Image, box_px: BoxPx, weights: Path) -> OpenCvTracker:
             raise InputError(str(weights), f"found {found}; expected one file *{part}*.onnx of NanoTrack")
         setattr(params, name, str(files[0]))
     x, y, w, h = (round(side) for side in box_px)
+    w, h = (max(min(side, size - at), 1) for side, size, at in ((w, image.shape[1], x), (h, image.shape[0], y)))
     try:
-        return OpenCvTracker(cv2.TrackerNano.create(params), image, (x, y, max(w, 1), max(h, 1)))
+        return OpenCvTracker(cv2.TrackerNano.create(params), image, (x, y, w, h))
     except cv2.error as error:
         raise InputError(str(weights), f"expected NanoTrack's weights; OpenCV says: {error.err}") from error
 

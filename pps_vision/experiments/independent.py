@@ -44,9 +44,7 @@ COLUMNS = {
     "known_percent": "known after 0.5 s (% of the films)",
 }
 _COMPARED_COLUMNS = ("right_percent", "false_percent", "median_mm", "ms_per_pair")
-_COLORS = dict(
-    zip((OURS, *STEREO_PIPELINES), ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"), strict=True)
-)
+_COLORS = {name: f"C{k}" for k, name in enumerate((OURS, *STEREO_PIPELINES))}
 _RIGHT_PERCENT = 90.0
 _CASES = {case.name: case for case in (*CASES, *NEW_CASES)}
 
@@ -86,6 +84,8 @@ class Independent(SampledStudy):
         for axis, key in zip(axes, ("right_percent", "median_mm"), strict=True):
             for tracker, color in _COLORS.items():
                 shown = {k: cells[name] for k, name in enumerate(names) if tracker in cells[name]}
+                if not shown:
+                    continue
                 values = [summary(_compared_films(films)[tracker])[key] for films in shown.values()]
                 (line,) = axis.plot(values, list(shown), "o", color=color, ms=4)
                 line.set(label=tracker, zorder=3 if tracker == OURS else 2)

@@ -7,9 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import torch
 from data import SEED
-from torch.onnx._internal.torchscript_exporter import onnx_proto_utils
+from nano import write_weights
 
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
@@ -81,41 +80,9 @@ def test_csrt_follows_the_block_too(frames, tmp_path, capsys):
     assert (rows[:, 5] >= 0.5).all()
 
 
-class _Backbone(torch.nn.Module):
-    """Mean colour of every square of 16 px."""
-
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
-        return torch.nn.functional.avg_pool2d(image, 16, 16, padding=8, count_include_pad=False)[:, :, :16, :16]
-
-
-class _Head(torch.nn.Module):
-    """Classes: how near a colour is to that in the middle of the template; boxes: of one size."""
-
-    def forward(self, template: torch.Tensor, search: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        color = template[:, :, 3:5, 3:5].mean(dim=(2, 3), keepdim=True)
-        off = ((search - color) ** 2).sum(dim=1, keepdim=True)
-        nearness = -0.0005 * torch.nn.functional.avg_pool2d(off, 3, 1, padding=1, count_include_pad=False)
-        sides = torch.tensor([34.0, 29.0, 34.0, 29.0]).reshape(1, 4, 1, 1) + 0 * search[:, :1]
-        return torch.cat([-nearness, nearness], dim=1), sides
-
-
-@pytest.fixture
-def weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """NanoTrack's two files with a network that finds the template's colour."""
-    monkeypatch.setattr(onnx_proto_utils, "_add_onnxscript_fn", lambda model, *_: model)  # it needs the package onnx
-    folder = tmp_path / "weights"
-    folder.mkdir()
-    options = {"dynamo": False, "opset_version": 11}
-    names = {"input_names": ["input"], "output_names": ["output"]}
-    torch.onnx.export(_Backbone(), torch.zeros(1, 3, 255, 255), folder / "my_backbone.onnx", **options, **names)
-    names = {"input_names": ["input1", "input2"], "output_names": ["output1", "output2"]}
-    parts = torch.zeros(1, 3, 8, 8), torch.zeros(1, 3, 16, 16)
-    torch.onnx.export(_Head(), parts, folder / "my_head.onnx", **options, **names)
-    return folder
-
-
 @pytest.mark.filterwarnings("ignore")
-def test_nanotrack_follows_the_block_with_the_weights_of_a_folder(frames, weights, tmp_path, capsys):
+def test_nanotrack_follows_the_block_with_the_weights_of_a_folder(frames, tmp_path, monkeypatch, capsys):
+    weights = write_weights(tmp_path / "weights", monkeypatch)
     words = ["track2d", str(frames), *INIT, "--nano-weights", str(weights), "--out", str(tmp_path / "boxes.csv")]
     main(words)
     assert "of 6 frames" in capsys.readouterr().out

@@ -8,7 +8,7 @@ from data import SEED
 from tracks import track_at
 
 from pps_vision.experiments.baselines.image_trackers import middle, sphere_box
-from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES, FilteredPipeline, intersection
+from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, available_pipelines, intersection
 from pps_vision.experiments.films import disturbances as d
 from pps_vision.experiments.films.recordings import EYES_M, FPS, Footage, moving
 from pps_vision.experiments.films.score import METRICS, judge
@@ -139,7 +139,7 @@ def film() -> Footage:
     return moving("ball", "circle", 1, 0.2, noise=0.0)
 
 
-@pytest.mark.parametrize("name", STEREO_PIPELINES)
+@pytest.mark.parametrize("name", available_pipelines())
 def test_a_pipeline_is_near_the_truth_after_one_frame(name, film):
     """A few per cent of the distance: they see a ball of 7 cm at about 0.4 m."""
     left, right = film.boxes[0]

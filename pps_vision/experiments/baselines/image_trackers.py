@@ -1,10 +1,12 @@
-"""Baselines of the image tracker: OpenCV's trackers and CamShift, given the true box in the first image.
+"""Baselines of the image tracker: OpenCV's trackers, CamShift and a hue blob, given the true box in the first image.
 
 Images are RGB; the conversion to BGR or grey is part of a tracker's time.
 """
 
+import os
 from collections.abc import Callable
-from typing import Literal
+from pathlib import Path
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -13,13 +15,23 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array, Image
+from tracking.track2d import nano_tracker
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-ImageTrackerName = Literal["CamShift", "MOSSE", "KCF", "CSRT"]
+ImageTrackerName = Literal["hue blob", "CamShift", "MOSSE", "KCF", "CSRT", "NanoTrack"]
 ImageTracker = Callable[[Image], BoxPx | None]  # the object's box in the next image; None where it is lost
 Likelihood = Callable[[Image], NDArray[np.uint8]]  # an image to (H, W) 0–255
 _RANGES = (0.0, 180.0, 0.0, 256.0)  # of hue and saturation
 _SHARES = {"MOSSE": 2.0, "KCF": 1.5, "CSRT": 1.5}
+_MORE_LIKELY = 50  # hue likelihood of the blob's pixels
+_NANO = "PPS_VISION_NANO"
+NO_NANO = f"NanoTrack: {_NANO} is not set; expected the folder with the two ONNX files of NanoTrack V2"
+
+
+def available() -> tuple[ImageTrackerName, ...]:
+    """Return all trackers; NanoTrack only where `PPS_VISION_NANO` names the folder of its files."""
+    names: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
+    return names if os.environ.get(_NANO) else tuple(name for name in names if name != "NanoTrack")
 
 
 def image_tracker(name: ImageTrackerName, image: Image, box: BoxPx) -> ImageTracker:
@@ -27,9 +39,16 @@ def image_tracker(name: ImageTrackerName, image: Image, box: BoxPx) -> ImageTrac
 
     MOSSE, KCF and CSRT take boxes of fractions of a pixel. Each is given more than the box, because a plain object
     alone leaves little to correlate with; the object is in the middle of the tracked box.
+
+    Raises:
+        InputError: NanoTrack's files are missing or are no such network's.
     """
+    if name == "hue blob":
+        return _hue_blob(image, box)
     if name == "CamShift":
         return _camshift(image, box)
+    if name == "NanoTrack":
+        return nano_tracker(image, box, Path(os.environ[_NANO])).step
     share = _SHARES[name]
     code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
     tracker: cv2.legacy.Tracker = getattr(cv2.legacy, f"Tracker{name}").create()
@@ -68,6 +87,22 @@ def hue_likelihood(image: Image, box: BoxPx) -> Likelihood:
         return np.asarray(cv2.calcBackProject([hsv], [0, 1], hues, _RANGES, 1), dtype=np.uint8)
 
     return likelihood
+
+
+def _hue_blob(image: Image, box: BoxPx) -> ImageTracker:
+    """The largest region that more likely than not has the hues of a box: a box about its centroid with its sides."""
+    likelihood = hue_likelihood(image, box)
+
+    def step(image: Image) -> BoxPx | None:
+        is_likely = (likelihood(image) > _MORE_LIKELY).view(np.uint8)
+        count, _, stats, centroids = cv2.connectedComponentsWithStats(is_likely)
+        if count == 1:
+            return None
+        largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+        (x, y), (_, _, w, h, _) = np.asarray(centroids)[largest].tolist(), stats[largest].tolist()
+        return x - (w - 1) / 2, y - (h - 1) / 2, w, h
+
+    return step
 
 
 def _camshift(image: Image, box: BoxPx) -> ImageTracker:

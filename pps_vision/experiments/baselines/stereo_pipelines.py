@@ -1,4 +1,4 @@
-"""Baselines of the pipeline: two image trackers of OpenCV, or two hue blobs, given the true boxes in the first frame.
+"""Baselines of the pipeline: two image trackers, given the true boxes in the first frame.
 
 Their points go through our Kalman filter, so that a chart compares the stages before it.
 """
@@ -6,13 +6,12 @@ Their points go through our Kalman filter, so that a chart compares the stages b
 from collections.abc import Callable
 from typing import Literal, get_args
 
-import cv2
 import numpy as np
 
 from pps_vision.experiments.baselines.image_trackers import (
     BoxPx,
     ImageTrackerName,
-    hue_likelihood,
+    available,
     image_tracker,
     middle,
 )
@@ -21,17 +20,24 @@ from pps_vision.geometry.triangulation import midpoint
 from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 
-StereoPipelineName = Literal["two hue blobs", "two CamShift", "two KCF", "two CSRT"]
+StereoPipelineName = Literal["two hue blobs", "two CamShift", "two KCF", "two CSRT", "two NanoTrack"]
 STEREO_PIPELINES: tuple[StereoPipelineName, ...] = get_args(StereoPipelineName)
 Boxes = tuple[BoxPx, BoxPx]
 PixelOf = Callable[[Image], Array | None]  # (2,) px of the object in the next image; None where it is lost
 _POINT_STD_PX = 1.0  # of the baselines' centres, for the filter: their boxes are whole pixels
 _LOST_AFTER_S = 0.5  # without a point
 _TRACKERS: dict[StereoPipelineName, ImageTrackerName] = {
+    "two hue blobs": "hue blob",
     "two CamShift": "CamShift",
     "two KCF": "KCF",
     "two CSRT": "CSRT",
+    "two NanoTrack": "NanoTrack",
 }
+
+
+def available_pipelines() -> tuple[StereoPipelineName, ...]:
+    """Return all pipelines whose image tracker is available."""
+    return tuple(name for name in STEREO_PIPELINES if _TRACKERS[name] in available())
 
 
 def intersection(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
@@ -40,25 +46,12 @@ def intersection(view: StereoView, left_px: Array, right_px: Array) -> Array | N
 
 
 def _follow(name: StereoPipelineName, image: Image, box: BoxPx) -> PixelOf:
-    """Follow the object of a box: the middle of an image tracker's box, or the hue blob."""
-    if name == "two hue blobs":
-        return _hue_blob(image, box)
+    """Follow the middle of an image tracker's box."""
     tracker = image_tracker(_TRACKERS[name], image, box)
 
     def pixel(image: Image) -> Array | None:
         tracked = tracker(image)
         return None if tracked is None else middle(tracked)
-
-    return pixel
-
-
-def _hue_blob(image: Image, box: BoxPx) -> PixelOf:
-    """The centroid of the largest region that more likely than not has the hues of a box."""
-    likelihood = hue_likelihood(image, box)
-
-    def pixel(image: Image) -> Array | None:
-        count, _, stats, centroids = cv2.connectedComponentsWithStats((likelihood(image) > 50).view(np.uint8))
-        return np.asarray(centroids)[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))] if count > 1 else None
 
     return pixel
 

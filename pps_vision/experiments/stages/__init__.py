@@ -30,7 +30,7 @@ class Stages(PartsStudy, TrackingStudy):
 
     PARTS: ClassVar[Mapping[str, Part]] = {
         "trigger": Part(trigger.run, trigger.chart),
-        "image_tracker": Part(image_tracker.run, image_tracker.chart),
+        "image_tracker": Part(image_tracker.run, image_tracker.chart, image_tracker.table),
         "stereo": Part(stereo.run, stereo.chart),
         "filter": Part(filter.run, filter.chart),
         "orders": Part(orders.run, orders.chart, orders.table),

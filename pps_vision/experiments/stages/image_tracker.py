@@ -14,15 +14,18 @@ import numpy as np
 
 from pps_vision.app.evaluate_boxes import overlaps
 from pps_vision.experiments.baselines.image_trackers import (
+    NO_NANO,
     BoxPx,
     ImageTracker,
     ImageTrackerName,
+    available,
     image_tracker,
     middle,
 )
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import HUES_DEG, moving
-from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean
+from pps_vision.experiments.study import TURNS, Method, Metric, SceneSource, Values, compare, mean, percent
+from pps_vision.experiments.tables import Table, judged
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.recordings.video import open_frames
 from pps_vision.types import Image
@@ -36,7 +39,10 @@ COUNTS = (2, ParticleFilterParams().count, 1000)  # numbers of particles
 BASELINES: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
 _MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
 _FAST: dict[str, Any] = {"speed": 0.6, "head": "sway"}
-_METRICS = {"lost_overlap": Metric("iou", lambda values: 1 - mean(values))}
+_METRICS = {
+    "lost_overlap": Metric("iou", lambda values: 1 - mean(values)),
+    "lost_percent": Metric("iou", lambda values: percent(values == 0)),
+}
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ chart = cells_chart("lost_overlap", "1 − mean IoU", BASELINES, DEFAULT, "time 
 
 
 def run(study: Any) -> dict[str, Any]:
-    """Return by kind of film and tracker: 1 − mean overlap, time."""
+    """Return by kind of film and tracker: 1 − mean overlap, frames in which the object is lost (no overlap), time."""
 
     def film(speed: str, source: SceneSource, seed: int) -> BoxedFilm:
         k = seed - study.seed
@@ -68,7 +74,22 @@ def run(study: Any) -> dict[str, Any]:
     films = {name: lambda _, name=name: REAL[name](study.data / name) for name in present}
     cells |= compare(films, methods(), _METRICS, (study.seed,), "CSRT", TURNS)
     missing = [f"{name}: no {study.data / name}" for name in REAL if name not in present]
+    missing += [] if "NanoTrack" in available() else [NO_NANO]
     return {"cells": cells} | ({"not_measured": "; ".join(missing)} if missing else {})
+
+
+def table(numbers: dict[str, Any]) -> Table:
+    """Return mean overlap and lost frames of each tracker by kind of film; bold: less overlap than the best peer."""
+    cells = numbers["cells"]
+    rows = []
+    for name in next(iter(cells.values())):
+        row = [name]
+        for methods in cells.values():
+            best = min(cell["lost_overlap"][0] for peer, cell in methods.items() if peer in BASELINES)
+            lost, percentage = (methods[name][metric][0] for metric in _METRICS)
+            row.append(f"{judged(f'{1 - lost:.2f}', name == DEFAULT and lost > best)}, {percentage:.0f} %")
+        rows.append(row)
+    return Table(["mean overlap, frames lost", *cells], rows)
 
 
 def _real(folder: Path, frames: str, truth: str, delimiter: str | None, first_px: float) -> BoxedFilm:
@@ -98,7 +119,7 @@ def _particles(count: int, film: BoxedFilm, box: BoxPx, seed: int) -> ImageTrack
     return ColorTracker(film.images[0], box, ParticleFilterParams(count=count), np.random.default_rng(seed)).step
 
 
-def _hue_blob(film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
+def _marker_blob(film: BoxedFilm, box: BoxPx, seed: int) -> ImageTracker:
     """Our marker detector with the object's hue.
 
     The box is that of the disc with the area of the blob nearest to the last place, or of any blob without one.
@@ -131,8 +152,8 @@ def methods() -> dict[str, Method]:
     """Return all trackers by name."""
     return {
         **{f"{count} particles": partial(_run, partial(_particles, count)) for count in COUNTS},
-        "marker blob": partial(_run, _hue_blob),
-        **{name: partial(_run, partial(_opencv, name)) for name in BASELINES},
+        "marker blob": partial(_run, _marker_blob),
+        **{name: partial(_run, partial(_opencv, name)) for name in available()},
     }
 
 
