@@ -7,8 +7,9 @@ Neither perspective nor lens distortion biases them.
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import cv2
@@ -115,18 +116,30 @@ class Outline:
 
 
 class Optics:
-    """Per-pixel weights of one camera: solid angle times viewing direction."""
+    """Per-pixel weights of one camera, computed beside the first frames in another thread (0.3 s for 1280×720)."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-        self.weights = np.empty((3, camera.height, camera.width), np.float32)
+        thread = ThreadPoolExecutor(1, "optics")
+        self._computed = thread.submit(_weights, camera)
+        thread.shutdown(wait=False)
+
+    @cached_property
+    def weights(self) -> Map:
         """(3, h, w) solid angle times viewing direction, sr."""
-        for top in range(0, camera.height, _STRIP):  # whole maps of directions would take three times as much memory
-            first = max(top - 1, 0)
-            bearings = camera.bearing_map(first, min(top + _STRIP + 1, camera.height))
-            rows = np.s_[top - first : top - first + _STRIP]
-            angles = solid_angles(bearings)[rows]
-            self.weights[:, top : top + _STRIP] = np.moveaxis(bearings[rows] * angles[..., None], -1, 0)
+        return self._computed.result()
+
+
+def _weights(camera: Camera) -> Map:
+    """`Optics.weights`."""
+    weights = np.empty((3, camera.height, camera.width), np.float32)
+    for top in range(0, camera.height, _STRIP):  # whole maps of directions would take three times as much memory
+        first = max(top - 1, 0)
+        bearings = camera.bearing_map(first, min(top + _STRIP + 1, camera.height))
+        rows = np.s_[top - first : top - first + _STRIP]
+        angles = solid_angles(bearings)[rows]
+        weights[:, top : top + _STRIP] = np.moveaxis(bearings[rows] * angles[..., None], -1, 0)
+    return weights
 
 
 def outline_in_box(image: Image, box_px: Sequence[float], optics: Optics) -> Outline:

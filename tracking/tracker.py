@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -200,9 +199,7 @@ class Tracker:
     ) -> None:
         self.params, self.rig, self.stages = params, rig, stages
         self.searched_rig = rig = rig if params.reduction == 1 else rig.reduced(params.reduction)
-        with ThreadPoolExecutor(2) as threads:  # half a second for 1280×720
-            left, right = threads.map(Optics, (rig.left, rig.right))
-        self._optics = left, right
+        self._optics = Optics(rig.left), Optics(rig.right)
         self._rng = rng
         marker = params.marker if params.mode == "marker" else None
         self._cameras = (

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -11,11 +12,12 @@ import numpy as np
 from pps_vision.app.scene_points import faults_by_points, faults_of_joints, length, match
 from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Pair, Recording
-from pps_vision.types import Array, StereoFrame
+from pps_vision.types import Array, Image, StereoFrame
 from tracking import Mode
 
 _ENOUGH_TRACKED = 0.1  # share of pairs
 _SAMPLED = 5  # frames, spread over the recording
+_REST = 10  # share of the recording, at its end, that is not sampled: the sample is examined beside it
 _MATCHED = 2  # of them every second one is searched for points
 _DARK = 12.0  # mean grey level of 255, below which colours are noise
 _BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
@@ -52,12 +54,19 @@ class Diagnosis:
         return "\n  try ".join([f"searched {n['frames']} frames: {', '.join(results)}", *self.advice])
 
 
+class Change(NamedTuple):
+    """Change of a left image to the next one."""
+
+    shift_px: float  # 0 for a shift that does not explain the change of most pixels
+    combed_share: float
+
+
 class FrameSample:
     """A few frames, spread over a recording, `spread` alone and `successive` with the next one; points that both images
-    of a frame show are matched in another thread as soon as it is there."""
+    of a frame show are matched, and changes measured, in another thread as soon as frames are there."""
 
     def __init__(self, recording: Recording) -> None:
-        n = len(recording)
+        n = len(recording) - len(recording) // _REST
         self._spread = [_stamp_s(recording.pairs[k]) for k in np.unique(np.linspace(0, n - 1, _SAMPLED).astype(int))]
         starts = np.unique(np.linspace(0, n - 2, _SAMPLED).astype(int)) if n > 1 else ()
         self._successive = [(_stamp_s(recording.pairs[k]), _stamp_s(recording.pairs[k + 1])) for k in starts]
@@ -65,6 +74,7 @@ class FrameSample:
         self._frames: dict[float, StereoFrame] = {}  # by stamp
         self._thread = ThreadPoolExecutor(1)
         self._matches: dict[float, Future[tuple[Array, Array]]] = {}
+        self._changes: list[Future[Change]] = []
 
     @classmethod
     def of(cls, recording: Recording) -> "FrameSample":
@@ -82,11 +92,19 @@ class FrameSample:
             self._frames[stamp_s] = frame
         if stamp_s in self._spread[::_MATCHED]:
             self._matches[stamp_s] = self._thread.submit(match, frame.left, frame.right)
+        for first_s, second_s in self._successive:
+            if stamp_s == second_s and first_s in self._frames:
+                self._changes.append(self._thread.submit(_change_between, self._frames[first_s], frame))
 
     def match(self, frame: StereoFrame) -> tuple[Array, Array]:
         """Return `scene_points.match` of a frame of the sample."""
         matches = self._matches.get(frame.stamp_s)
         return matches.result() if matches else match(frame.left, frame.right)
+
+    @property
+    def changes(self) -> list[Change]:
+        """Changes between successive frames."""
+        return [change.result() for change in self._changes]
 
     @property
     def spread(self) -> list[StereoFrame]:
@@ -128,7 +146,7 @@ def diagnose(
             f"within {residual_px:.1f} px (median)",
         )
     if tracked_share < _ENOUGH_TRACKED:
-        faults += tuple(_by_counts(recording, sample.successive, mode, counts))
+        faults += tuple(_by_counts(recording, sample, mode, counts))
     elif not faults:
         return None
     return Diagnosis(dict(counts), faults)
@@ -172,8 +190,8 @@ def faults_of(
             apart_m = {unit: baseline / recording.unit_m * unit for unit in _UNITS_M}
             units = [f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
             yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{''.join(units)}"
-    successive = sample.successive
-    if _combed_share(successive) > _COMBED:
+    changes = sample.changes
+    if np.median([0.0, *(change.combed_share for change in changes)]) > _COMBED:
         yield (
             "a video without interlacing (ffmpeg -i FILE -vf bwdif OUT): every second row of what moves shows another "
             "moment, though the file does not say so"
@@ -183,7 +201,7 @@ def faults_of(
             f"cameras that rest, or a recording with joints: the cameras move although declared fixed, by up to "
             f"{turn_deg[0]:.2g}° at {turn_deg[1]:.2g}°/s; only their rotation is compensated"
         )
-    elif recording.robot is None and (shift_px := _image_shift_px(successive)) > 0:
+    elif recording.robot is None and (shift_px := _image_shift_px(changes)) > 0:
         yield (
             f"cameras that rest, or a recording with joints: the images shift by {shift_px:.1f} px a frame: "
             "do the cameras move?"
@@ -202,8 +220,9 @@ def _one_image(frames: Sequence[StereoFrame], half: Half) -> bool:
     return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON)
 
 
-def _by_counts(recording: Recording, successive: Successive, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:
+def _by_counts(recording: Recording, sample: FrameSample, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:
     """Likely causes from the counts of the search, and from a change of the whole image."""
+    successive = sample.successive
     in_both = counts.get("candidates_left", 0) and counts.get("candidates_right", 0)
     if recording.robot is None and _change(successive) > _WHOLE_IMAGE:
         yield "cameras that rest, or a recording with joints: the whole image changes from frame to frame"
@@ -212,7 +231,7 @@ def _by_counts(recording: Recording, successive: Successive, mode: Mode, counts:
     elif mode == "marker" and not in_both:
         yield "--mode generic: no blob of the marker's green is in both images"
     elif mode == "generic" and not counts.get("motion_left"):
-        if recording.robot is None and _image_shift_px(successive):
+        if recording.robot is None and _image_shift_px(sample.changes):
             pass  # it was not searched, and the cameras' motion is a fault
         elif _moved_share(successive) < _MOVED_SHARE:
             yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
@@ -244,36 +263,39 @@ def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
     return {reason: count for reason, count in counts.items() if reason.startswith("rejected by ")}
 
 
-def _image_shift_px(successive: Successive) -> float:
-    """Second largest shift between successive left images of fixed cameras (phase correlation, Kuglin and Hines 1975).
+def _image_shift_px(changes: Sequence[Change]) -> float:
+    """Second largest shift between successive left images of fixed cameras."""
+    return sorted([0.0, 0.0, *(change.shift_px for change in changes)])[-2]
 
-    0 for less than half a pixel, and for shifts that do not explain the change of most pixels.
+
+def _change_between(first: StereoFrame, second: StereoFrame) -> Change:
+    """Shift and combed share of successive left images."""
+    return Change(_shift_px(first.left, second.left), _combed_share(first.left, second.left))
+
+
+def _shift_px(first: Image, second: Image) -> float:
+    """Shift between two images (phase correlation, Kuglin and Hines 1975).
+
+    0 for less than half a pixel, and for a shift that does not explain the change of most pixels.
     """
-    shifts_px = [0.0, 0.0]
-    for frames in successive:
-        first, second = (np.mean(frame.left, axis=2, dtype=np.float32) for frame in frames)
-        window = cv2.createHanningWindow((first.shape[1], first.shape[0]), cv2.CV_32F)
-        (x, y), _ = cv2.phaseCorrelate(window * first, window * second)  # its argument `window` modifies the images
-        moved = np.roll(first, (round(y), round(x)), axis=(0, 1))
-        if np.median(np.abs(second - moved)) < _EXPLAINED * np.median(np.abs(second - first)):
-            shifts_px.append(float(np.hypot(x, y)))
-    return sorted(shifts_px)[-2]
+    a, b = (cv2.transform(image.astype(np.float32), np.full((1, 3), 1 / 3)) for image in (first, second))
+    window = cv2.createHanningWindow((a.shape[1], a.shape[0]), cv2.CV_32F)
+    (x, y), _ = cv2.phaseCorrelate(window * a, window * b)  # its argument `window` modifies the images
+    moved = np.roll(a, (round(y), round(x)), axis=(0, 1))
+    explains = np.median(np.abs(b - moved)) < _EXPLAINED * np.median(np.abs(b - a))
+    return float(np.hypot(x, y)) if explains else 0.0
 
 
-def _combed_share(successive: Successive) -> float:
-    """Median share of the left image's changing pixels that are unlike the rows above and below, and like the rows
-    beyond these."""
-    shares = [0.0]
-    for frames in successive:
-        first, second = (cv2.cvtColor(frame.left, cv2.COLOR_RGB2GRAY).astype(np.int16) for frame in frames)
-        rows = second[2:-2]
-        off = np.stack([rows - second[1:-3], rows - second[3:-1]])
-        step = (off * np.sign(off[0])).min(axis=0)
-        beyond = np.maximum(np.abs(rows - second[:-4]), np.abs(rows - second[4:]))
-        combed = (2 * step > _MOVED) & (2 * beyond < step)
-        moved = np.abs(rows - first[2:-2]) > _MOVED
-        shares.append(float(np.mean(combed[moved])) if np.mean(moved) > _MOVED_SHARE else 0.0)
-    return float(np.median(shares))
+def _combed_share(first: Image, second: Image) -> float:
+    """Share of the changing pixels that are unlike the rows above and below, and like the rows beyond these."""
+    before, after = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.int16) for image in (first, second))
+    rows = after[2:-2]
+    off = np.stack([rows - after[1:-3], rows - after[3:-1]])
+    step = (off * np.sign(off[0])).min(axis=0)
+    beyond = np.maximum(np.abs(rows - after[:-4]), np.abs(rows - after[4:]))
+    combed = (2 * step > _MOVED) & (2 * beyond < step)
+    moved = np.abs(rows - before[2:-2]) > _MOVED
+    return float(np.mean(combed[moved])) if np.mean(moved) > _MOVED_SHARE else 0.0
 
 
 def _change(successive: Successive) -> float:
