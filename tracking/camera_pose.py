@@ -8,7 +8,7 @@ the error of the nominal pose; corners on moving objects are outliers.
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -493,11 +493,58 @@ def _turned(nominal: StereoView, rotation: Array) -> StereoView:
     return StereoView(left, right)
 
 
-class _LateJoints:
-    """Lag of the joints behind the images; a frame's joints are extrapolated by it.
+class JointClock:
+    """Delay of the joints behind the images, from rotations of the cameras between images, one by one.
 
-    A lag τ causes a rotation error τ·ω.  The background in two images of a camera shows the change of that error; its
-    inverse distance is estimated too (recursive least squares).  The scatter of the measurements scales the variance.
+    Joints that lag by τ cause a rotation error τ·ω.  The background in two images of a camera shows the change of that
+    error; its inverse distance is estimated too, by recursive least squares.  The scatter of the measurements scales
+    the covariance.
+
+    Args:
+        focal_px: Focal length.
+        prior_std: (k,) standard deviations of the coefficients of the delay, s, before any image.
+        memory_s: Averaging time.
+    """
+
+    def __init__(self, focal_px: float, prior_std: Sequence[float], memory_s: float = math.inf) -> None:
+        self._noise_rad2 = (_NOISE_PX / focal_px) ** 2
+        self._prior = np.diag(np.array([*prior_std, ROOM_STD]) ** -2)
+        self._memory_s = memory_s
+        self._information = np.zeros_like(self._prior)
+        self._pull = np.zeros(len(self._prior))
+        self._scatter = _SCATTER_PRIOR  # sum of the squared normalised misfits
+        self._scattered = _SCATTER_PRIOR  # their number
+        self.measured_s = -math.inf
+        self.n = 0
+
+    @property
+    def estimate(self) -> tuple[Array, Array]:
+        """Coefficients (k,) of the delay and their covariance (k, k)."""
+        cov = np.linalg.inv(self._prior + self._information)
+        return (cov @ self._pull)[:-1], self._scatter / self._scattered * cov[:-1, :-1]
+
+    def update(self, stamp_s: float, measured: Misalignment, by_delay: Array) -> float:
+        """Update by the rotation error between two images, whose derivatives by the coefficients are `by_delay` (3, k).
+
+        Returns the part of its mean square about an axis, rad², that neither they nor the noise explain.
+        """
+        X = np.column_stack([by_delay, measured.by_parallax])
+        noise = measured.cov + self._noise_rad2 * np.eye(3)
+        W = np.linalg.inv(noise)
+        keep = math.exp(-min((stamp_s - self.measured_s) / self._memory_s, 1.0)) if self.n else 0.0
+        self._information = keep * self._information + X.T @ W @ X
+        self._pull = keep * self._pull + X.T @ W @ measured.rotation
+        misfit = measured.rotation - X @ np.linalg.solve(self._prior + self._information, self._pull)
+        self._scatter = _SCATTER_PRIOR + keep * (self._scatter - _SCATTER_PRIOR) + float(misfit @ W @ misfit)
+        self._scattered = _SCATTER_PRIOR + keep * (self._scattered - _SCATTER_PRIOR) + 3
+        self.measured_s = stamp_s
+        self.n += 1
+        return (float(misfit @ misfit) - float(np.trace(noise))) / 3
+
+
+class _LateJoints:
+    """Lag of the joints behind the images (`JointClock`); a frame's joints are extrapolated by it.
+
     A priori the joints are exact or late, each with probability ½; the delay and its variance are the mean and the
     variance of this mixture.
     """
@@ -505,17 +552,12 @@ class _LateJoints:
     def __init__(self, rig: StereoRig, prior_std_s: float, own_body: OwnBody | None) -> None:
         self._rig = rig
         self._own_body = own_body
-        self._prior = np.diag([prior_std_s**-2, ROOM_STD**-2])
         self._prior_std_s = prior_std_s
-        self._information = np.zeros((2, 2))
-        self._pull = np.zeros(2)
+        self._clock = JointClock(rig.left.focal_px, (prior_std_s,), _DELAY_MEMORY_S)
         self._misfit_rad2 = 0.0
-        self._scatter = 0.0  # sum of the squared normalised misfits
-        self._scattered = 0.0  # their number
         self._past: deque[tuple[float, StereoView, Joints]] = deque(maxlen=3)
         self._reference: tuple[Reference, Array, float] | None = None  # with the angular velocity and the stamp
         self._eye = 0
-        self._measured_s = -math.inf
         self.delay_s = 0.0
         self.std_s = prior_std_s
 
@@ -576,7 +618,7 @@ class _LateJoints:
             return
         rate = self._rate(self._eye)
         is_sure = self.std_s * math.hypot(*rate) * view.camera.focal_px < _SURE_PX
-        if is_sure and stamp_s - self._measured_s < _SELDOM_S:
+        if is_sure and stamp_s - self._clock.measured_s < _SELDOM_S:
             return
         joints = self._past[-1][2][self._eye]
         own_body = None if self._own_body is None else self._own_body(joints, view)
@@ -584,23 +626,11 @@ class _LateJoints:
 
     def _update(self, measured: Misalignment, change: Array, stamp_s: float) -> None:
         """Update the delay by a rotation: the delay times a `change` (3,) of angular velocity, plus parallax."""
-        X = np.column_stack([change, measured.by_parallax])
-        noise = measured.cov + (_NOISE_PX / self._rig.left.focal_px) ** 2 * np.eye(3)
-        W = np.linalg.inv(noise)
-        elapsed_s = min(stamp_s - self._measured_s, _DELAY_MEMORY_S)
-        keep = math.exp(-elapsed_s / _DELAY_MEMORY_S)
-        self._information = keep * self._information + X.T @ W @ X
-        self._pull = keep * self._pull + X.T @ W @ measured.rotation
-        cov = np.linalg.inv(self._prior + self._information)
-        estimate = cov @ self._pull
-        misfit = measured.rotation - X @ estimate
-        self._scatter = keep * self._scatter + float(misfit @ W @ misfit)
-        self._scattered = keep * self._scattered + 3
-        beyond = (float(misfit @ misfit) - float(np.trace(noise))) / 3
-        self._misfit_rad2 += (beyond - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
-        scale = (_SCATTER_PRIOR + self._scatter) / (_SCATTER_PRIOR + self._scattered)
-        self.delay_s, self.std_s = exact_or_late(float(estimate[0]), scale * cov[0, 0], self._prior_std_s)
-        self._measured_s = stamp_s
+        elapsed_s = stamp_s - self._clock.measured_s
+        beyond_rad2 = self._clock.update(stamp_s, measured, change[:, None])
+        self._misfit_rad2 += (beyond_rad2 - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
+        (late_s,), cov = self._clock.estimate
+        self.delay_s, self.std_s = exact_or_late(float(late_s), float(cov[0, 0]), self._prior_std_s)
 
 
 def exact_or_late(late_s: float, late_var_s2: float, prior_std_s: float) -> tuple[float, float]:

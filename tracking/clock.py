@@ -1,4 +1,4 @@
-"""The delay between the clocks of two cameras, from points that both follow, and that of joints behind images.
+"""The delay between the clocks of two cameras, from points that both follow.
 
 At the true delay τ the right image's point, interpolated at t + τ, and the left one's at t fit one 3D point: the
 epipolar residual e(t, τ) is 0 but for noise and the calibration's error.  The latter is taken to be affine in the
@@ -6,27 +6,22 @@ image, so that
 
     e(t, τ) = β₀ + β₁ u + β₂ v + noise        ∂e/∂τ = s(t), the rate across the epipolar lines
 
-is solved by Gauss–Newton from the best delay of a search.  For joints e is the rotation between the turn of a camera
-from one image to a later one, which the scene shows, and that by the joints at t + τ; the scene's inverse distance
-takes the place of β, and s is the change of the angular velocity.
-
-The standard error counts noise that is correlated in time (Newey and West 1987).  Where s hardly varies, or no more
-than noise lets it, the delay is unobservable: nothing moves across the epipolar lines, or at a constant rate.
+is solved by Gauss–Newton from the best delay of a search.  Its standard error counts noise that is correlated in time
+(Newey and West 1987).  Where s hardly varies, or no more than noise lets it, the delay is unobservable: nothing moves
+across the epipolar lines, or at a constant rate.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from pps_vision.errors import expect_positive
 from pps_vision.geometry.camera import StereoView
 from pps_vision.types import Array, Mask
-from tracking.camera_pose import ROOM_STD
 from tracking.points import Pairs, epipolar_residuals
 
 _ITERATIONS = 8
@@ -38,7 +33,6 @@ _UNKNOWN_PX = 1000.0
 _MOST_DRIFT = 4.0  # standard deviations
 _MOST_PARTS = 8  # whose delays are compared
 _ACROSS = ("nothing moves across the epipolar lines", "all moves at a constant rate across the epipolar lines")
-_TURNS = ("the cameras hardly turn, or at a constant rate",) * 2
 _INTERPOLATION = 0.0005  # error of interpolation, frames (simulated, seeds 100 to 129, 0.05 px)
 
 
@@ -79,16 +73,6 @@ class PointPath(NamedTuple):
         """The samples from a stamp on and before another."""
         chosen = (self.stamps_s >= first_s) & (self.stamps_s < last_s)
         return PointPath(self.stamps_s[chosen], self.pixels[chosen])
-
-
-class Turn(NamedTuple):
-    """Rotation of a camera between two images, by what they show, and its derivative by the inverse distance of the
-    scene, `by_parallax` (3,) rad·m."""
-
-    first_s: float
-    later_s: float
-    R_later_earlier: Array
-    by_parallax: Array
 
 
 class Delay(NamedTuple):
@@ -179,60 +163,8 @@ def _camera_delay(params: ClockParams, view: StereoView, points: Sequence[tuple[
         cov = np.broadcast_to(np.eye(2), (len(both), 2, 2, 2))
         return epipolar_residuals(view, Pairs(both, np.full((len(both), 2), np.nan), cov))[0]
 
-    spread = 1 / (2 * _SPAN_FRAMES * frame_s) ** 2  # variance of a rate of two samples of the right camera's half
-    return _fitted(params, stamps, frame_s, residuals, nuisance, spread, _ACROSS)
-
-
-def estimate_joint_delay(params: ClockParams, stamps_s: Array, rotations: Array, turns: Sequence[Turn]) -> Delay:
-    """Return the delay of the joints behind the images of one camera.
-
-    Args:
-        params: Parameters.
-        stamps_s: (n,) rising stamps of the joints.
-        rotations: (n, 3, 3) R_root_camera by them.
-        turns: Turns of the camera by its images.
-    """
-    if len(turns) < params.fewest:
-        return Delay(unobservable=f"{len(turns)} turns of a camera by its images; expected {params.fewest}")
-    spline = RotationSpline(stamps_s, Rotation.from_matrix(rotations))
-    frame_s = float(np.median(np.diff(stamps_s)))
-    measured = Rotation.from_matrix(np.stack([turn.R_later_earlier for turn in turns]))
-    first_s, later_s = np.array([turn.first_s for turn in turns]), np.array([turn.later_s for turn in turns])
-
-    def residuals(delay_s: Array | float) -> Array:
-        """Rotation (3 n,) rad between the turns by the images and those by the joints so much later."""
-        shift = np.broadcast_to(delay_s, 3 * len(turns))[::3]
-        inside = (first_s + shift >= stamps_s[0]) & (later_s + shift <= stamps_s[-1])
-        off = np.full((len(turns), 3), np.nan)
-        a, b = (spline(times[inside] + shift[inside]) for times in (first_s, later_s))
-        off[inside] = (measured[inside] * a.inv() * b).as_rotvec()
-        return off.ravel()
-
-    nuisance = ROOM_STD * np.concatenate([turn.by_parallax for turn in turns])[:, None]
-    return _fitted(params, np.repeat(first_s, 3), frame_s, residuals, nuisance, 0.0, _TURNS)
-
-
-def _fitted(
-    params: ClockParams,
-    stamps: Array,
-    frame_s: float,
-    residuals: Callable[[Array | float], Array],
-    nuisance: Array,
-    spread: float,
-    motion: tuple[str, str],
-) -> Delay:
-    """Return the delay at which residuals (n,) are 0 but for `nuisance` (n, k) and noise.
-
-    Args:
-        params: Parameters.
-        stamps: (n,) s of the residuals.
-        frame_s: Time between images.
-        residuals: Residuals at a delay, or at one for each; NaN where there is none.
-        nuisance: Regressors of the errors of calibration or scene, times their prior standard deviations.
-        spread: Variance of the noise of a rate relative to that of the residuals, 1/s².
-        motion: What is missing, without motion and at a constant rate.
-    """
     span_s = _SPAN_FRAMES * frame_s
+    spread = 1 / (2 * span_s) ** 2  # variance of a rate of two samples of the right camera's half
     at_s = float(stamps.mean())
     has_prior = np.array([0.0, 1.0, *np.ones(nuisance.shape[1])])  # all but the delay; standard deviations of 1
     mean = np.zeros_like(has_prior)
@@ -271,10 +203,10 @@ def _fitted(
     noise_of_rate = float(np.var(noise)) * spread / max(share, 1e-300)  # relative to what of the rate nothing explains
     if noise_of_rate > 1 / params.signal:
         moves = np.mean(X[:, 0] ** 2) > 4 * params.signal * np.var(noise) * spread
-        return Delay(unobservable=motion[int(moves)])
+        return Delay(unobservable=_ACROSS[int(moves)])
     std = np.hypot(stds[0] / (1 - noise_of_rate), _INTERPOLATION * frame_s)  # the regressor is noisy too
     if not std < params.most_std_frames * frame_s:
-        return Delay(unobservable=f"{motion[0]}: ± {1000 * std:.2g} ms (σ)")
+        return Delay(unobservable=f"{_ACROSS[0]}: ± {1000 * std:.2g} ms (σ)")
     if abs(theta[1]) > _MOST_DRIFT * params.drift_std:
         return Delay(unobservable=f"only a drift of {1e6 * theta[1]:.0f} ppm would fit: are images missing?")
     others = [fit[0] for fit in fits if abs(fit[1][0] - theta[0]) > 0.5 * frame_s]

@@ -11,8 +11,8 @@ from pps_vision.app.results import ClockNumbers
 from pps_vision.geometry.camera import View, reduced_image
 from pps_vision.recordings.recording import Pair, Recording, pair_by_stamp
 from pps_vision.types import Array, Image
-from tracking.camera_pose import APART_S, GAP_S, ROOM_M, Reference, channel_maximum
-from tracking.clock import ClockParams, Delay, Interpolator, PointPath, Turn, estimate_delay, estimate_joint_delay
+from tracking.camera_pose import APART_S, GAP_S, ROOM_M, JointClock, Reference, channel_maximum
+from tracking.clock import ClockParams, Delay, Interpolator, PointPath, estimate_delay
 
 _BACKGROUND = 25  # pairs, spread over the recording, whose median is the background of fixed cameras
 _DIFFERS = 5.0  # times the median change of a pixel from the background, and as many grey levels more, is an object
@@ -20,8 +20,8 @@ _SMALLEST_PX = 30
 _RUN = 10  # images
 _WIDTH_PX = 640  # at about which objects are looked for
 _TURNS = 240  # of each camera, spread over the recording
-_ROUNDS = 3
-_SAME_S = 2e-3
+_ROUNDS = 6
+_SAME_S = 2e-4
 _RESTS_RAD = 1e-3
 _JUST = Delay(0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -71,26 +71,24 @@ def clocks(recording: Recording, params: ClockParams | None = None) -> Clocks:
     rig = recording.calibrated()
     if recording.robot is None:
         return Clocks(estimate_delay(params, rig.view(), _paths(recording)))
-    poses = [_poses(recording, side) for side in (0, 1)]
-    if max(float(np.ptp(T[:, :3, :3], axis=0).max()) for _, T in poses) < _RESTS_RAD:
+    rotations = np.stack([_poses(recording, side, _JUST)[:, :3, :3] for side in (0, 1)])
+    if (np.nanmax(rotations, axis=1) - np.nanmin(rotations, axis=1)).max() < _RESTS_RAD:
         still = Delay(unobservable="the cameras do not turn")
         first, second = recording.pairs[0]
         return Clocks(estimate_delay(params, rig.view(first.joints_rad, second.joints_rad), _paths(recording)), still)
     delays = [_JUST, _JUST]
-    for _ in range(_ROUNDS):  # where images and joints are far apart, the turns are less exact
-        turns = _turns(recording, [_poses(recording, side, delay)[1] for side, delay in enumerate(delays)])
-        sides = zip(poses, turns, strict=True)
-        last, delays = delays, [estimate_joint_delay(params, t, T[:, :3, :3], items) for (t, T), items in sides]
-        moved_s = [abs(new.delay_s - old.delay_s) for old, new in zip(last, delays, strict=True)]
-        if not all(delay.is_known for delay in delays) or max(moved_s) < _SAME_S:
+    for _ in range(_ROUNDS):  # of Gauss–Newton
+        last, delays = delays, _joint_delays(params, recording, delays)
+        if why := delays[0].unobservable or delays[1].unobservable:
             break
-    return Clocks(_between(*delays), delays[0])
+        if max(abs(new.delay_s - old.delay_s) for old, new in zip(last, delays, strict=True)) < _SAME_S:
+            return Clocks(_between(*delays), delays[0])
+    unknown = Delay(unobservable=why or "no delay of the joints explains how the cameras turn")
+    return Clocks(unknown, unknown)
 
 
 def _between(left: Delay, right: Delay) -> Delay:
     """The delay of the right camera's stamps from those of the joints behind both cameras' images."""
-    if not (left.is_known and right.is_known):
-        return Delay(unobservable=left.unobservable or right.unobservable)
     stds = float(np.hypot(left.std_s, right.std_s)), float(np.hypot(left.drift_std, right.drift_std))
     delay_s, drift = left.delay_s - right.delay_s, left.drift - right.drift
     return Delay(delay_s, stds[0], drift, stds[1], left.at_s, frame_s=left.frame_s)
@@ -173,37 +171,65 @@ def _joints(recording: Recording, side: int = 0) -> Interpolator:
     return Interpolator(PointPath(*map(np.array, log)), GAP_S * recording.fps)
 
 
-def _poses(recording: Recording, side: int, late: Delay = _JUST) -> tuple[Array, Array]:
-    """Stamps (n,) and poses T_root_camera (n, 4, 4) of a camera by joints that are late."""
+def _stamps(recording: Recording, side: int) -> Array:
+    """Stamps (n,) of the left or the right images."""
+    return np.array([pair[side].stamp_s for pair in recording.pairs])
+
+
+def _poses(recording: Recording, side: int, late: Delay) -> Array:
+    """Poses T_root_camera (n, 4, 4) of a camera by joints that are late; NaN where there are none."""
     rig = recording.calibrated()
-    stamps_s = np.array([pair[side].stamp_s for pair in recording.pairs])
+    stamps_s = _stamps(recording, side)
     q = _joints(recording, side)(stamps_s + late.at(stamps_s))
-    own = [pair[side].joints_rad for pair in recording.pairs]
-    rows = [joints if np.isfinite(joints).all() else given for joints, given in zip(q, own, strict=True)]
-    return stamps_s, np.stack([rig.eye_poses(row)[side] for row in rows])
+    return np.stack([rig.eye_poses(row)[side] if np.isfinite(row).all() else np.full((4, 4), np.nan) for row in q])
 
 
-def _turns(recording: Recording, poses: Sequence[Array]) -> tuple[list[Turn], list[Turn]]:
-    """Turns of the left and the right camera between images that follow each other soon."""
+def _joint_delays(params: ClockParams, recording: Recording, delays: Sequence[Delay]) -> list[Delay]:
+    """Delays of the joints behind the left and the right images, by turns of the cameras between images that follow
+    each other soon, linearised about earlier `delays`."""
     rig = recording.calibrated()
-    stamps_s = np.array([pair[0].stamp_s for pair in recording.pairs])
+    poses = [_poses(recording, side, delay) for side, delay in enumerate(delays)]
+    rates = [_rates(_stamps(recording, side), T) for side, T in enumerate(poses)]
+    stamps_s = _stamps(recording, 0)
     later = np.searchsorted(stamps_s, stamps_s + APART_S - 1e-6)
-    possible = np.flatnonzero(later < len(stamps_s))
-    possible = possible[stamps_s[later[possible]] - stamps_s[possible] <= GAP_S]
-    turns: tuple[list[Turn], list[Turn]] = ([], [])
-    for place in np.unique(np.linspace(0, len(possible) - 1, min(_TURNS, len(possible))).astype(int)).tolist():
-        k = int(possible[place])
-        frames = list(replace(recording, pairs=(recording.pairs[k], recording.pairs[int(later[k])])))
+    first = np.flatnonzero(later < len(stamps_s))
+    is_near = stamps_s[later[first]] - stamps_s[first] <= GAP_S
+    is_known = np.isfinite([rate[first] + rate[later[first]] for rate in rates]).all(axis=(0, 2))
+    turns = np.stack([first, later[first]], axis=1)[is_near & is_known]
+    at_s = float(stamps_s.mean())
+    clocks = [JointClock(rig.left.focal_px, (params.range_s, params.drift_std)) for _ in delays]
+    for i, j in turns[np.unique(np.linspace(0, len(turns) - 1, min(_TURNS, len(turns))).astype(int))].tolist():
+        frames = list(replace(recording, pairs=(recording.pairs[i], recording.pairs[j])))
         if len(frames) < 2:
             continue
-        for items, side, camera, T in zip(turns, ("left", "right"), (rig.left, rig.right), poses, strict=True):
-            first, second = T[k], View(camera, T[later[k]])
-            reference = Reference(camera, getattr(frames[0], side), first)
+        cameras = (rig.left, rig.right)
+        for clock, side, camera, T, rate in zip(clocks, ("left", "right"), cameras, poses, rates, strict=True):
+            reference = Reference(camera, getattr(frames[0], side), T[i])
             if not reference.has_corners:
                 continue
-            if (off := reference.misalignment(getattr(frames[1], side), second, ROOM_M, np.zeros(3))) is None:
-                continue
-            R = np.asarray(cv2.Rodrigues(-off.rotation)[0]) @ second.T_camera_root[:3, :3] @ first[:3, :3]
-            first_s, later_s = (getattr(frame, f"stamp_{side}_s") for frame in frames)
-            items.append(Turn(first_s, later_s, R, off.by_parallax))
-    return turns
+            view = View(camera, T[j])
+            if off := reference.misalignment(getattr(frames[1], side), view, ROOM_M, np.zeros(3)):
+                change = rate[j] - view.T_camera_root[:3, :3] @ T[i, :3, :3] @ rate[i]
+                clock.update(stamps_s[j], off, np.column_stack([change, (stamps_s[j] - at_s) * change]))
+    return [_updated(params, *both, at_s, 1 / recording.fps) for both in zip(clocks, delays, strict=True)]
+
+
+def _rates(stamps_s: Array, poses: Array) -> Array:
+    """Angular velocities (n, 3) rad/s in the camera's frame at poses (n, 4, 4); NaN at the ends and beside NaN."""
+    rates = np.full((len(poses), 3), np.nan)
+    for k in range(1, len(poses) - 1):
+        if np.isfinite(turn := poses[k - 1, :3, :3].T @ poses[k + 1, :3, :3]).all():
+            rates[k] = cv2.Rodrigues(turn)[0].ravel() / (stamps_s[k + 1] - stamps_s[k - 1])
+    return rates
+
+
+def _updated(params: ClockParams, clock: JointClock, last: Delay, at_s: float, frame_s: float) -> Delay:
+    """The delay after a round of turns."""
+    if clock.n < params.fewest:
+        return Delay(unobservable=f"{clock.n} turns of a camera by its images; expected {params.fewest}")
+    (delay_s, drift), cov = clock.estimate
+    std_s, drift_std = np.sqrt(np.diag(cov)).tolist()
+    if std_s > params.most_std_frames * frame_s:
+        why = "the cameras hardly turn, or at a constant rate"
+        return Delay(unobservable=f"{why}: ± {1000 * std_s:.2g} ms (σ)")
+    return Delay(last.delay_s + delay_s, std_s, last.drifts * last.drift + drift, drift_std, at_s, frame_s=frame_s)
