@@ -18,7 +18,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
-from tracking.appearance import ColorModel, color_bins, histogram
+from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
 from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum, color_difference
 from tracking.masks import Box, BoxPx
 
@@ -28,6 +28,9 @@ _STRIP = 64  # rows of the background that are updated together
 # Excess of the likeness (Bhattacharyya coefficient) of a ghost and its surroundings over that in the background.  In
 # 3200 outlines of 27 films (seeds 8202, 2016, 2017) no object has more than 0.23, most ghosts have 0.5 to 0.8.
 _GHOST = 0.3
+_COMMON = 0.3  # share of colours that an object and its ghost have in common, at least
+_MIN_OWN = 1 / 6  # of what moves with an object: a ball in a hand is a fifth, a piece of its ghost a ninth
+_RAGGED = 0.05  # width of parts that colours of the surroundings leave, relative to the root of the area
 _AROUND = 0.35  # width of these surroundings, relative to the root of the ghost's area
 _INVERSE_DISTANCES = np.linspace(0, 2, 11)  # of the static scene, 1/m
 
@@ -132,13 +135,31 @@ class Background:
     def is_ghost(self, image: Image, view: View, mask: Mask, box: Box) -> bool:
         """Whether a foreground mask (h, w) of a box is the place that an object has left since the background was
         learned: its colours are those around it, in the background they are not."""
-        expected = cv2.convertScaleAbs(self._warped(self._mean, view, box), alpha=self.brightness(image, view).gain)
-        now, learned = (color_bins(np.asarray(pixels, np.uint8)) for pixels in (smoothed(image, box), expected))
-        inside = ~masks.dilated(~mask, 2) & (expected[..., 0] > 0)
-        reach = max(int(_AROUND * math.sqrt(np.count_nonzero(mask))), _EDGE_PX)
-        around = histogram(now[masks.dilated(mask, reach) & ~masks.dilated(mask, 2)])
+        now, learned, around = self._colors(image, view, mask, box)
+        inside = ~masks.dilated(~mask, 2) & (learned < N_BINS)
         alike, was_alike = (ColorModel(histogram(bins[inside]), around).similarity(around) for bins in (now, learned))
         return bool(inside.any() and alike - was_alike > _GHOST)
+
+    def own_and_ghost(self, image: Image, view: View, mask: Mask, box: Box) -> tuple[Mask, Mask]:
+        """Parts (h, w) of a foreground mask of a box: in the colours of its object, and those that the object has left
+        since the background was learned (none if background and image have few colours in common): now in other
+        colours, in the background in the object's."""
+        now, learned, around = self._colors(image, view, mask, box)
+        common = np.minimum(histogram(now[mask]), histogram(learned[mask & (learned < N_BINS)]))
+        if common.sum() < _COMMON:
+            return mask, np.zeros_like(mask)
+        is_own = np.append(ColorModel(common / common.sum(), around).table() > 0.5, False)
+        return mask & is_own[now], mask & ~is_own[now] & is_own[learned]
+
+    def _colors(
+        self, image: Image, view: View, mask: Mask, box: Box
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], Array]:
+        """Colour bins (h, w) of a box in the image and in the background, and the histogram around a mask (h, w)."""
+        expected = cv2.convertScaleAbs(self._warped(self._mean, view, box), alpha=self.brightness(image, view).gain)
+        now, learned = (color_bins(np.asarray(pixels, np.uint8)) for pixels in (smoothed(image, box), expected))
+        learned[expected[..., 0] == 0] = N_BINS
+        reach = max(int(_AROUND * math.sqrt(np.count_nonzero(mask))), _EDGE_PX)
+        return now, learned, histogram(now[masks.dilated(mask, reach) & ~masks.dilated(mask, 2)])
 
     def adopt(self, image: Image, view: View, mask: Mask, box: Box) -> None:
         """Take a mask (h, w) of a box of the image for background, if the camera rests."""
@@ -321,7 +342,8 @@ class Foreground:
 
     def confirms(self, colored: Mask, box: Box) -> bool:
         """Whether a colour region (h, w) in `box` may be a moving object: the hull of the foreground that touches it
-        encloses it (the inside of a uniform object need not be foreground), or the camera moves: optical flow decides.
+        encloses it (the inside of a uniform object need not be foreground), and it has the object's colours where its
+        ghost tells them.  Before a moving camera it may: optical flow decides.
         """
         if not self.background.rests(self.view):
             return True
@@ -330,7 +352,11 @@ class Foreground:
         touching = np.isin(labels, np.unique(np.asarray(labels)[colored & differs])) & differs
         if not touching.any():
             return False
-        return bool(np.count_nonzero(masks.hull(touching) & colored) >= masks.SOLID * np.count_nonzero(colored))
+        if np.count_nonzero(masks.hull(touching) & colored) < masks.SOLID * np.count_nonzero(colored):
+            return False
+        own, ghost = self.background.own_and_ghost(self.image, self.view, masks.filled(touching), box)
+        least = max(np.count_nonzero(colored) / 2, _MIN_OWN * np.count_nonzero(own))
+        return bool(not ghost.any() or np.count_nonzero(colored & own) > least)
 
     def shows_the_object(self, colored: Mask, moved: Mask) -> bool:
         """Whether a colour region (h, w) is the object of the foreground `moved` (h, w): both are nearly equal, or the
@@ -363,6 +389,12 @@ class Foreground:
             return None
         if background.is_ghost(self.image, self.view, mask, box):
             return None
+        _, ghost = background.own_and_ghost(self.image, self.view, mask, box)
+        if ghost.any():
+            rest = masks.opened(mask & ~ghost, max(int(_RAGGED * math.sqrt(np.count_nonzero(mask))), 1))
+            mask = masks.closed_component(rest, rest)
+            if mask is None:
+                return None
         is_whole = covered / ratio < uncovered < ratio * covered
         if is_whole and rests:
             return mask, False

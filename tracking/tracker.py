@@ -604,17 +604,9 @@ class Tracker:
         params = kalman.scaled(self.params.kalman, float(np.linalg.norm(sight(view.centers, observation.p_root))))
         flows = (state.search_result[0].flow, state.search_result[1].flow) if state.search_result else (None, None)
         white_cov = observation.cov_root - observation.correlated_cov_root
-        measured = velocity(flows, view, observation.p_root, params.prior_std[:2], white_cov) or (None, None)
-        belief = kalman.start(
-            *(
-                params,
-                scene.stamp_s,
-                observation.p_root,
-                observation.cov_root,
-                *measured,
-                observation.correlated_cov_root,
-            )
-        )
+        v, v_cov = velocity(flows, view, observation.p_root, params.prior_std[:2], white_cov) or (None, None)
+        where = observation.p_root, observation.cov_root
+        belief = kalman.start(params, scene.stamp_s, *where, v, v_cov, observation.correlated_cov_root)
         return state._replace(kalman=params), belief, True
 
     def _manage(

@@ -199,7 +199,7 @@ def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(search,
 
 
 def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(rng, rig, view):
-    """A red ball that begins to move before a red bar: the colour's region is both, and no object yet."""
+    """A red ball that begins to move before a red bar: the colour's region is both, what differs is a part."""
     y, x = np.mgrid[:240, :320]
 
     def picture(u: int) -> np.ndarray:
@@ -219,7 +219,9 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(rng, rig, vi
         return segment(current, region, optics, foreground)
 
     assert segmented(116, 124, 120, False).outline.box_px[3] > 55  # nothing but colour: the bar belongs to it
-    assert segmented(116, 124, 120) is None
+    part = segmented(116, 124, 120)
+    assert not part.by_color
+    assert part.is_partly_occluded
     free = segmented(172, 180, 170)  # away from the bar
     assert free.by_color
     assert free.outline.center_px == pytest.approx([180, 120], abs=0.5)

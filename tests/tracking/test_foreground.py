@@ -11,6 +11,7 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Image, Mask
 from tracking.foreground import Background, ForegroundParams
+from tracking.masks import closed_component, opened
 
 VIEW = View(LEFT_EYE, transform())
 PATCH = np.s_[100:130, 150:190]
@@ -290,6 +291,18 @@ def test_a_ghost_becomes_background_at_once_before_an_eye_that_rests(rng):
     assert background.is_ghost(image, turned(0), place, WHOLE)
     background.adopt(image, turned(0), place, WHOLE)
     assert background.differs(image, turned(0), WHOLE)[place].mean() < 0.2
+
+
+@pytest.mark.parametrize("was_learned", [True, False])
+def test_the_place_that_an_object_still_overlaps_is_cut_off(was_learned, rng):
+    background = new_background()
+    background.update(seen(turned(0), rng, (150.0, 120.0) if was_learned else None)[0], turned(0), 0.0)
+    image, disc = seen(turned(0), rng, (150.0, 120.0 + 1.3 * RADIUS))
+    differs = closed_component(background.differs(image, turned(0), WHOLE), disc)
+    assert (overlap(differs, disc) < 0.75) == was_learned
+    _, ghost = background.own_and_ghost(image, turned(0), differs, WHOLE)
+    assert ghost.any() == was_learned
+    assert overlap(opened(differs & ~ghost, 2), disc) > 0.85
 
 
 def test_the_tracked_object_s_place_is_kept(rng):

@@ -8,6 +8,7 @@ import numpy as np
 
 from pps_vision.experiments.films.caster import PHOTOS, Levels, SensorChain
 from pps_vision.experiments.films.scenes import FilmObject, FilmScene
+from tracking import DEFAULT_OBJECTS
 from tracking.marker import MarkerParams
 from tracking.tracker import TrackerParams
 
@@ -53,8 +54,10 @@ class Case:
         return replace(self.base, background=film % len(PHOTOS), texture=(film + 2) % len(PHOTOS))
 
     def tracker(self, hue_deg: float) -> TrackerParams:
-        """Return the tracker's parameters."""
-        return TrackerParams("marker", marker=MarkerParams(hue_deg)) if self.marker else TrackerParams()
+        """Return the tracker's parameters: those of `track`."""
+        if self.marker:
+            return TrackerParams("marker", marker=MarkerParams(hue_deg))
+        return TrackerParams(max_objects=DEFAULT_OBJECTS)
 
     @property
     def goals(self) -> Goals:
