@@ -9,26 +9,24 @@ import json
 import os
 import re
 import shlex
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from glob import glob
 from itertools import takewhile
 from pathlib import Path
+from queue import SimpleQueue
 from tempfile import TemporaryFile
 from typing import Literal
 from urllib.parse import urlsplit
 
 from pps_vision.app.progress import progress
 from pps_vision.app.results import read_result, read_track_summary
+from pps_vision.app.starter import Starter
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import check_regular, read_bytes
-from pps_vision.parent import FOLLOWS_PARENT
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.atomic_write import BUSY, locked_folder, whole_file
 from pps_vision.recordings.tables import csv_rows, require_pyarrow, write_parquet, write_table
@@ -50,7 +48,6 @@ _POSITIVE = "a positive number"
 _PATHS = ("rec", "left", "right", "calib", "times", "joints", "taxels", "robot", "urdf", "skin")  # columns
 _NUMBERS = {"fps": _POSITIVE, "unit_m": _POSITIVE, "max_skew_s": "a number of at least 0"}  # columns of a manifest
 _BUSY_S = 0.5  # before another try where another run is writing the result
-_ENDS_S = 5.0  # in which a process that is told to end removes its unfinished files
 
 
 @dataclass(frozen=True)
@@ -293,8 +290,20 @@ def _run(jobs: Sequence[Job], task: Task, workers: int, cluster: Cluster | None 
         if cluster:
             return _on_cluster(cluster, jobs, task, bar.update)
         reasons = []
-        with ThreadPoolExecutor(workers) as pool:
-            for reason in pool.map(lambda job: _do(job, task), jobs):
+        with ExitStack() as stack:
+            idle: SimpleQueue[Starter] = SimpleQueue()
+            for _ in range(workers):
+                idle.put(stack.enter_context(Starter()))
+
+            def do(job: Job) -> str:
+                starter = idle.get()
+                try:
+                    return _do(job, task, starter)
+                finally:
+                    idle.put(starter)
+
+            pool = stack.enter_context(ThreadPoolExecutor(workers))
+            for reason in pool.map(do, jobs):
                 reasons.append(reason)
                 bar.update()
         return reasons
@@ -343,7 +352,7 @@ def _add_up(memories: Sequence[Path], out: Path) -> None:
 
 
 def _on_cluster(cluster: Cluster, jobs: Sequence[Job], task: Task, advance: Callable[[], object]) -> list[str]:
-    """`_do` every job on the workers of a Dask cluster; a job whose worker dies goes to another."""
+    """`_do_alone` every job on the workers of a Dask cluster; a job whose worker dies goes to another."""
     try:
         from distributed import Client, as_completed
         from distributed.scheduler import KilledWorker
@@ -360,7 +369,7 @@ def _on_cluster(cluster: Cluster, jobs: Sequence[Job], task: Task, advance: Call
         files = {"tls_ca_file": str(cert), "tls_client_cert": str(cert), "tls_client_key": str(key)}
         security = Security(require_encryption=True, **files)  # type: ignore[no-untyped-call]
     with Client(**address, security=security, set_as_default=False) as client:  # type: ignore[no-untyped-call]
-        indices = {client.submit(_do, job, task, pure=False): k for k, job in enumerate(jobs)}
+        indices = {client.submit(_do_alone, job, task, pure=False): k for k, job in enumerate(jobs)}
         reasons = [""] * len(jobs)
         for future in as_completed(list(indices), loop=client.loop):  # type: ignore[no-untyped-call]
             try:
@@ -371,45 +380,32 @@ def _on_cluster(cluster: Cluster, jobs: Sequence[Job], task: Task, advance: Call
     return reasons
 
 
-def _do(job: Job, task: Task) -> str:
+def _do(job: Job, task: Task, starter: Starter) -> str:
     """Run an unfinished job; return the reason of a failure, or "".
 
     Waits while the process of a killed worker is still ending.
     """
-    while (reason := _do_once(job, task)).endswith(BUSY):
+    while (reason := _do_once(job, task, starter)).endswith(BUSY):
         time.sleep(_BUSY_S)
     return reason
 
 
-def _do_once(job: Job, task: Task) -> str:
+def _do_alone(job: Job, task: Task) -> str:
+    """`_do` with a starter of its own."""
+    with Starter() as starter:
+        return _do(job, task, starter)
+
+
+def _do_once(job: Job, task: Task, starter: Starter) -> str:
     if task.is_done(job):
         return ""
     words = [task.command, *job.rec, *task.options, *job.options, "--out", str(task.result(job))]
-    ours, theirs = socket.socketpair()
-    with ours, TemporaryFile() as stderr:
-        with theirs:
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "pps_vision", *words],
-                env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8", FOLLOWS_PARENT: "1"},
-                stdin=theirs.fileno(),
-                stdout=subprocess.DEVNULL,
-                stderr=stderr,
-            )
-        ours.settimeout(task.stalled_s)
-        try:
-            while ours.recv(2**12):
-                pass
-        except TimeoutError:
-            process.terminate()
-            try:
-                process.wait(_ENDS_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-            process.wait()
-            return f"no progress for {task.stalled_s:g} s"
-        code = process.wait()
+    with TemporaryFile() as stderr:
+        code = starter.run(words, stderr, task.stalled_s)
         stderr.seek(0)
         said = stderr.read().decode("utf-8", "replace")
+    if code is None:
+        return f"no progress for {task.stalled_s:g} s"
     if code < 0:
         return f"ended by signal {-code}"
     if code:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NotRequired, TypedDict, TypeVar
 
+from typeguard import CollectionCheckStrategy, TypeCheckError, check_type
+
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.recordings import SUMMARY
@@ -138,8 +140,6 @@ class BatchSummary(TypedDict):
 
 def read_result(file: Path, kind: type[T], expected: str) -> T:
     """The content of a JSON file of this type; InputError, ending in `expected`, for any other."""
-    from typeguard import CollectionCheckStrategy, TypeCheckError, check_type  # loads asyncio
-
     try:
         content = json.loads(read_bytes(file, expected), parse_float=_finite, parse_constant=_finite, parse_int=_whole)
         return check_type(content, kind, collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS)
