@@ -32,7 +32,6 @@ from pps_vision.app.simulation import (
     EpisodeLog,
     Kind,
     Policy,
-    Side,
     SimulationScene,
     SimulationStep,
     log_of,
@@ -341,17 +340,18 @@ class DemoEncounter:
     left_m: float  # smallest distance that was left until a touch, with avoidance
 
 
-def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1.0) -> None:
+def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1.0, robot: Path | None = None) -> None:
     """Meet n objects that stop at the would-be contact, press on, fly through or graze, and write the report.
 
     `bench encounters` with the same seed has the same encounters. `noise`: σ of the pixels, grey levels of 255; `share`
-    of R's numbers of training approaches, without rendering.
+    of R's numbers of training approaches, without rendering; `robot`: as of `pps-vision demo`.
     """
     if n < 1:
         raise InputError("demo", f"--encounters {n}; expected at least 1")
-    scene = EncounterScene()
+    scene = EncounterScene(read_robot(robot) if robot else None)
+    sides = dict.fromkeys(side for side, _ in scene.targets)
     with whole_folder(out) as folder, TemporaryDirectory() as videos:
-        memories = {side: learn(scene, side, seed, share).of_both for side in get_args(Side)}
+        memories = {side: learn(scene, side, seed, share).of_both for side in sides}
         encounters = []
         for k in progress(range(n), desc="encounters", unit="encounter", after_s=0.0):
             encounter = draw(scene, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
@@ -378,8 +378,8 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
         page.write_page(
             folder,
             f"{n} encounters, {touched} touched",
-            "Objects that stop at the would-be contact, press on 3 cm, fly through or graze the skin, seen by rendered "
-            "eyes of 320×240 "
+            "Objects that stop at the would-be contact, press on 3 cm, fly through or graze the skin of a simulated "
+            f"{scene.robot.urdf.stem if robot else 'iCub'}, seen by rendered eyes of 320×240 "
             f"pixels, pixel noise σ = {noise:g}/255, seed {seed}. The skin has learned from ball and cube.",
             "",
             _encounter_sections(encounters),

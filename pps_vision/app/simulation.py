@@ -109,17 +109,13 @@ class SimulationScene:
         if set(inner) <= set(self.skin.taxel_ids):
             return inner
         skin = self.skin.on_arm(self.robot, self.side)
-        view = self.rig.view(self.home)
-        points, normals = skin.at(self.robot.at(self.home)) if skin.parts else np.zeros((2, 0, 3))
-        faces = [
-            all(eye.sees(point, _MARGIN_PX) and normal @ (eye.center - point) > 0 for eye in (view.left, view.right))
-            for point, normal in zip(points, normals, strict=True)
-        ]
-        if not any(faces):
+        points = skin.at(self.robot.at(self.home))[0] if skin.parts else np.zeros((0, 3))
+        faces = facing_taxels(self.setup, skin, self.home)
+        if not faces.any():
             reason = f"none of {len(points)} taxels of the {self.side} arm faces both cameras and is seen at home"
             raise InputError(self.robot.urdf, f"{reason}; expected one that objects can come at in view")
         apart = np.where(faces, np.linalg.norm(points - points[faces].mean(axis=0), axis=1), np.inf)
-        return tuple(skin.taxel_ids[k] for k in np.argsort(apart, kind="stable")[: min(sum(faces), 8)])
+        return tuple(skin.taxel_ids[k] for k in np.argsort(apart, kind="stable")[: min(faces.sum(), 8)])
 
     @cached_property
     def home(self) -> Array:
@@ -333,6 +329,19 @@ def watching(robot: Robot, skin: Skin, q: Array) -> Array:
     return gaze_at(robot, q, (positions + 0.12 * normals).mean(axis=0))
 
 
+def facing_taxels(setup: RobotSetup, skin: Skin, q_rad: Array) -> Mask:
+    """(n,) taxels that face both eyes and are seen by them."""
+    view = setup.rig.view(q_rad)
+    points, normals = skin.at(setup.robot.at(q_rad)) if skin.parts else np.zeros((2, 0, 3))
+    return np.array(
+        [
+            all(eye.sees(point, _MARGIN_PX) and normal @ (eye.center - point) > 0 for eye in (view.left, view.right))
+            for point, normal in zip(points, normals, strict=True)
+        ],
+        dtype=bool,
+    )
+
+
 def can_follow(robot: Robot, rig: StereoRig, q_rad: Array, motion: Motion, seconds: float, points: int = 9) -> bool:
     """Whether both eyes can see a motion when they fixate it, tested at `points` points of the path."""
     for t in np.linspace(0, seconds, points):
@@ -371,12 +380,12 @@ def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) ->
 
 
 def own_rate(robot: Robot, own_motion: OwnMotion, arm: list[int], t: float) -> Array:
-    """(n_joints,) rad/s of an `arm` whose first five joints swing a few degrees, or of a head that sways at 14°/s."""
+    """(n_joints,) rad/s of an `arm` whose first five joints swing a few degrees, or of a `head` that sways at 14°/s."""
     rate = np.zeros(robot.n_joints)
     if own_motion == "arm":
         amplitude = np.deg2rad([6.0, 5.0, 6.0, 10.0, 12.0])
         frequency = 2 * np.pi * np.array([0.35, 0.3, 0.4, 0.45, 0.5])
-        rate[arm[:5]] = amplitude * frequency * np.cos(frequency * t)
+        rate[arm[:5]] = (amplitude * frequency * np.cos(frequency * t))[: len(arm)]
     elif own_motion == "head":
         yaw_pitch = robot.indices(robot.names.gaze_joints)[:2]
         rate[yaw_pitch] = np.deg2rad(10.0) * np.cos(2 * np.pi * np.array([0.5, 0.4]) * t)

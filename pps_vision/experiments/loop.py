@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ from pps_vision.app.simulation import (
 from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.experiments.timing import timed
-from pps_vision.robot.skin import INNER_FOREARM
+from pps_vision.recordings.robot_file import read_robot
 from pps_vision.types import Mask, StereoFrame
 
 LoopCase = Literal[
@@ -63,10 +64,11 @@ class Loop(SampledStudy):
 
     n: int = 20  # episodes of every case
     training_trials: int = 24  # approaches that end in a touch, learned from before the episodes
+    robot: Path | None = None  # robot.toml of another robot
 
     def run(self) -> dict[str, Any]:
         """Return the counts by case."""
-        with open_scene(NOISE_SIGMA, self.seed) as scene:
+        with open_scene(NOISE_SIGMA, self.seed, read_robot(self.robot) if self.robot else None) as scene:
             memory = train(scene, self.training_trials)
             cases: dict[str, Any] = {}
             for case in LOOP_CASES:
@@ -104,7 +106,7 @@ class Loop(SampledStudy):
         kind, avoid = LOOP_CASES[case]
         kinds = sorted({kind for kind, _ in LOOP_CASES.values()})
         rng = np.random.default_rng((self.seed, number, kinds.index(kind)))
-        taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
+        taxel = scene.trained_taxels[number % len(scene.trained_taxels)]
         episode = make_episode(kind, scene, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
         memory = PPSMemory.constant(scene.skin) if case.startswith("constant") else memory
         pipeline = new_pipeline(scene, memory)

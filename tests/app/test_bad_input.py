@@ -51,7 +51,6 @@ RENDER = "render --stimulus ball --motion circle --out TMP/rec"
         ("bench loop --n 0 --out TMP/results", "expected at least"),
         ("demo --trials 0 --out TMP/demo", "expected at least"),
         ("demo --encounters 0 --out TMP/demo", "--encounters 0; expected at least 1"),
-        ("demo --encounters 1 --robot x.toml --out TMP/demo", "--encounters with --robot; expected one of them"),
         ("demo --robot x.toml --out TMP/demo", "x.toml: cannot be read"),
     ],
 )

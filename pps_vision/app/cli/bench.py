@@ -27,6 +27,8 @@ class Bench:
     """Scenes of the project's renderer, of the independent ray caster, or both."""
     parts: tuple[str, ...] | None = None
     """Parts of a study that has several (default: all)."""
+    robot: Path | None = None
+    """robot.toml of another robot for `loop`; give --out."""
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
     controller: str | None = None
@@ -51,6 +53,6 @@ class Bench:
         if not self.names:
             print(listing())
             return
-        parameters = ("n", "seed", "seconds", "scenes", "parts", "data", "controller", "json", "workers")
+        parameters = ("n", "seed", "seconds", "scenes", "parts", "robot", "data", "controller", "json", "workers")
         overrides = {name: getattr(self, name) for name in parameters if getattr(self, name) is not None}
         bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw, short=self.short)

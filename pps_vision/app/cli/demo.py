@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pps_vision.errors import InputError
-
 
 @dataclass(frozen=True)
 class Demo:
@@ -32,8 +30,6 @@ class Demo:
         """Train, run the episodes, and write the report."""
         from pps_vision.app.demo import demo, demo_encounters
 
-        if self.encounters is not None and self.robot is not None:
-            raise InputError("demo", "--encounters with --robot; expected one of them: encounters are of the iCub")
         if self.encounters is not None:
-            return demo_encounters(self.out, self.encounters, self.noise, self.seed)
+            return demo_encounters(self.out, self.encounters, self.noise, self.seed, robot=self.robot)
         demo(self.out, self.trials, self.noise, self.seed, self.robot)

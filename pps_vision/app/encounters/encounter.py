@@ -5,26 +5,41 @@ Encounter `number` of a seed is always the same, whatever else is drawn.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from typing import Literal, NamedTuple, get_args
 
 import coal
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.app.simulation import PERIOD_S, REACH_M, OwnMotion, Side, at_taxel, can_follow, first_contact, own_rate
+from pps_vision.app.simulation import (
+    PERIOD_S,
+    REACH_M,
+    OwnMotion,
+    Side,
+    at_taxel,
+    can_follow,
+    facing_taxels,
+    first_contact,
+    own_rate,
+)
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.paths import arrival_s
 from pps_vision.geometry.se3 import rotation_to, transform
-from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.icub import home, icub_setup
 from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.self_collision import SelfCollision
-from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
+from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
 from pps_vision.types import Array, Mask
 from rendering.motions import START_M, Approach, Motion, Recede, in_cap, make_approach
 from rendering.names import StimulusName
 from rendering.stimuli import make_stimulus
 
-Part = Literal["inner forearm", "outer forearm", "palm"]
+Part = str
+"""The iCub's "inner forearm", "outer forearm" or "palm", or a part of another robot's skin."""
 Condition = Literal[
     "stop",
     "press",
@@ -72,6 +87,7 @@ _TURN_RAD = np.deg2rad(10.0)  # range of torso and neck about upright
 _CLEARANCE_M = 0.03  # self-collision distance of a start posture; the controllers keep 25 mm
 _MARGIN_RAD = np.deg2rad(3.0)  # from a start posture's arm joints to their limits
 _DRAWS = 6  # paths tried for a posture
+_POSTURES = 1000  # tried for an encounter
 _MIN_CONTACT_S = 0.3  # earliest would-be contact
 _MAX_HIDDEN_SHARE = 0.25  # share of the object that the robot's bodies may hide from an eye
 _INSTANTS = 4  # at which a path is tested
@@ -111,15 +127,45 @@ class Encounter:
 class EncounterScene:
     """The robot and its skin, as the encounters of one process share them."""
 
-    def __init__(self, robot: Robot | None = None, rig: StereoRig | None = None, skin: Skin | None = None) -> None:
-        """By default the iCub's own, without error."""
-        self.robot: Robot = robot or load_icub()
-        self.rig: StereoRig = rig or icub_rig(self.robot)
+    def __init__(self, setup: RobotSetup | None = None) -> None:
+        """By default the iCub, without error."""
+        self.setup = setup or icub_setup()
+        self.robot: Robot = self.setup.robot
+        self.rig: StereoRig = self.setup.rig
         self.self_collision = SelfCollision(self.robot)
         # radius of each body's enclosing sphere
         self._sizes_m = np.array([np.linalg.norm(body.size_m) for body in self.robot.bodies])
-        skin = skin or icub_skin()
+        skin = self.setup.skin
+        self.is_icub = set(icub_skin().taxel_ids) <= set(skin.taxel_ids)
         self.skins: dict[Side, Skin] = {side: skin.on_arm(self.robot, side) for side in get_args(Side)}
+
+    @cached_property
+    def targets(self) -> tuple[tuple[Side, Part], ...]:
+        """Arms and their parts at which objects come: of a robot other than the iCub, those that its cameras see at
+        home; InputError without any."""
+        if self.is_icub:
+            return tuple(product(self.skins, SESSIONS))
+        parts = [(side, part.name) for side, skin in self.skins.items() for part in skin.parts]
+        if seen := tuple(target for target in parts if self.taxels(*target)):
+            return seen
+        problem = f"no part of {', '.join(name for _, name in parts)[:200]} faces both cameras and is seen at home"
+        raise InputError(self.robot.urdf, f"{problem}; expected one that objects can come at in view")
+
+    def taxels(self, side: Side, part: Part) -> list[int]:
+        """Return the indices of a part's taxels at which objects come."""
+        skin = self.skins[side]
+        faces = None if self.is_icub else facing_taxels(self.setup, skin, self.setup.home_rad)
+        own = (k for k, id_ in enumerate(skin.taxel_ids) if self.body_part(id_) == part)
+        return [k for k in own if faces is None or faces[k]]
+
+    def body_part(self, taxel_id: str) -> Part:
+        """Return the body part of a taxel."""
+        part, number = taxel_id.split(":")
+        if not self.is_icub:
+            return part
+        if not part.endswith("forearm"):
+            return part.partition("_")[2]
+        return "inner forearm" if int(number) in INNER_FOREARM else "outer forearm"
 
     def arm(self, side: Side) -> list[int]:
         """Return the indices of an arm's joints in the configuration vector."""
@@ -203,9 +249,8 @@ DrawPath = Callable[[Aim], Path]
 def draw(scene: EncounterScene, condition: Condition, number: int, seed: int) -> Encounter:
     """Return encounter `number` of a condition: parts, sides and objects by rotation, everything else at random."""
     rng = np.random.default_rng((seed, get_args(Condition).index(condition), number))
-    part: Part = get_args(Part)[number % 3]
-    side: Side = get_args(Side)[number // 3 % 2]
-    stimulus = OBJECTS[number // 6 % len(OBJECTS)]
+    side, part = scene.targets[number % len(scene.targets)]
+    stimulus = OBJECTS[number // len(scene.targets) % len(OBJECTS)]
     speed = float(rng.uniform(*SPEED_M_S))
     return draw_one(scene, condition, side, part, stimulus, speed, rng, number)
 
@@ -227,22 +272,17 @@ def draw_one(
     `path`: draws the path in place of the condition's own.
     """
     radius = make_stimulus(stimulus, fineness=0).radius_m
-    skin = scene.skins[side]
-    taxel = draw_taxel(skin, side, part, rng)
-    while True:
+    taxel = int(rng.choice(scene.taxels(side, part)))
+    for _ in range(_POSTURES):
         q = draw_posture(scene, side, part, rng)
         if condition == "harmless_own_arm" and not scene.may_swing(q, side):
             continue
-        aim = Aim(skin, scene.robot.at(q), taxel, radius, speed_m_s, rng)
+        aim = Aim(scene.skins[side], scene.robot.at(q), taxel, radius, speed_m_s, rng)
         for _ in range(_DRAWS):
             if encounter := draw_visible(scene, aim, condition, side, part, stimulus, number, path):
                 return encounter
-
-
-def draw_taxel(skin: Skin, side: Side, part: Part, rng: np.random.Generator) -> int:
-    """Return the index of a random taxel of the part."""
-    ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
-    return skin.index(f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}")
+    problem = f"no {condition} at {scene.skins[side].taxel_ids[taxel]} in view in {_POSTURES} postures"
+    raise InputError(scene.robot.urdf, f"{problem}; expected cameras that see the space before the skin at home")
 
 
 def draw_visible(
@@ -282,23 +322,27 @@ def start_posture(robot: Robot, session: SessionName) -> Array:
 
 
 def draw_posture(scene: EncounterScene, side: Side, part: Part, rng: np.random.Generator) -> Array:
-    """Return joints (n_joints,) about those in which R's robot awaited touches of the part; torso and neck turned."""
+    """Return joints (n_joints,) about those in which R's robot awaited touches of the part, torso and neck turned; of
+    another robot about home."""
     robot = scene.robot
     arm = scene.arm(side)
-    opposite = scene.arm("right" if side == "left" else "left")
-    base = start_posture(robot, SESSIONS[part])
-    awaiting = base[scene.arm("right" if part == "palm" else "left")]
-    hanging = start_posture(robot, "palm")[scene.arm("left")]
-    turned = robot.indices(("torso_yaw", "torso_pitch", "torso_roll", "neck_pitch", "neck_roll", "neck_yaw"))
-    while True:
+    base = scene.setup.home_rad.copy()
+    turned: list[int] = []
+    if scene.is_icub:
+        base = start_posture(robot, SESSIONS[part])
+        base[arm] = base[scene.arm("right" if part == "palm" else "left")]
+        base[scene.arm("right" if side == "left" else "left")] = start_posture(robot, "palm")[scene.arm("left")]
+        turned = robot.indices(("torso_yaw", "torso_pitch", "torso_roll", "neck_pitch", "neck_roll", "neck_yaw"))
+    for _ in range(_POSTURES):
         q = base.copy()
-        q[opposite] = hanging
-        q[arm] = awaiting + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, len(arm))
+        q[arm] += rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, len(arm))
         q[turned] += rng.uniform(-_TURN_RAD, _TURN_RAD, len(turned))
         q[arm] = np.clip(q[arm], robot.lower_rad[arm] + _MARGIN_RAD, robot.upper_rad[arm] - _MARGIN_RAD)
         q = robot.clamp(q)
         if scene.self_collision.distance_m(q) > _CLEARANCE_M:
             return q
+    problem = f"no posture about home keeps {100 * _CLEARANCE_M:g} cm between its bodies"
+    raise InputError(robot.urdf, f"{problem}; expected another home_deg in robot.toml")
 
 
 def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:

@@ -17,7 +17,7 @@ from learning.reach.map import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
 from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene, felt
 from pps_vision.app.simulation import PERIOD_S, own_rate
-from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, touched_taxels
+from pps_vision.robot.skin import TOUCH_RADIUS_M, touched_taxels
 from pps_vision.types import Array, JointVelocity, Track3D
 
 _CHECKS_PER_FRAME = 5  # instants between two frames at which the distance to the skin is computed
@@ -88,7 +88,7 @@ class EncounterMonitor:
         self.distance_m = min(self.distance_m, float(gap.min()))
         touching = np.argwhere(gap <= 0)
         if len(touching) and not self.touched_part:
-            self.touched_part = body_part(skin.taxel_ids[touching[0][1]])
+            self.touched_part = self.scene.body_part(skin.taxel_ids[touching[0][1]])
 
     def add_command(self, t: float, dq: Array, arm: Sequence[int]) -> None:
         """Count a command (n_joints,) that moves the arm."""
@@ -227,7 +227,7 @@ def can_touch(scene: EncounterScene, encounter: Encounter, rng: np.random.Genera
         too_near = _CLEARANCE_M - scene.self_collision.distance_m(q)
         return np.append(d * max(1 - touching_m / np.linalg.norm(d), 0.0), np.maximum([outside, too_near], 0.0))
 
-    taxels = [index for index, taxel in enumerate(skin.taxel_ids) if body_part(taxel) == encounter.part]
+    taxels = [index for index, taxel in enumerate(skin.taxel_ids) if scene.body_part(taxel) == encounter.part]
     starts = [encounter.q_rad[arm], *rng.uniform(lower, upper, (_STARTS, len(arm)))]
     for taxel, start in product(taxels, starts):
         inside = np.clip(start, lower + _TOLERANCE_RAD, upper - _TOLERANCE_RAD)
@@ -235,11 +235,3 @@ def can_touch(scene: EncounterScene, encounter: Encounter, rng: np.random.Genera
         if np.abs(solution.fun).max() < _REACHED_M:
             return True
     return False
-
-
-def body_part(taxel_id: str) -> str:
-    """Return the name of the body part of a taxel."""
-    part, number = taxel_id.split(":")
-    if not part.endswith("forearm"):
-        return part.partition("_")[2]
-    return "inner forearm" if int(number) in INNER_FOREARM else "outer forearm"

@@ -11,7 +11,6 @@ from learning.pps.memory import PPSMemory
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.app.encounters.kinematic import EncounterMonitor, EncounterResult
 from pps_vision.app.simulation import Episode, SimulationScene, new_pipeline, simulate
-from pps_vision.robot.icub import icub_setup
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
 from rendering.sensor import Sensor
@@ -54,7 +53,7 @@ def open_encounter(
 
     `lit`: as bright as drawn, by turns in diffuse light and with the highlights of lamps.
     """
-    setup = replace(icub_setup(scene.skins[encounter.side]), home_rad=encounter.q_rad)
+    setup = replace(scene.setup, skin=scene.skins[encounter.side], home_rad=encounter.q_rad)
     rng = np.random.default_rng((seed, 2))
     exposure = float(np.exp(rng.uniform(*np.log(_EXPOSURE)))) if lit else 1.0
     fidelity = Fidelity(lighting="lights" if lit and seed % 2 else "baked")

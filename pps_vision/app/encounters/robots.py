@@ -15,7 +15,7 @@ from learning.pps.joint_offsets import TouchTrial, joint_offsets, verified_offse
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
-from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.icub import icub_rig, icub_setup, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array, Track3D
@@ -115,7 +115,7 @@ class MiscalibratedRobot:
     @cached_property
     def scene(self) -> EncounterScene:
         """The robot as it takes itself to be."""
-        return EncounterScene(self.model, self.rig, self.skin)
+        return EncounterScene(replace(icub_setup(self.skin), robot=self.model, rig=self.rig))
 
     def reading(self, rng: np.random.Generator) -> Array:
         """Return the difference (n_joints,) rad between encoders and true angles, with the slack of one trial."""

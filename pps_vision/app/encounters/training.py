@@ -65,12 +65,14 @@ def learn(scene: EncounterScene, side: Side, seed: int, share: float = 1.0) -> M
 
 
 def training_trials(
-    scene: EncounterScene, side: Side, seed: int, share: float = 1.0, parts: Collection[Part] = tuple(SESSIONS)
+    scene: EncounterScene, side: Side, seed: int, share: float = 1.0, parts: Collection[Part] | None = None
 ) -> Iterator[Trial]:
-    """Yield the trials that `learn` learns from: approaches that touch these parts, and as many objects that pass at up
-    to 20 cm, some of which touch too."""
-    for j, (part, session) in enumerate(SESSIONS.items()):
-        for k in range(max(round(share * TRIALS[session]), 1) if part in parts else 0):
+    """Yield the trials that `learn` learns from: approaches that touch these parts (default: all of the arm), and as
+    many objects that pass at up to 20 cm, some of which touch too; of each part of another robot as many as of the
+    inner forearm."""
+    for j, part in enumerate(part for arm, part in scene.targets if arm == side):
+        n = TRIALS[SESSIONS.get(part, "inner")]
+        for k in range(max(round(share * n), 1) if parts is None or part in parts else 0):
             for path, is_pass in ((_TOUCH, False), (_PASS, True)):
                 rng = np.random.default_rng((seed, _STREAM, side == "right", j, k, is_pass))
                 speed = float(rng.uniform(*SPEED_M_S))

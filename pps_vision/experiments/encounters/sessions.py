@@ -15,7 +15,6 @@ from pps_vision.app.encounters.encounter import (
     Encounter,
     EncounterScene,
     Part,
-    draw_taxel,
     draw_visible,
     start_posture,
 )
@@ -111,7 +110,7 @@ def _approach(
     posture = scene.robot.at(_start(scene.robot))
     radius_m = make_stimulus("octopus", fineness=0).radius_m
     while True:
-        taxel = draw_taxel(skin, side, part, rng)
+        taxel = int(rng.choice(scene.taxels(side, part)))
         aim = Aim(skin, posture, taxel, radius_m, float(rng.uniform(*SPEED_M_S)), rng)
         if encounter := draw_visible(scene, aim, condition, side, part, "octopus", number):
             return encounter

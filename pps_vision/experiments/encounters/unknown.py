@@ -27,13 +27,12 @@ from pps_vision.app.encounters.encounter import (
     Condition,
     DrawPath,
     EncounterScene,
-    Part,
     approach,
     draw_posture,
     draw_visible,
     passing,
 )
-from pps_vision.app.encounters.kinematic import body_part, simulate_encounter
+from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import GEOMETRY, ONE_GATED, OURS, new_controller
 from pps_vision.app.encounters.suite import Rows, run_tasks
 from pps_vision.app.encounters.tracks import track_of
@@ -44,6 +43,7 @@ from pps_vision.experiments.encounters.controllers import unfinished_folder
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import Skin, SkinPart, icub_skin
 from pps_vision.types import Track3D
 from rendering.names import StimulusName
@@ -183,7 +183,7 @@ def world(side: Side, case: Case) -> EncounterScene:
         points = base + np.linspace(0, STICK_M, _STICK_POINTS + 1)[1:, None] * along
         normals = np.tile((along + hand.normals[0]) / np.sqrt(2), (_STICK_POINTS, 1))
         parts.append(SkinPart(f"{side}_stick", hand.frame, tuple(range(_STICK_POINTS)), points, normals))
-    return EncounterScene(skin=Skin(tuple(parts)))
+    return EncounterScene(icub_setup(Skin(tuple(parts))))
 
 
 def trial_of(
@@ -194,7 +194,7 @@ def trial_of(
     skin = scene.skins[side]
     aims = {"stick": _AIMED_AT, "sleeve": tuple(i for i in skin.taxel_ids if "forearm" in i), "radius": skin.taxel_ids}
     taxel = skin.index(str(rng.choice([i for i in skin.taxel_ids if i.endswith(aims[case])])))
-    part: Part = "palm" if case == "stick" else body_part(skin.taxel_ids[taxel])  # type: ignore[assignment]
+    part = "palm" if case == "stick" else scene.body_part(skin.taxel_ids[taxel])
     stimulus: StimulusName = _OBJECTS[rng.integers(len(_OBJECTS))]
     speed_m_s = float(rng.uniform(*(TRAINING_SPEED_M_S if path else SPEED_M_S)))
     while True:

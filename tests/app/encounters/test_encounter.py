@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from data import ARM7
 
 from pps_vision.app.encounters.encounter import (
     BEYOND_M,
@@ -16,8 +17,13 @@ from pps_vision.app.encounters.encounter import (
     draw,
     felt,
 )
+from pps_vision.app.encounters.kinematic import simulate_encounter
+from pps_vision.app.encounters.registry import NONE, OURS, new_controller
+from pps_vision.app.encounters.tracks import track_of
+from pps_vision.app.encounters.training import learn
 from pps_vision.experiments.films.raycast import ball_row, first_hits
 from pps_vision.geometry.se3 import rotation_to
+from pps_vision.recordings.robot_file import read_robot
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin
 from pps_vision.types import Array
 
@@ -31,6 +37,20 @@ def gaps(scene: EncounterScene, encounter: Encounter) -> tuple[Array, Array]:
     taxels, _ = scene.skins[encounter.side].at(scene.robot.at(encounter.q_rad))
     path = np.array([encounter.motion(t)[0] for t in times])
     return times, np.linalg.norm(path[:, None] - taxels, axis=2).min(axis=1) - encounter.radius_m - TOUCH_RADIUS_M
+
+
+def test_the_arm_of_another_robot_is_touched_without_avoidance_and_not_with_it():
+    """A seven-joint arm before two fixed cameras, after ten objects that touched its skin and ten that passed."""
+    scene = EncounterScene(read_robot(ARM7))
+    assert scene.targets == (("right", "forearm"),)
+    memory = learn(scene, "right", 3, share=0.2).probability
+    for condition in HAZARDS:
+        encounter = draw(scene, condition, 0, seed=3)
+        tracks = track_of(scene, encounter, np.random.default_rng(3))
+        names = (NONE, OURS)
+        results = [simulate_encounter(scene, memory, encounter, name, new_controller(name), tracks) for name in names]
+        assert [result.touched for result in results] == [True, False]
+        assert results[0].touched_part == "forearm"
 
 
 @pytest.mark.parametrize("condition", HAZARDS)
