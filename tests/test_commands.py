@@ -35,9 +35,11 @@ RENDERED = (
 REPLACEMENTS = {  # for hardware and packages that may be missing, and for long runs
     "--device cuda": "--device cpu",
     "--viewer": "--viewer" if find_spec("rerun") else "",
+    "session double-touch --trials 45": "session double-touch --trials 1",
+    "session babbling --arm right": "session babbling --arm right --postures 260",
     "bench loop --n 20": "bench loop --short --out measured --n 1",
 }
-LONG = ("render", "reach train", "demo", "bench", "batch", "--report", "--device")
+LONG = ("render", "session", "reach train", "demo", "bench", "batch", "--report", "--device")
 
 
 def is_long(line: str) -> bool:

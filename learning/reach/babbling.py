@@ -19,6 +19,15 @@ class Babbled:
     n_tried: int  # number of arm postures tried, fixated or not
 
 
+@dataclass(frozen=True)
+class SeenHand:
+    """The hand as the eyes saw it, the torso upright."""
+
+    arm_rad: Array  # (N, 4)
+    positions: Array  # (N, 3) m, root frame
+    covs: Array  # (N, 3, 3) m²
+
+
 def babble(
     robot: Robot,
     side: str,

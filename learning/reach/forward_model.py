@@ -21,8 +21,9 @@ from pps_vision.types import Array
 _LINEAR_ROUNDS = 20  # iterations of each kind until they converge
 _FIXED_ROUNDS = 10
 _FREE_ROUNDS = 4
-_N_JOINTS = 4  # the arm's (J)
+N_JOINTS = 4  # the arm's (J)
 _EYES_APART_M = 0.068
+_MODEL_ERROR_M = 0.05  # of a hand by a robot's own model: "several centimetres" (R)
 _NO_ERROR = 1e-9  # residuals below this count as this
 _WIDE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
 _FINE = IKParams(tolerance=1e-9, max_steps=30)
@@ -51,6 +52,29 @@ class RevoluteArm:
         self._samples: list[tuple[Array, Array]] = []
         self._fitted: _FittedArm | None = None
 
+    @classmethod
+    def of_offsets(cls, arm_rad: Array, offsets: Array, covs: Array) -> "RevoluteArm":
+        """The offsets (N, 3) m of the hand at arm postures (N, k) from where a model of the arm has it, measured with
+        covariances (N, 3, 3): of this only `forward` can be asked.  Prior: an offset is N(0, `_MODEL_ERROR_M`²), also
+        where the hand is never seen.  Outliers get little weight (Geman–McClure)."""
+        model = cls()
+        A = _products(model._bases(arm_rad))
+        G = _EYES_APART_M * np.linalg.inv(np.linalg.cholesky(covs))  # eye distances to standard deviations
+        place = offsets / _EYES_APART_M
+        precision = np.prod([2.0] * N_JOINTS) * (_EYES_APART_M / _MODEL_ERROR_M) ** 2  # |Φ|² = 2^k at every posture
+        weight = np.ones(len(A))
+        middle = 1.0
+        for _ in range(_FIXED_ROUNDS):
+            weighted = weight[:, None, None] * G
+            H = (weighted[:, :, None, :] * A[:, None, :, None]).reshape(3 * len(A), -1)
+            normal = H.T @ H + middle**2 / 3 * precision * np.eye(H.shape[1])
+            W = np.linalg.solve(normal, H.T @ (weighted @ place[..., None]).ravel()).reshape(-1, 3)
+            off = np.linalg.norm((G @ (place - A @ W)[..., None])[..., 0], axis=1)
+            middle = np.median(off) + _NO_ERROR
+            weight = 1 / (1 + (off / (4 * middle)) ** 2)
+        model._fitted = _FittedArm(W, np.zeros(4), _ORDERS[0], fit_residual(arm_rad, place - A @ W, G))
+        return model
+
     def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
         """Add samples in the order of their measurement, of which blocks are the evidence for the process."""
         self._samples.append((arm_rad, gaze_rad))
@@ -78,7 +102,7 @@ class RevoluteArm:
         fitted = self._fit()
         bases = self._bases(arm_rad)
         slopes = [np.stack([0 * b[:, 0], -b[:, 2], b[:, 1]], axis=1) for b in bases]
-        half = _N_JOINTS // 2
+        half = N_JOINTS // 2
         W = (_EYES_APART_M * fitted.W).reshape(3**half, -1)
 
         def place(first: Array, second: Array) -> Array:
@@ -87,7 +111,7 @@ class RevoluteArm:
         first = _products(bases[:half])
         second = _products(bases[half:])
         columns = []
-        for k in range(_N_JOINTS):
+        for k in range(N_JOINTS):
             turned = [*bases[:k], slopes[k], *bases[k + 1 :]]
             halves = (_products(turned[:half]), second) if k < half else (first, _products(turned[half:]))
             columns.append(place(*halves))
@@ -124,8 +148,8 @@ class RevoluteArm:
 
     def _bases(self, arm_rad: Array) -> list[Array]:
         """(N, 3) of each joint: 1, cos, sin."""
-        if arm_rad.ndim != 2 or arm_rad.shape[1] != _N_JOINTS:
-            raise ValueError(f"arm postures of shape {arm_rad.shape}: expected (N, {_N_JOINTS})")
+        if arm_rad.ndim != 2 or arm_rad.shape[1] != N_JOINTS:
+            raise ValueError(f"arm postures of shape {arm_rad.shape}: expected (N, {N_JOINTS})")
         return [np.stack([np.ones_like(q), np.cos(q), np.sin(q)], axis=1) for q in arm_rad.T]
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from learning.reach import MeasureName
+from learning.reach.babbling import SeenHand
+from learning.reach.forward_model import RevoluteArm
 from learning.reach.params import MAP, N_NEAR, MapParams
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits, GazeModel
@@ -81,6 +83,19 @@ class HandModel:
         """A forward model in the root frame, with the gaze kinematics of the robot's own head."""
         model = GazeModel(robot)
         return cls(forward, model.points, model.gaze)
+
+    @classmethod
+    def seen(cls, robot: Robot, side: str, seen: SeenHand) -> "HandModel":
+        """The robot's own forward model, corrected by where the eyes saw the hand."""
+        own = robot.chain(robot.names.arm(side)[: seen.arm_rad.shape[1]], robot.names.palm(side)).positions
+        correction = RevoluteArm.of_offsets(seen.arm_rad, seen.positions - own(seen.arm_rad)[0], seen.covs)
+
+        def forward(arm_rad: Array) -> tuple[Array, Array]:
+            hand, J = own(arm_rad)
+            offset, J_offset = correction.forward(arm_rad)
+            return hand + offset, J + J_offset
+
+        return cls.of(robot, forward)
 
 
 def hand_and_params(

@@ -23,10 +23,11 @@ from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask, Reachability, ReachStatus, Track3D
 
-_VERSION = 5
-_TEXTS = ("side", "end_point", "measure")
+_VERSION = 6
+_TEXTS = ("side", "end_point", "measure", "kinematics")
 _FIELDS = ("signed_distance", "optimality", "error_m")
 _NUMBERS = ("max_error_m", "softness", "expected_error", "unanswered", "error_bound")
+OWN_MODEL = "the robot's own model"
 _LABELS = tuple(f.name for f in fields(Labels))
 _TORCH_ROWS = 1 << 18  # gaze postures at a time on a torch device, which take about 100 MB
 
@@ -69,6 +70,8 @@ class ReachableMap:
     """Point of the arm that reaches: "palm" or a taxel."""
     measure: str = "joint-limits"
     """Name of the measure of `optimality`."""
+    kinematics: str = OWN_MODEL
+    """Where the hand's kinematics are from: `OWN_MODEL`, or the recordings in which it was seen."""
     error_bound: float = 1.0
     """Upper bound of the share misjudged, from a test on postures not learned from; 1 without a test."""
 

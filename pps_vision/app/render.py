@@ -1,7 +1,7 @@
 """`pps-vision render`: a recording of a robot that watches a moving object, with its truth."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, get_args
@@ -21,7 +21,7 @@ from pps_vision.recordings.robot_file import robot_setup
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.model import Robot
 from pps_vision.robot.robot_setup import RobotSetup
-from pps_vision.robot.skin import touched_taxels
+from pps_vision.robot.skin import Skin, touched_taxels
 from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
@@ -48,27 +48,48 @@ def record(options: RenderParams) -> tuple[int, int]:
         raise InputError("render", f"--center {options.center}; expected three numbers in metres")
     rng = np.random.default_rng(options.seed)
     setup = robot_setup(options.robot)
-    robot = setup.robot
-    skin = setup.skin
     fidelity = Fidelity(scale=options.scale)
     stimulus = stimulus_of(options, fidelity.fineness)
     sensor = Sensor(options.noise, options.shot, options.exposure, options.blur_s)
     states = list(scene(options, setup, rng))
+    with Eyes(setup.robot, setup.rig, stimulus, options.carrier, sensor, fidelity=fidelity) as eyes:
+        touches = write_recording(options.out, setup, eyes, states, rng, setup.skin, {**asdict(options), "out": None})
+    return len(states), touches
+
+
+def write_recording(
+    out: Path,
+    setup: RobotSetup,
+    eyes: Eyes,
+    states: Sequence[tuple[float, SceneState]],
+    rng: np.random.Generator,
+    skin: Skin | None,
+    options: Mapping[str, object],
+) -> int:
+    """Render the states at their stamps into a recording; return the number of pairs with a touch.
+
+    Args:
+        out: Folder to write; InputError unless it is new or empty.
+        setup: The robot.
+        eyes: Its renderer.
+        states: Stamp and state of each pair.
+        rng: Source of the sensor's noise.
+        skin: What feels the object; None: nothing does.
+        options: How it was made, for summary.json.
+    """
     touches = 0
-    with (
-        YarpWriter(options.out, setup) as writer,
-        Eyes(robot, setup.rig, stimulus, options.carrier, sensor, fidelity=fidelity) as eyes,
-    ):
+    with YarpWriter(out, setup) as writer:
         for t, state in progress(states, desc="render", unit="pair"):
             truth = eyes.truth(state, t)
-            touched = touched_taxels(skin.at(robot.at(state.q_rad))[0], truth.position, stimulus.radius_m)
-            touches += bool(touched.any())
             writer.write_frame(eyes.render(state, t, rng))
             writer.write_joints(t, state.q_rad)
-            writer.write_touches(t, np.array(skin.taxel_ids)[touched])
+            if skin is not None:
+                touched = touched_taxels(skin.at(setup.robot.at(state.q_rad))[0], truth.position, truth.radius_m)
+                touches += bool(touched.any())
+                writer.write_touches(t, np.array(skin.taxel_ids)[touched])
             writer.write_truth(truth)
-        writer.write_summary({"render": {**asdict(options), "out": None}, "versions": versions()})
-    return len(states), touches
+        writer.write_summary({"render": options, "versions": versions()})
+    return touches
 
 
 def stimulus_of(options: RenderParams, fineness: int) -> Stimulus:

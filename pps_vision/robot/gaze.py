@@ -131,8 +131,8 @@ class GazeModel:
         return np.where(within[:, None], gaze.clip(limits.lower, limits.upper), np.nan)
 
     def to_upright(self, q_rad: Array, p_root: Array) -> Array:
-        """(N, 3) root positions of a point (3,) that the torso carries from configurations (N, n_joints) to zero: its
-        position relative to the head and the arms, which the torso carries too.
+        """(N, 3) root positions of a point (3,), or of one a configuration (N, 3), that the torso carries from
+        configurations (N, n_joints) to zero: its position relative to the head and the arms, which it carries too.
         """
         R, t = self._trunk.frames(q_rad[:, self._trunk_joints])
         p_eye = ((p_root - t)[:, None] @ R)[:, 0]

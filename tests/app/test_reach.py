@@ -63,7 +63,7 @@ def test_outside_the_map_and_more_columns(learned, tmp_path, capsys):
 
 def test_it_is_drawn(learned, tmp_path, capsys):
     main(["reach", "show", str(learned), "--out", str(tmp_path / "map.png")])
-    assert capsys.readouterr().out == f"right arm, palm → {tmp_path / 'map.png'}\n"
+    assert capsys.readouterr().out == f"right arm, palm, by the robot's own model → {tmp_path / 'map.png'}\n"
     image = cv2.imread(str(tmp_path / "map.png"))
     assert image is not None
     green = (image[..., 1] > image[..., 2].astype(int) + 60).mean()
@@ -114,7 +114,8 @@ def test_of_both_arms_one_map_is_learned_and_a_missed_error_bound_is_reported(tm
     assert (learned.side, learned.end_point, learned.measure) == ("both", "palm", "isotropy")
     summary, missed = capsys.readouterr().out.splitlines()
     numbers = (
-        r"400 inverse-kinematics problems, \d+ without an answer, at most [\d.]+ % misjudged, with 95 % confidence"
+        r"400 inverse-kinematics problems by the robot's own model, \d+ without an answer, "
+        r"at most [\d.]+ % misjudged, with 95 % confidence"
     )
     assert re.fullmatch(f"{numbers} → {re.escape(str(file))}", summary)
     assert missed == "--max-error 0.02 was not reached within --ik-budget 200"

@@ -16,6 +16,7 @@ from pps_vision.errors import InputError
 COMMANDS = (
     *(
         "render",
+        "session",
         "info",
         "clock",
         "calibrate",

@@ -4,13 +4,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional, subcommand
+from tyro.conf import Positional, arg, subcommand
 
 from learning.reach import MeasureName
 from pps_vision.app.cli.options import RobotOptions
 from pps_vision.errors import InputError
+from tracking import Mode
 
 if TYPE_CHECKING:
+    from learning.reach.labels import HandModel
     from learning.reach.map import ReachableMap
     from learning.reach.params import MapParams
     from pps_vision.robot.robot_setup import RobotSetup
@@ -21,7 +23,8 @@ _LEAST_BUDGET = 200  # labels: with fewer, the test set is too small to bound th
 
 @dataclass(frozen=True)
 class TrainMap(RobotOptions):
-    """Learn the map of an arm, or of both arms at once, by inverse kinematics with the robot's own model.
+    """Learn the map of an arm, or of both arms at once, by inverse kinematics with the robot's own model; with --from,
+    with kinematics learned from what the eyes saw of the hand.
 
     Torso, neck roll, eye tilt, version and wrist at 0; the hand is the origin of the palm's frame; yaw, pitch and
     vergence within ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.; of another robot's arm
@@ -33,10 +36,15 @@ class TrainMap(RobotOptions):
     out: Path
     """Where to write the map (.npz)."""
     max_error: float = 0.0
-    """Stop when a test by the robot's own model shows, with 95 % confidence, that at most this share of all gaze
+    """Stop when a test by the same kinematics shows, with 95 % confidence, that at most this share of all gaze
     postures is misjudged."""
     ik_budget: int = 24_000
     """Largest number of inverse-kinematics problems per arm to learn from, tests not counted."""
+    from_: Annotated[tuple[Path, ...], arg(name="from")] = ()
+    """Recordings of the arm's motor babbling (`pps-vision session babbling`): its hand is tracked, and its kinematics
+    learned from that.  Its first four joints move, the wrist is at rest."""
+    mode: Mode = "marker"
+    """How the hand is tracked in --from: marker (a green marker about it) or generic (whatever moves)."""
     end_point: str = "palm"
     """Point that reaches: palm, or a taxel of the arm, such as left_forearm:27."""
     measure: MeasureName = "joint-limits"
@@ -68,12 +76,16 @@ class TrainMap(RobotOptions):
             n_test=0 if self.max_error else _TEST_POSTURES,
             confidence=1 - 0.05 / len(sides),
         )
+        if self.from_ and (self.arm == "both" or self.end_point != "palm" or self.measure == "approach"):
+            problem = f"--from with --arm {self.arm}, --end-point {self.end_point}, --measure {self.measure}"
+            raise InputError("reach train", f"{problem}; expected one arm, the palm, and a measure of its postures")
         setup = self.setup()
-        with whole_file(self.out, [self.into, *self.files]) as partial:
+        with whole_file(self.out, [self.into, *self.from_, *self.files]) as partial:
             into = ReachableMap.load(self.into) if self.into else None
             if into and self.into:
-                options = (self.arm, self.end_point, self.measure, MapParams().gaze_limits)
-                for option, value in zip(options, (into.side, into.end_point, into.measure, into.limits), strict=True):
+                options = (self.arm, self.end_point, self.measure, self._kinematics, MapParams().gaze_limits)
+                values = (into.side, into.end_point, into.measure, into.kinematics, into.limits)
+                for option, value in zip(options, values, strict=True):
                     if option != value:
                         raise InputError(self.into, f"is a map of {value}; expected one of {option} to continue from")
             maps = [
@@ -83,11 +95,31 @@ class TrainMap(RobotOptions):
             learned.save(partial)
         n_problems = sum(len(arm_map.labels.gaze_rad) + arm_map.unanswered for arm_map in maps)
         print(
-            f"{n_problems} inverse-kinematics problems, {learned.unanswered} without an answer, "
+            f"{n_problems} inverse-kinematics problems by {learned.kinematics}, "
+            f"{learned.unanswered} without an answer, "
             f"at most {100 * learned.error_bound:.2g} % misjudged, with 95 % confidence → {self.out}"
         )
         if learned.error_bound > self.max_error > 0:
             print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")
+
+    @property
+    def _kinematics(self) -> str:
+        from learning.reach.map import OWN_MODEL
+
+        return f"the hand seen in {', '.join(map(str, self.from_))}" if self.from_ else OWN_MODEL
+
+    def _seen(self, setup: "RobotSetup", side: str) -> "HandModel":
+        """The hand as the eyes saw it."""
+        from learning.reach.labels import HandModel
+        from pps_vision.app.progress import progress
+        from pps_vision.app.seen_hand import seen_hand
+        from pps_vision.recordings.open import open_recording
+
+        recordings = [open_recording(path, robot=setup) for path in self.from_]
+        tracked = progress(recordings, desc="tracked", unit="recording")
+        seen = seen_hand(tracked, setup.robot, side, self.mode, self.seed)
+        print(f"hand seen in {len(seen.arm_rad)} of {sum(map(len, recordings))} frames")
+        return HandModel.seen(setup.robot, side, seen)
 
     def _learn(
         self, setup: "RobotSetup", side: str, params: "MapParams", into: "ReachableMap | None"
@@ -104,8 +136,10 @@ class TrainMap(RobotOptions):
                 raise InputError(self.robot, f"has no {side}_arm; expected --arm {setup.side}")
             params = replace(params, arm_limits=ArmLimits.of(robot, side))
         hand, params = hand_and_params(robot, side, self.end_point, self.measure, params, setup.skin)
+        if self.from_:
+            hand = self._seen(setup, side)
         learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
-        return replace(learned, end_point=self.end_point, measure=self.measure)
+        return replace(learned, end_point=self.end_point, measure=self.measure, kinematics=self._kinematics)
 
 
 @dataclass(frozen=True)
@@ -163,7 +197,7 @@ class ShowMap(RobotOptions):
         with whole_file(self.out, [self.map, *self.files]) as partial:
             reachable_map = ReachableMap.load(self.map)
             save(figures.reachable_space(reachable_map, self.setup().robot), partial)
-        print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")
+        print(f"{reachable_map.side} arm, {reachable_map.end_point}, by {reachable_map.kinematics} → {self.out}")
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField
 from pps_vision.app.encounters.encounter import SessionName
+from pps_vision.app.sessions import AIMED
 from pps_vision.experiments.baselines.single_taxel import empty_map, from_taxel
-from pps_vision.experiments.pps.session_trials import AIMED
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin, SkinPart, icub_skin, taxel_frame

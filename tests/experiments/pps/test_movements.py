@@ -10,7 +10,8 @@ from learning.pps.joint_offsets import TouchTrial
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.receptive_field import perceive as perceive_at
 from pps_vision.app.encounters.robots import MiscalibratedRobot, errors_from
-from pps_vision.experiments.pps.session_trials import AIMED, exact_trials, movements, rendered_trials
+from pps_vision.app.sessions import AIMED, movements
+from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials
 from pps_vision.experiments.pps.taxel_trials import in_taxel_frames, perceive
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin, touched_taxels

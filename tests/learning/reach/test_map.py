@@ -102,7 +102,7 @@ def test_degree(learned, fresh):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 7}, "version 7; expected version 5"),
+        ({"version": 7}, "version 7; expected version 6"),
         ({"signed_distance": None}, "no signed_distance; expected"),
         ({"optimality": np.zeros((4, 5, 6))}, r"optimality \(4, 5, 6\)"),
         ({"label_error_m": np.zeros(3)}, r"labels of shapes .*'error_m': \(3,\)"),
