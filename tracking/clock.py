@@ -149,17 +149,16 @@ def _camera_delay(params: ClockParams, view: StereoView, points: Sequence[tuple[
     if len(stamps) < params.fewest:
         return Delay(unobservable=f"{len(stamps)} images with a point; expected {params.fewest}")
     frame_s = float(np.median(np.concatenate([np.diff(left.stamps_s) for left, _ in paths])))
-    where = np.concatenate([left.pixels for left, _ in paths])
-    where = (where - where.mean(axis=0)) / (where.std(axis=0) + 1e-9)
+    edges = np.cumsum([len(left.stamps_s) for left, _ in paths])[:-1]
+    pixels = np.concatenate([left.pixels for left, _ in paths])
+    where = (pixels - pixels.mean(axis=0)) / (pixels.std(axis=0) + 1e-9)
     nuisance = np.column_stack([_UNKNOWN_PX * np.ones(len(stamps)), params.calibration_px * where])
 
     def residuals(delay_s: Array | float) -> Array:
         """Epipolar residuals (n,) if the right stamps are that late."""
-        shift = np.broadcast_to(delay_s, stamps.shape)
-        pixels = np.concatenate(
-            [right(left.stamps_s + part) for (left, right), part in zip(paths, _parts(paths, shift), strict=True)]
-        )
-        both = np.stack([np.concatenate([left.pixels for left, _ in paths]), pixels], axis=1)
+        times = np.split(stamps + delay_s, edges)
+        right_pixels = np.concatenate([right(at_s) for (_, right), at_s in zip(paths, times, strict=True)])
+        both = np.stack([pixels, right_pixels], axis=1)
         cov = np.broadcast_to(np.eye(2), (len(both), 2, 2, 2))
         return epipolar_residuals(view, Pairs(both, np.full((len(both), 2), np.nan), cov))[0]
 
@@ -237,11 +236,6 @@ class Interpolator:
         pixels = self._spline(stamps_s)
         pixels[gaps > self._longest_s] = np.nan
         return np.asarray(pixels)
-
-
-def _parts(paths: Sequence[tuple[PointPath, Interpolator]], values: Array) -> list[Array]:
-    """Values (n,) of all paths, by path."""
-    return np.split(values, np.cumsum([len(left.stamps_s) for left, _ in paths])[:-1])
 
 
 def _scale(e: Array, nuisance: Array, params: ClockParams) -> float:

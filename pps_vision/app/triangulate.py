@@ -14,7 +14,7 @@ from pps_vision.app.results import Reprojection, TrackNumbers, TrackSummary
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import TrackArrays, track_arrays
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig, StereoView, sight
+from pps_vision.geometry.camera import StereoRig, sight
 from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Clock, TimeUnit
 from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.point_tables import PointTable, read_points
@@ -24,16 +24,9 @@ from pps_vision.recordings.times import read_times
 from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
 from pps_vision.types import Array, Detection2D, Status, Track3D
 from tracking import DEFAULT_ORDER
-from tracking.clock import ClockParams, Delay, Interpolator, PointPath, estimate_delay
+from tracking.clock import ClockParams, Interpolator, PointPath, estimate_delay
 from tracking.kalman import KalmanParams
-from tracking.points import (
-    Pairs,
-    PointParams,
-    estimate_noise,
-    follow_points,
-    reprojection_nis,
-    triangulate_points,
-)
+from tracking.points import Pairs, PointParams, estimate_noise, follow_points, reprojection_nis, triangulate_points
 from tracking.smoother import FilterStep, smooth
 from tracking.tracker import full_state
 
@@ -71,7 +64,8 @@ class TriangulatedPoints:
         self.stopwatch = Stopwatch()
         columns = self._columns(left, right, points)
         self.names = tuple(left.names[k] for k, _ in columns)
-        self.clock = None if clock is None else _delay(clock, self.view, left, right, columns)
+        paths = [(_path(left, a), _path(right, b)) for a, b in columns]
+        self.clock = None if clock is None else estimate_delay(clock, self.view, paths)
         if self.clock and self.clock.is_late:
             right = _resampled(right, left.times + self.clock.at(left.times), left.times)
         rows = _paired(left, right, max_skew_s, self.problems)
@@ -187,9 +181,7 @@ class TriangulatedPoints:
 
     def summary(self) -> TrackSummary:
         """Return the settings and results, for summary.json."""
-        status = {kind.value: 0 for kind in Status}
-        for track in self._tracks(0, False):
-            status[track.status.value] += 1
+        statuses = [track.status for track in self._tracks(0, False)]
         noise = self.noise
         content: TrackSummary = {
             "source": str(self.tables[0].file),
@@ -199,7 +191,7 @@ class TriangulatedPoints:
             "seed": 0,
             "pairs": len(self.stamps_s),
             "frames": len(self.stamps_s),
-            "status": status,
+            "status": {kind.value: statuses.count(kind) for kind in Status},
             "followed_by": {},
             "ms_per_pair": self.stopwatch.summary(),
             "cameras": {"baseline_m": float(np.linalg.norm(self.view.right.center - self.view.left.center))},
@@ -215,7 +207,7 @@ class TriangulatedPoints:
                 "pairs": noise.pairs,
             },
         }
-        if self.clock is not None:
+        if self.clock:
             content["clock"] = numbers(self.clock)
         return content
 
@@ -261,13 +253,6 @@ def _pairs(tables: tuple[PointTable, PointTable], rows: NDArray[np.intp], column
         np.stack([table.likelihood[row, k] for table, row, k in places], axis=1),
         np.where(is_stated[..., None, None], stated, np.eye(2)),
     )
-
-
-def _delay(
-    params: ClockParams, view: StereoView, left: PointTable, right: PointTable, columns: Sequence[tuple[int, int]]
-) -> Delay:
-    """The delay between two tables, from all names."""
-    return estimate_delay(params, view, [(_path(left, a), _path(right, b)) for a, b in columns])
 
 
 def _path(table: PointTable, column: int) -> PointPath:
