@@ -126,6 +126,7 @@ class ArmState:
     escape_rad_s: Array | None = None  # (k,) rates out of the object's path; None: against the normals
     target_taxel: int | None = None  # of reaching: number of the taxel that the object's path passes nearest
     positions: tuple[tuple[float, Array], ...] = ()  # stamps and positions (3,) m of the object in the last half second
+    felt_s: float = -np.inf  # of reaching: stamp of the last activation of any taxel
     track_id: int = 0  # of the object that was last known
     stamp_s: float = -np.inf  # stamp of the last step
 

@@ -3,6 +3,7 @@
 Beyond R: the taxel moves towards the object instead of along its normal, and goes on when the object stops.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
@@ -27,6 +28,10 @@ class ReachingParams(ResponseParams):
     """Parameters of reaching."""
 
     mode: ClassVar[Mode] = "reach"
+    confirmation_s: float = 0.1
+    """Time for which the object must be within reach: a filter's position overshoots when the object stops."""
+    wait_s: float = 1.0
+    """Time after the last activation in which the arm may still begin: the object may come into reach as it stops."""
     persist_s: float = 3.0
     """Time for which reaching outlasts the activation: an object that waits to be touched has no time to contact."""
     damping_m: float = 0.03
@@ -48,21 +53,27 @@ class TaxelMotion(NamedTuple):
     dq: Array  # (n_joints,) rad/s
 
 
-def step(params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: bool) -> tuple[ArmState, Response]:
-    """Advance reaching by one control step; `is_reachable`: the reachable-space map's verdict on the object.
+def step(
+    params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: Callable[[int], bool]
+) -> tuple[ArmState, Response]:
+    """Advance reaching by one control step; `is_reachable`: the reachable-space map's verdict on the object, for the
+    body part of a taxel (its number).
 
     The arm reaches with the body part that the object's path ends at, also after the object has stopped, and returns
-    home once the object is lost or out of reach.  InputError as in `avoidance.step`.
+    home once the object is lost or out of that part's reach.  InputError as in `avoidance.step`.
     """
     state = avoidance.observed(state, arm)
-    is_active = arm.track.is_known and bool(np.any(arm.activations > params.threshold))
-    last_mode = state.mode
-    state = avoidance.next_state(params, state, arm, is_active, is_reachable)
+    is_known = arm.track.is_known
+    if is_known and np.any(arm.activations > params.threshold):
+        state = replace(state, felt_s=arm.stamp_s)
+    since_felt_s = arm.stamp_s - state.felt_s
+    is_active = is_known and since_felt_s <= (params.wait_s if state.mode == "idle" else 0.0)
+    target = state.target_taxel if state.mode == "reach" else None
+    if is_active:
+        target = target_taxel(params, arm, state)
+    state = avoidance.next_state(params, state, arm, is_active, target is not None and is_reachable(target))
     dq = np.zeros_like(arm.posture.q_rad)
-    if state.mode == "reach":
-        target = state.target_taxel if last_mode == "reach" else None
-        if target is None or is_active:
-            target = target_taxel(params, arm, state)
+    if state.mode == "reach" and target is not None:
         motion = ArmMotion(params, arm, avoidance.clearance_rows(arm, other_parts(arm, target)))
         touch = _fastest_touch(params, motion, target)
         state = replace(state, target_taxel=target, points=(touch.point,))

@@ -3,7 +3,7 @@
 Where it cannot, the nearest point that it does reach lies on the border of the reachable region.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -66,6 +66,16 @@ class Labels:
     def joined(self, more: "Labels") -> "Labels":
         """These labels and `more`, in this order."""
         return Labels(*(np.concatenate([getattr(self, f.name), getattr(more, f.name)]) for f in fields(self)))
+
+
+def of_nearest(labels: Sequence[Labels]) -> Labels:
+    """The labels of several points of the arm for the same gaze postures, each of the point that comes nearest; of
+    those that reach, of the one in the best posture."""
+    error = np.array([np.where(one.answered, one.error_m, np.inf) for one in labels])
+    good = np.array([np.where(one.reachable, one.optimality, -np.inf) for one in labels])
+    best = np.where(np.isfinite(good).any(axis=0), good.argmax(axis=0), error.argmin(axis=0))
+    at = best, np.arange(error.shape[1])
+    return Labels(**{f.name: np.stack([getattr(one, f.name) for one in labels])[at] for f in fields(Labels)})
 
 
 @dataclass(frozen=True)

@@ -199,10 +199,17 @@ def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
 class TrackReachability:
     """Reachability of the tracked object: track → gaze that fixates it → map (J, "Reachable space map")."""
 
-    def __init__(self, robot: Robot, reachable_map: ReachableMap, max_false_positives: float) -> None:
+    def __init__(
+        self, robot: Robot, reachable_map: ReachableMap, max_false_positives: float, touch_m: float | None = None
+    ) -> None:
         """At most the share `max_false_positives` of the unreachable postures is called reachable, by the map's own
-        probabilities: a false positive dooms a reach, a false negative only moves the body (J)."""
+        probabilities: a false positive dooms a reach, a false negative only moves the body (J).
+
+        `touch_m`: an object is reachable when the end point gets this near to its surface; None: when it gets to the
+        point fixated.
+        """
         self.map = reachable_map
+        self.touch_m = touch_m
         self.threshold = reachable_map.threshold(max_false_positives)
         self.gaze_model = GazeModel(robot)
 
@@ -218,7 +225,11 @@ class TrackReachability:
         predicted = self.map.query(gaze, self.threshold)
         if not predicted.within_limits[0]:
             return Reachability.without_answer(track.stamp_s, ReachStatus.NOT_FIXATED)
-        status = ReachStatus.REACHABLE if predicted.reachable[0] else ReachStatus.UNREACHABLE
+        is_reachable = predicted.reachable[0]
+        if self.touch_m is not None:
+            left_m = (1 - 2 * predicted.degree[0]) * self.map.max_error_m  # J IV.7, solved for the distance left
+            is_reachable = left_m <= track.radius_m + self.touch_m
+        status = ReachStatus.REACHABLE if is_reachable else ReachStatus.UNREACHABLE
         return Reachability(track.stamp_s, gaze[0], float(predicted.probability[0]), float(predicted.degree[0]), status)
 
     def reachable(self, gaze: Array) -> Mask:

@@ -60,6 +60,8 @@ class MapParams:
     border_clearance: float = 0.017
     """Labels closer to the border than this, in isotropic coordinates, are no nodes of the spline; 0 misjudges a tenth
     more (6000 labels, three seeds)."""
+    exact_m: float = 0.0
+    """Distances left between end point and fixation point are as exact as the border up to this one."""
     lattice: float = 0.04
     """Step of the map's lattice in isotropic coordinates."""
 

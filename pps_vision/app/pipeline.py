@@ -326,7 +326,7 @@ class Pipeline:
                 inputs.track.stamp_s, inputs.posture, arm.skin, activations, inputs.track, self.params.hold_s, *body
             )
             if isinstance(params, ReachingParams):
-                state, response = reaching.step(params, state, arm_input, inputs.is_reachable)
+                state, response = reaching.step(params, state, arm_input, lambda taxel: inputs.is_reachable)
             else:
                 arm_input = replace(arm_input, track=self._threat(arm, state, inputs))
                 state, response = avoidance.step(params, state, arm_input)

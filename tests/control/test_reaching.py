@@ -52,7 +52,7 @@ def reach(
     last_q = None
     for i, (track, a) in enumerate(inputs):
         arm = ArmInput(i * DT, robot.at(q), skin, a, track, DT if bodies is None else MAX_HOLD_S, bodies)
-        state, response = step(params, state, arm, is_reachable=True)
+        state, response = step(params, state, arm, is_reachable=lambda taxel: True)
         command = response.command
         if bodies is not None:
             command = last = limit(LimitParams(), bodies, robot.at(q), command, last, last_q)
@@ -71,7 +71,7 @@ def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot):
     track = ball(points[0] + 0.1 * normals[0], -0.05 * normals[0])
     for k, is_reachable in enumerate([False] * 4 + [True] * 4 + [False] + [True] * 3):
         arm = ArmInput(k * DT, posture, SKIN, felt_by("left_forearm:27"), track)
-        state, response = step(params, state, arm, is_reachable)
+        state, response = step(params, state, arm, lambda taxel, may=is_reachable: may)
         modes.append(response.mode)
         assert response.mode == "reach" or not response.command.dq_rad_s.any()
     assert modes == ["idle"] * 6 + ["reach"] * 2 + ["return"] + ["idle"] * 2 + ["reach"]
@@ -95,7 +95,7 @@ def test_reaching_outlasts_the_activation_by_three_seconds_but_not_the_track(
     posture = robot.at(home(robot))
     track = ball(SKIN.at(posture)[0][0] + 0.1) if is_known else Track3D.unknown(0.1)
     arm = ArmInput(100.0 + elapsed_s, posture, SKIN, felt_by("left_forearm:27") * is_felt, track)
-    assert step(AT_ONCE, state, arm, is_reachable=True)[1].mode == mode
+    assert step(AT_ONCE, state, arm, is_reachable=lambda taxel: True)[1].mode == mode
 
 
 @pytest.mark.parametrize(("elapsed_s", "share"), [(0.15, 0.5), (1.0, 1.0)])
@@ -106,7 +106,7 @@ def test_the_way_home_is_eased_into(robot, elapsed_s, share):
     q[elbow] += np.deg2rad(1)
     stamp_s = 100.0 + elapsed_s
     arm = ArmInput(stamp_s, robot.at(q), SKIN, 0 * felt_by("left_palm:101"), Track3D.unknown(stamp_s))
-    dq = step(PARAMS, ArmState("return", 100.0), arm, is_reachable=False)[1].command.dq_rad_s
+    dq = step(PARAMS, ArmState("return", 100.0), arm, is_reachable=lambda taxel: False)[1].command.dq_rad_s
     assert dq[elbow] == pytest.approx(-3 * np.deg2rad(1) * share)
 
 
@@ -148,7 +148,10 @@ def test_the_target_is_the_taxel_that_the_path_passes_nearest(robot, active):
     for i, (k, a) in enumerate([(first, felt_by(active)), (second, felt_by()), (second, felt_by(active))]):
         track = ball(points[k] + 0.2 * normals[k], -0.05 * normals[k])
         state, response = step(
-            AT_ONCE, replace(state, positions=()), ArmInput(i * DT, posture, SKIN, a, track), is_reachable=True
+            AT_ONCE,
+            replace(state, positions=()),
+            ArmInput(i * DT, posture, SKIN, a, track),
+            is_reachable=lambda taxel: True,
         )
         assert response.mode == "reach"
         assert state.target_taxel == (second if i == 2 else first)
@@ -265,7 +268,7 @@ def test_an_arm_reaches_with_the_damping_that_touches_first(robot, shares, chose
     at = skin.at(posture)[0][0] + 0.2 * moves / np.linalg.norm(moves)
     params = replace(AT_ONCE, arm=ArmParams(resting=6))
     arm = ArmInput(0.0, posture, skin, np.ones(1), ball(at), hold_s=0.4, self_collision=Watched(robot))
-    _, response = step(params, ArmState(), arm, is_reachable=True)
+    _, response = step(params, ArmState(), arm, is_reachable=lambda taxel: True)
     rates = np.array(changes)[:, pitch] / 0.4
     r2 = moves @ moves
     np.testing.assert_allclose(rates, 0.1 * np.sqrt(r2) / (r2 + np.array([0.03, 0.003]) ** 2), rtol=1e-3)

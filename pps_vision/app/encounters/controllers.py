@@ -7,7 +7,7 @@ A controller is one function of (activations (n,) of the arm's taxels, track, po
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -40,6 +40,7 @@ GATE_M = 0.05, 0.01
 _HISTORY_S = 0.5  # within which the object must have approached
 _DAMPING_M = 0.003
 _RETURN_PER_S = 3.0
+_REACH_HOLD_S = 0.2
 _AT_HOME_RAD = np.deg2rad(0.2)
 
 
@@ -53,13 +54,18 @@ class ArmScene:
     home_rad: Array  # (n_joints,) posture at the start
     self_collision: SelfCollision  # distances of the robot's bodies
     behaviour: Literal["avoid", "reach"] = "avoid"  # whether the object is to be avoided or to be reached for
-    reachability: TrackReachability | None = None
-    """The arm's reachable-space map; None: everything is taken to be within reach."""
+    reachability: Mapping[str, TrackReachability] | None = None
+    """By taxel, the reachable-space map of its body part; None: everything is taken to be within reach."""
 
     @cached_property
     def arm(self) -> list[int]:
         """Indices of the arm's joints in the configuration vector."""
         return self.robot.indices(self.robot.names.arm(self.side))
+
+    @property
+    def hold_s(self) -> float:
+        """Time for which a command may be held; a short one lets a joint come to its limit sooner."""
+        return _REACH_HOLD_S if self.behaviour == "reach" else MAX_HOLD_S
 
     @cached_property
     def palm(self) -> str:
@@ -84,12 +90,15 @@ def ours(scene: ArmScene, resting: int = 0, numbers: ControllerParams | None = N
     body = scene.self_collision, BareLinks(scene.robot, scene.skin, scene.side)
     state = ArmState()
 
+    def within_reach(posture: Posture, track: Track3D, taxel: int) -> bool:
+        maps = scene.reachability
+        return maps is None or maps[scene.skin.taxel_ids[taxel]](posture.q_rad, track).is_reachable
+
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal state
-        arm = ArmInput(track.stamp_s, posture, scene.skin, activations, track, MAX_HOLD_S, *body)
+        arm = ArmInput(track.stamp_s, posture, scene.skin, activations, track, scene.hold_s, *body)
         if isinstance(params, ReachingParams):
-            may_reach = scene.reachability is None or scene.reachability(posture.q_rad, track).is_reachable
-            state, response = reaching.step(params, state, arm, may_reach)
+            state, response = reaching.step(params, state, arm, partial(within_reach, posture, track))
         else:
             state, response = avoidance.step(params, state, arm)
         return response.command.dq_rad_s
@@ -205,7 +214,7 @@ def room(scene: ArmScene, posture: Posture) -> tuple[Array, Array]:
     """Return the lowest and highest rates (k,) of the arm's joints."""
     lower = scene.robot.lower_rad[scene.arm]
     upper = scene.robot.upper_rad[scene.arm]
-    return rate_limits(posture.q_rad[scene.arm], lower, upper, LimitParams().joint_rad_s, 1 / MAX_HOLD_S)
+    return rate_limits(posture.q_rad[scene.arm], lower, upper, LimitParams().joint_rad_s, 1 / scene.hold_s)
 
 
 def on_arm(scene: ArmScene, rates: Array) -> Array:

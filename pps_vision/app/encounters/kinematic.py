@@ -1,6 +1,6 @@
 """One encounter without rendering: the arm obeys, the object moves on its path, the skin is touched or not."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Literal, NamedTuple
@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from control.limits import MAX_HOLD_S, LimitParams, limit
+from control.limits import LimitParams, limit
 from learning.pps import learner
 from learning.pps.learner import LearnerState, SkinFrame
 from learning.pps.memory import PPSMemory
@@ -134,7 +134,7 @@ def simulate_encounter(
     new_controller: Callable[[ArmScene], Controller],
     tracks: Sequence[Track3D],
     frames: list[FrameLog] | None = None,
-    reachability: TrackReachability | None = None,
+    reachability: Mapping[str, TrackReachability] | None = None,
     erring: tuple[EncounterScene, Array] | None = None,
     field: ReceptiveField = NEAR,
 ) -> EncounterResult:
@@ -154,7 +154,8 @@ def simulate_encounter(
     believed_skin = believed.skins[encounter.side]
     home_rad = encounter.q_rad + reading
     robot = believed.robot, believed_skin, encounter.side, home_rad, believed.self_collision
-    act = new_controller(ArmScene(*robot, behaviour, reachability))
+    arm_scene = ArmScene(*robot, behaviour, reachability)
+    act = new_controller(arm_scene)
     monitor = EncounterMonitor(scene, encounter)
     q = encounter.q_rad
     posture = believed.robot.at(home_rad)
@@ -174,7 +175,7 @@ def simulate_encounter(
         rates = act(activations, track, posture)
         command: JointVelocity | None = None
         if np.any(rates) or (last is not None and np.any(last.dq_rad_s)):
-            requested = JointVelocity(t, rates, MAX_HOLD_S)
+            requested = JointVelocity(t, rates, arm_scene.hold_s)
             command = limit(LimitParams(), believed.self_collision, posture, requested, last, last_q)
             monitor.add_command(t, command.dq_rad_s, arm)
         last = command

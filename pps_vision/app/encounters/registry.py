@@ -44,8 +44,6 @@ OURS, TRUE, NONE = "ours", "true positions", "no avoidance"
 """Ours; the upper bound, ours on tracks without error; the lower bound, which never moves."""
 WRIST_AT_REST = "ours, wrist at rest"
 """The three joints of the wrist at rest, as R's robot moved."""
-ASKING = "ours, asking the map"
-"""As the pipeline reaches: only for what the reachable-space map of the palm calls reachable."""
 R_MAP = "ours, R's map"
 """Our controller on the activations of R's 8 × 4 map, which does not know the path."""
 ONE, ONE_GATED, GEOMETRY = "constant 1, no gates", "constant 1, gates", "geometry only"
@@ -58,8 +56,8 @@ MEMORY_OF: dict[str, MemoryName] = {
     **dict.fromkeys(UNLEARNED, "constant"),
 }
 """The memory whose activations a controller is given; default: the probability of touch."""
-REACHING = (OURS, ASKING, "R eq. 6", "distance only", TRUE)
-"""Controllers that can reach; all but `ASKING` can avoid as well."""
+REACHING = (OURS, "R eq. 6", "distance only", TRUE)
+"""Controllers that can reach as well."""
 
 
 def potential_field(scene: ArmScene, numbers: ControllerParams) -> Controller:
@@ -256,7 +254,7 @@ def field_of(name: str) -> ReceptiveField:
 def new_controller(name: str, numbers: ControllerParams | None = None) -> NewController:
     """Return the maker of a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION";
     InputError if there is none."""
-    if name in (OURS, ASKING, TRUE, ONE, R_MAP):
+    if name in (OURS, TRUE, ONE, R_MAP):
         return lambda scene: ours(scene, numbers=numbers)
     if name == ONE_GATED:
         return gated

@@ -14,24 +14,29 @@ from tqdm import tqdm
 
 from learning.pps.memory import load_memory, save_memory
 from learning.reach.map import ReachableMap, TrackReachability
-from learning.reach.params import MapParams
-from learning.reach.training import train_reachable_map
+from learning.reach.params import ArmLimits, MapParams
+from learning.reach.training import train_part_map
 from pps_vision.app.encounters.controllers import ControllerParams
-from pps_vision.app.encounters.encounter import Condition, EncounterScene, draw
-from pps_vision.app.encounters.kinematic import can_touch, simulate_encounter
-from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, field_of, memory_of, new_controller
+from pps_vision.app.encounters.encounter import Condition, EncounterScene, Part, draw
+from pps_vision.app.encounters.kinematic import body_part, can_touch, simulate_encounter
+from pps_vision.app.encounters.registry import NONE, REACHING, TRUE, field_of, memory_of, new_controller
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
 from pps_vision.recordings.atomic_write import plain, whole_file
 from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.worker_pool import worker_pool
 
 Rows = list[dict[str, Any]]
 AnyTask = TypeVar("AnyTask")
 _PART = 6  # encounters per file of an interrupted run
-_LABELS = 6000  # labels of a reachable-space map, times the share of the training
-_GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
+_LABELS = 1500  # labels of a body part's map of reachable space, times the share of the training
+_FEWEST_LABELS = 200
+_EXACT_M = 0.1  # more than an object's radius and the distance of a touch
+_DEG = np.pi / 180
+_GAZE = GazeLimits((-65 * _DEG, 65 * _DEG), (-110 * _DEG, 0.0), (7 * _DEG, 40 * _DEG))
+"""Of all objects near the arms: down to their elbows."""
 
 
 class Task(NamedTuple):
@@ -68,7 +73,7 @@ def run_suite(
     """
     for name in controllers:
         new_controller(name.partition("#")[0])  # refuse an unknown one at once
-    _train(folder, seed, share, needs_map=ASKING in controllers and counts.get("reach", 0) > 0)
+    _train(folder, seed, share, needs_maps=counts.get("reach", 0) > 0)
     tasks = [
         Task(condition, first, min(_PART, n - first), seed, tuple(controllers), numbers or {})
         for condition, n in counts.items()
@@ -106,17 +111,27 @@ def _stored(rows_of: Callable[[AnyTask, Path], Rows], task: AnyTask, file: Path)
     return stored
 
 
-def _train(folder: Path, seed: int, share: float, needs_map: bool) -> None:
+def _train(folder: Path, seed: int, share: float, needs_maps: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for side in get_args(Side):
-        *memory_files, map_file = _files(folder, side)
+        memory_files = _memory_files(folder, side)
         if not memory_files[-1].exists():
             for file, memory in zip(memory_files, learn(_scene(), side, seed, share), strict=True):
                 save_memory(file, memory)
-        if needs_map and not map_file.exists():
-            n = max(round(share * _LABELS), 100)
-            params = MapParams(_GAZE, n_labels=n, round_labels=min(1500, n // 2))
-            train_reachable_map(_scene().robot, side, np.random.default_rng(seed), params).save(map_file)
+        for part in get_args(Part) if needs_maps else ():
+            if not (file := _map_file(folder, side, part)).exists():
+                reachable_part(_scene(), side, part, np.random.default_rng(seed), share).save(file)
+
+
+def reachable_part(
+    scene: EncounterScene, side: Side, part: Part, rng: np.random.Generator, share: float = 1.0
+) -> ReachableMap:
+    """Return the map of the points that any taxel of a body part can be brought to, with a share of the labels."""
+    n = max(round(share * _LABELS), _FEWEST_LABELS)
+    arm_limits = ArmLimits.of(scene.robot, side)
+    params = MapParams(_GAZE, arm_limits, n, n // 2, n_babble=20_000, lattice=0.05, exact_m=_EXACT_M)
+    taxels = [taxel for taxel in scene.skins[side].taxel_ids if body_part(taxel) == part]
+    return train_part_map(scene.robot, side, taxels, rng, params)
 
 
 def _rows_of_task(task: Task, folder: Path) -> Rows:
@@ -133,7 +148,7 @@ def _rows(task: Task, number: int, folder: Path) -> Rows:
     reachable = can_touch(scene, encounter, track_rng(task.seed, task.condition, number)) if is_reach else None
     rows: Rows = []
     for name in task.controllers:
-        if name not in (*REACHING, NONE) if is_reach else name == ASKING:
+        if is_reach and name not in (*REACHING, NONE):
             continue
         result = simulate_encounter(
             scene,
@@ -143,7 +158,7 @@ def _rows(task: Task, number: int, folder: Path) -> Rows:
             new_controller(name.partition("#")[0], task.numbers.get(name)),
             true if name == TRUE else measured,
             field=field_of(name),
-            reachability=_maps(folder)[encounter.side] if name == ASKING else None,
+            reachability=_maps(folder)[encounter.side] if is_reach else None,
         )
         rows.append({**asdict(result), "reachable": reachable})
     return rows
@@ -161,15 +176,25 @@ def _scene() -> EncounterScene:
 
 @cache
 def _memories(folder: Path) -> dict[Side, Memories]:
-    return {side: Memories(*(load_memory(file) for file in _files(folder, side)[:-1])) for side in get_args(Side)}
+    return {side: Memories(*(load_memory(file) for file in _memory_files(folder, side))) for side in get_args(Side)}
 
 
 @cache
-def _maps(folder: Path) -> dict[Side, TrackReachability]:
-    maps = {side: ReachableMap.load(_files(folder, side)[-1]) for side in get_args(Side)}
-    return {side: TrackReachability(_scene().robot, learned, 1e-3) for side, learned in maps.items()}
+def _maps(folder: Path) -> dict[Side, dict[str, TrackReachability]]:
+    """By arm and taxel, the map of the taxel's body part."""
+    robot = _scene().robot
+
+    def of_arm(side: Side) -> dict[str, TrackReachability]:
+        learned = {part: ReachableMap.load(_map_file(folder, side, part)) for part in get_args(Part)}
+        asked = {part: TrackReachability(robot, learned[part], 1e-3, TOUCH_RADIUS_M) for part in learned}
+        return {taxel: asked[body_part(taxel)] for taxel in _scene().skins[side].taxel_ids}
+
+    return {side: of_arm(side) for side in get_args(Side)}
 
 
-def _files(folder: Path, side: str) -> list[Path]:
-    """Files of the memories and the map of an arm."""
-    return [folder / f"{side} {name}.npz" for name in (*Memories._fields, "reachable")]
+def _memory_files(folder: Path, side: Side) -> list[Path]:
+    return [folder / f"{side} {name}.npz" for name in Memories._fields]
+
+
+def _map_file(folder: Path, side: Side, part: Part) -> Path:
+    return folder / f"{side} {part}.npz"

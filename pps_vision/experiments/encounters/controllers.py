@@ -17,7 +17,6 @@ from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, SPEED_M_S, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
-    ASKING,
     BASELINES,
     NAMES,
     NONE,
@@ -86,7 +85,7 @@ def run(study: Any) -> dict[str, Any]:
     names = (*NAMES, study.controller) if study.controller else NAMES
     numbers = {condition: ceil(share * study.n) for condition, share in _SHARES.items()}
     folder = unfinished_folder(study, "controllers")
-    rows = run_suite(folder, numbers, study.seed, (*names, ASKING), study.workers, study.share)
+    rows = run_suite(folder, numbers, study.seed, names, study.workers, study.share)
     if study.json is not None:
         with whole_file(study.json) as partial:
             write_json(partial, {"encounters": rows})
@@ -96,7 +95,7 @@ def run(study: Any) -> dict[str, Any]:
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
     """Return the numbers of tables and chart from a row for each encounter and controller."""
     rows = [row | {"untouched": not row["touched"], "still": not row["commands"]} for row in rows]
-    by_name = {name: [row for row in rows if row["controller"] == name] for name in (*names, ASKING)}
+    by_name = {name: [row for row in rows if row["controller"] == name] for name in names}
     faults = [row for row in rows if row["faults"] or not row["self_distance_m"] * 1000 >= MIN_SELF_DISTANCE_MM]
     return {
         "encounters": {c: len(_of_condition(by_name[OURS], c)) for c in (*HAZARDS, *HARMLESS)},
@@ -199,7 +198,7 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
         ("15–30 cm/s: points above true positions", "≥ ", -5, cells[TRUE]["fast, ours above"]),
         ("harmless: no command (%)", "≥ ", 99, ours["still, all"]),
         ("reached by the part aimed at (%)", "≥ ", 98, reaching[OURS]["reachable: by the part aimed at"]),
-        ("out of reach, attempted (%)", "", 0, reaching[ASKING]["out of reach: attempted"]),
+        ("out of reach, attempted (%)", "", 0, reaching[OURS]["out of reach: attempted"]),
         ("smallest self-collision distance (mm)", "≥ ", MIN_SELF_DISTANCE_MM, [limits["smallest_self_distance_mm"]]),
         ("encounters that left a limit", "", 0, [limits["left"]]),
     ]

@@ -1,19 +1,22 @@
 """The suite: every controller avoids a slow object, others plug in, an interrupted run goes on; one rendered."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from learning.reach.map import TrackReachability
 from pps_vision.app.encounters import suite
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import ASKING, NAMES, NONE, OURS, TRUE, memory_of, new_controller
+from pps_vision.app.encounters.registry import NAMES, NONE, OURS, TRUE, memory_of, new_controller
 from pps_vision.app.encounters.rendered import render_encounter
+from pps_vision.app.encounters.suite import reachable_part
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.errors import InputError
-from pps_vision.types import Array, Reachability, ReachStatus, Track3D
+from pps_vision.robot.skin import TOUCH_RADIUS_M
 
 PLUGIN = """
 from pathlib import Path
@@ -80,18 +83,20 @@ def test_a_controller_plugs_in_and_an_interrupted_run_goes_on(tmp_path, monkeypa
 
 
 def test_what_the_map_calls_unreachable_is_not_attempted(scene, memories):
-    encounter = draw(scene, "reach", 0, 3)
+    """The map of the part that the object comes to decides: with it the part touches, with none of its own the arm
+    rests, whatever the others reach."""
+    encounter = draw(scene, "reach", 2, 3)
     tracks = track_of(scene, encounter, np.random.default_rng(1))
-    arguments = scene, memories["left"].of_both, encounter, ASKING, new_controller(ASKING), tracks
-    stamps_s: list[float] = []
-
-    def unreachable(q_rad: Array, track: Track3D) -> Reachability:
-        stamps_s.append(track.stamp_s)
-        return Reachability.without_answer(track.stamp_s, ReachStatus.UNREACHABLE)
-
-    assert simulate_encounter(*arguments).commands > 0, "without a map"
-    assert simulate_encounter(*arguments, reachability=unreachable).commands == 0
-    assert stamps_s == [track.stamp_s for track in tracks]
+    arguments = scene, memories["left"].probability, encounter, OURS, new_controller(OURS), tracks
+    robot = scene.robot
+    palm = reachable_part(scene, "left", "palm", np.random.default_rng(0))
+    nothing = replace(palm, signed_distance=palm.signed_distance - 9, error_m=palm.error_m + 9, max_error_m=10)
+    reached, unreached = (TrackReachability(robot, learned, 1e-3, TOUCH_RADIUS_M) for learned in (palm, nothing))
+    by_taxel = dict.fromkeys(scene.skins["left"].taxel_ids, unreached)
+    assert encounter.part == "palm"
+    assert simulate_encounter(*arguments, reachability=by_taxel).commands == 0
+    by_taxel |= {taxel: reached for taxel in by_taxel if taxel.startswith("left_palm")}
+    assert simulate_encounter(*arguments, reachability=by_taxel).touched_part == "palm"
 
 
 @pytest.mark.long

@@ -203,6 +203,13 @@ def test_few_false_positives_are_asked_for_by_a_higher_probability():
     assert (few.status, many.status) == (ReachStatus.UNREACHABLE, ReachStatus.REACHABLE)
 
 
+def test_an_object_is_reachable_by_touch_where_the_end_point_comes_near_enough_to_its_surface():
+    """At a degree of 0.25 half of the largest 40 cm are left to the centre, of a ball of 3 cm 17 cm to its surface."""
+    ball = track(at_gaze(0.25, -0.3, 0.3))
+    said = [TrackReachability(ROBOT, left_half(), 1e-3, touch_m)(home(ROBOT), ball) for touch_m in (0.16, 0.18)]
+    assert [reach.is_reachable for reach in said] == [False, True]
+
+
 def test_a_border_that_lies_between_points_of_the_lattice_leaves_what_is_sure_reachable():
     """All of the lattice's probabilities but one are 0 or 1."""
     judge = TrackReachability(ROBOT, left_half(softness=1e-6), 1e-3)

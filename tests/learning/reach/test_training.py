@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from data import SEED
+from scipy.optimize import least_squares
 from scipy.stats import binomtest
 
 from learning.reach.labels import HandModel, Labels, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
-from learning.reach.training import learned_from
+from learning.reach.training import learned_from, train_part_map
 from pps_vision.errors import InputError
-from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
+from pps_vision.robot.skin import EndPoint
 
 LIMITS = GazeLimits()
 PARAMS = MapParams(n_labels=600, round_labels=200, lattice=0.2)
@@ -245,3 +247,27 @@ def test_answers_that_contradict_their_neighbours_are_not_believed():
     band = (high - low) / (LIMITS.upper[0] - LIMITS.lower[0])
     assert band == pytest.approx(0.1, abs=0.01)
     assert 0.04 * band < learned.expected_error < 0.1 * band  # some right answers are not predicted either
+
+
+def test_the_map_of_a_body_part_knows_how_far_its_nearest_taxel_gets():
+    """Against least squares by SciPy with the robot's own chain, to 3 mm."""
+    robot = load_icub()
+    taxels = ("left_palm:101", "left_palm:134")
+    limits = GazeLimits((-0.9, 0.5), (-1.6, -0.3), (0.12, 0.5))
+    params = MapParams(limits, ArmLimits.of(robot, "left"), 600, 300, n_babble=5000, lattice=0.06, exact_m=0.1)
+    rng = np.random.default_rng(SEED)
+    learned = train_part_map(robot, "left", taxels, rng, params)
+    gaze = rng.uniform(limits.lower, limits.upper, (300, 3))
+    left_m = (1 - 2 * learned.query(gaze).degree) * learned.max_error_m
+    near = np.flatnonzero((left_m > 0.01) & (left_m < 0.09))[:6]
+    points = GazeModel(robot).points(gaze[near])
+    hands = [EndPoint.of(robot, "left", taxel, 7) for taxel in taxels]
+    bounds = params.arm_limits.lower_rad, params.arm_limits.upper_rad
+    starts = rng.uniform(*bounds, (4, 7))
+
+    def least_m(point):
+        misses = [lambda q, hand=hand: hand.positions(q[None])[0][0] - point for hand in hands]
+        return min(np.linalg.norm(least_squares(miss, q, bounds=bounds).fun) for miss in misses for q in starts)
+
+    exact = [least_m(point) for point in points]
+    assert np.median(np.abs(left_m[near] - exact)) < 0.003
