@@ -351,7 +351,7 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
     scene = EncounterScene(read_robot(robot) if robot else None)
     sides = dict.fromkeys(side for side, _ in scene.targets)
     with whole_folder(out) as folder, TemporaryDirectory() as videos:
-        memories = {side: learn(scene, side, seed, share).of_both for side in sides}
+        memories = {side: learn(scene, side, seed, share).probability for side in sides}
         encounters = []
         for k in progress(range(n), desc="encounters", unit="encounter", after_s=0.0):
             encounter = draw(scene, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)

@@ -10,6 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import PPSMemory
+from pps_vision.app.intervals import percent_of
 from pps_vision.app.pipeline import PipelineStep
 from pps_vision.app.simulation import (
     SPEED_M_S,
@@ -23,7 +24,7 @@ from pps_vision.app.simulation import (
     simulate,
     train,
 )
-from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy, percent_of
+from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.experiments.timing import timed
 from pps_vision.recordings.robot_file import read_robot

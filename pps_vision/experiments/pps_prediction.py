@@ -21,6 +21,7 @@ from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import MemoryParams, activation, smoothed
 from pps_vision.app.encounters.encounter import TRIALS, SessionName
 from pps_vision.app.encounters.robots import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
+from pps_vision.app.intervals import percent_of
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
 from pps_vision.experiments.pps.taxel_trials import (
@@ -32,7 +33,7 @@ from pps_vision.experiments.pps.taxel_trials import (
     perceive,
     train_memory,
 )
-from pps_vision.experiments.study import DATA, Part, interval, percent_of
+from pps_vision.experiments.study import DATA, Part, interval
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array, Mask
 

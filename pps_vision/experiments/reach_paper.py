@@ -19,6 +19,7 @@ from learning.reach.babbling import Babbled, babble
 from learning.reach.labels import Labels, ReachOracle
 from learning.reach.map import both
 from learning.reach.training import train_reachable_map
+from pps_vision.app.intervals import percent_of
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.jamone import MapQuery
@@ -35,7 +36,7 @@ from pps_vision.experiments.reach_truth import (
     to_root,
     to_simulator,
 )
-from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval, percent_of
+from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub

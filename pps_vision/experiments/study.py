@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binomtest
 from tqdm import tqdm
 
 from pps_vision import experiments
@@ -300,14 +299,6 @@ def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mea
     resampled = [summary(np.concatenate([arrays[k] for k in draw])) for draw in draws]
     ends = [np.nan] * 2 if np.all(np.isnan(resampled)) else np.nanpercentile(resampled, (2.5, 97.5)).tolist()
     return [summary(np.concatenate(arrays)), *ends]
-
-
-def percent_of(counted: int, n: int) -> list[float]:
-    """Return the percentage of n independent units that count, with Wilson's 95 % interval; NaN of none."""
-    if not n:
-        return [np.nan] * 3
-    ends = binomtest(counted, n).proportion_ci(method="wilson")
-    return [100 * float(value) for value in (counted / n, ends.low, ends.high)]
 
 
 def compare(

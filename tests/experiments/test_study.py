@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pps_vision.experiments.study import Axis, Break, Metric, compare_severities, interval, mean, percent_of
+from pps_vision.app.intervals import percent_of
+from pps_vision.experiments.study import Axis, Break, Metric, compare_severities, interval, mean
 
 
 def test_intervals_are_of_independent_units():

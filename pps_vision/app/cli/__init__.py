@@ -29,7 +29,7 @@ COMMANDS = (
         "learn",
         "joints",
     ),
-    *("report", "show", "convert-taxels", "reach", "demo", "bench"),
+    *("report", "show", "convert-taxels", "reach", "demo", "encounters", "bench"),
 )
 _DESCRIPTION = (
     "Stereo vision for robots that feel what is about to touch them. `pps-vision --version` says which version."

@@ -31,10 +31,6 @@ class Bench:
     """robot.toml of another robot for `loop`; give --out."""
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
-    controller: str | None = None
-    """A further controller of `encounters`, MODULE:FUNCTION."""
-    json: Path | None = None
-    """File for a row of every encounter of `encounters`."""
     workers: int | None = None
     """Number of studies that run in parallel; of `encounters` alone, number of its encounters."""
     out: Path = Path("docs")
@@ -53,6 +49,6 @@ class Bench:
         if not self.names:
             print(listing())
             return
-        parameters = ("n", "seed", "seconds", "scenes", "parts", "robot", "data", "controller", "json", "workers")
+        parameters = ("n", "seed", "seconds", "scenes", "parts", "robot", "data", "workers")
         overrides = {name: getattr(self, name) for name in parameters if getattr(self, name) is not None}
         bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw, short=self.short)

@@ -1,7 +1,7 @@
 """Interface of the controllers, our controller and R's two.
 
 A controller is one function of (activations (n,) of the arm's taxels, track, posture) that returns joint rates
-(n_joints,) rad/s. `pps-vision bench encounters --controller MODULE:FUNCTION` adds another one: FUNCTION is given an
+(n_joints,) rad/s. `pps-vision encounters --controller MODULE:FUNCTION` adds another one: FUNCTION is given an
 `ArmScene` at the start of each encounter and returns the controller for it.
 """
 

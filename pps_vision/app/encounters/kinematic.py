@@ -32,7 +32,7 @@ _CLEARANCE_M = 0.025  # self-collision distance that our arm keeps
 
 @dataclass(frozen=True)
 class EncounterResult:
-    """Outcome of an encounter: a row of `--json`."""
+    """Outcome of an encounter: a row of encounters.json."""
 
     condition: str
     number: int

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
 
@@ -20,7 +21,7 @@ from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import Condition, EncounterScene, Part, draw
 from pps_vision.app.encounters.kinematic import body_part, can_touch, simulate_encounter
 from pps_vision.app.encounters.registry import NONE, REACHING, TRUE, field_of, memory_of, new_controller
-from pps_vision.app.encounters.tracks import track_of, true_track_of
+from pps_vision.app.encounters.tracks import Perception, perceived_track
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
 from pps_vision.recordings.atomic_write import plain, whole_file
@@ -49,6 +50,7 @@ class Task(NamedTuple):
     controllers: tuple[str, ...]
     """Names, of a baseline perhaps with `#` and the number of its parameters among `numbers`."""
     numbers: Mapping[str, ControllerParams] = {}  # other parameters than the tuned ones
+    perceptions: tuple[Perception, ...] = ("track",)
 
 
 def run_suite(
@@ -59,8 +61,9 @@ def run_suite(
     workers: int,
     share: float,
     numbers: Mapping[str, ControllerParams] | None = None,
+    perceptions: tuple[Perception, ...] = ("track",),
 ) -> Rows:
-    """Return a row for each encounter and controller; they do not depend on the number of `workers`.
+    """Return a row for each encounter, perception and controller; they do not depend on the number of `workers`.
 
     Args:
         folder: Finished parts are kept there until all are; an interrupted run with the same arguments goes on there.
@@ -70,12 +73,13 @@ def run_suite(
         workers: Processes; with 1 everything runs in this one.
         share: Share of the training approaches and of the maps' labels.
         numbers: Parameters by a name "CONTROLLER#k".
+        perceptions: What the controllers are given of the object.
     """
     for name in controllers:
         new_controller(name.partition("#")[0])  # refuse an unknown one at once
     _train(folder, seed, share, needs_maps=counts.get("reach", 0) > 0)
     tasks = [
-        Task(condition, first, min(_PART, n - first), seed, tuple(controllers), numbers or {})
+        Task(condition, first, min(_PART, n - first), seed, tuple(controllers), numbers or {}, perceptions)
         for condition, n in counts.items()
         for first in range(0, n, _PART)
     ]
@@ -139,15 +143,15 @@ def _rows_of_task(task: Task, folder: Path) -> Rows:
 
 
 def _rows(task: Task, number: int, folder: Path) -> Rows:
-    """Rows of one encounter, one a controller, all with the same track errors."""
+    """Rows of one encounter, one a controller and perception, all with the same random numbers."""
     scene = _scene()
     encounter = draw(scene, task.condition, number, task.seed)
-    measured = track_of(scene, encounter, track_rng(task.seed, task.condition, number))
-    true = true_track_of(encounter)
+    seeds = task.seed, task.condition, number
+    tracks = {p: perceived_track(scene, encounter, p, track_rng(*seeds)) for p in ("truth", *task.perceptions)}
     is_reach = encounter.condition == "reach"
-    reachable = can_touch(scene, encounter, track_rng(task.seed, task.condition, number)) if is_reach else None
+    reachable = can_touch(scene, encounter, track_rng(*seeds)) if is_reach else None
     rows: Rows = []
-    for name in task.controllers:
+    for perception, name in product(task.perceptions, task.controllers):
         if is_reach and name not in (*REACHING, NONE):
             continue
         result = simulate_encounter(
@@ -156,11 +160,11 @@ def _rows(task: Task, number: int, folder: Path) -> Rows:
             encounter,
             name,
             new_controller(name.partition("#")[0], task.numbers.get(name)),
-            true if name == TRUE else measured,
+            tracks["truth" if name == TRUE else perception],
             field=field_of(name),
             reachability=_maps(folder)[encounter.side] if is_reach else None,
         )
-        rows.append({**asdict(result), "reachable": reachable})
+        rows.append({**asdict(result), "reachable": reachable, "perception": perception})
     return rows
 
 

@@ -5,7 +5,7 @@ the object's), and an error drawn anew in every frame. The filter is given their
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from pps_vision.types import Array, Status, Track3D
 from tracking import kalman
 from tracking.kalman import KalmanParams
 from tracking.tracker import TrackerParams
+
+Perception = Literal["truth", "track", "noisy track"]
+"""What a controller is given of the object: its exact motion, the tracker's errors, or more."""
+NOISE = 3.0
+"""Factor of the errors of a noisy track."""
 
 
 class TrackError(NamedTuple):
@@ -36,11 +41,22 @@ in all for a rendered ball at 0.4 m (`bench stages`, part `stereo`), here 0.33 m
 _RADIUS_STD = 0.05  # relative standard deviation of the tracked radius
 
 
-def track_of(scene: EncounterScene, encounter: Encounter, rng: np.random.Generator) -> Sequence[Track3D]:
-    """Return the track of every frame of an encounter, unknown until it is confirmed."""
+def perceived_track(
+    scene: EncounterScene, encounter: Encounter, perception: Perception, rng: np.random.Generator
+) -> Sequence[Track3D]:
+    """Return the track of every frame: exact, with the tracker's errors, or with `NOISE` times these."""
+    if perception == "truth":
+        return true_track_of(encounter)
+    return track_of(scene, encounter, rng, NOISE if perception == "noisy track" else 1.0)
+
+
+def track_of(
+    scene: EncounterScene, encounter: Encounter, rng: np.random.Generator, noise: float = 1.0
+) -> Sequence[Track3D]:
+    """Return the track of every frame of an encounter, unknown until it is confirmed; `noise`: factor of the errors."""
     params = TrackerParams()
     kalman_params = KalmanParams()
-    constant_m, random_m = (np.array(rms_m)[[1, 1, 0]] for rms_m in ERRORS[encounter.stimulus])
+    constant_m, random_m = (noise * np.array(rms_m)[[1, 1, 0]] for rms_m in ERRORS[encounter.stimulus])
     cov = np.diag(constant_m**2 + random_m**2)
     view = scene.rig.view(encounter.q_rad)
     baseline = view.right.center - view.left.center

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 from pps_vision.experiments.encounters import activation, controllers, learning, sessions, unknown
@@ -43,9 +42,6 @@ class Encounters(PartsStudy):
     avoidance_min: float = 20.0  # length of the sessions of avoidance
     reaching_min: float = 10.0  # length of the session of reaching
     share: float = 1.0  # share of R's numbers of training approaches (Table 5), and of the sessions' lengths
-    controller: str = ""
-    """A further controller, "MODULE:FUNCTION" (`pps_vision.app.encounters.controllers`)."""
-    json: Path | None = None  # file for a row of every encounter of the part `controllers`
     workers: int = 2  # parallel processes
 
     @property

@@ -32,11 +32,11 @@ from pps_vision.app.encounters.rendered import render_encounter
 from pps_vision.app.encounters.suite import Rows, run_suite, track_rng
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import learn
+from pps_vision.app.intervals import percent_of
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.study import NOISE_SIGMA, interval, percent_of, quartiles
+from pps_vision.experiments.study import NOISE_SIGMA, interval, quartiles
 from pps_vision.experiments.tables import Table, estimate, judged
-from pps_vision.recordings.atomic_write import whole_file, write_json
 
 SLOW_M_S = 0.15  # largest speed of the objects that approached R's robot
 MIN_SELF_DISTANCE_MM = 20.0  # self-collision distance that no encounter may come below
@@ -71,7 +71,7 @@ def rate(rows: Rows, key: str) -> list[float]:
 
 def unfinished_folder(study: Any, part: str) -> Path:
     """Return the temporary folder of a part's finished encounters, by the study's parameters and all code."""
-    parameters = {name: value for name, value in vars(study).items() if name not in ("parts", "workers", "json")}
+    parameters = {name: value for name, value in vars(study).items() if name not in ("parts", "workers")}
     root = Path(__file__).parents[3]
     packages = ("pps_vision", "rendering", "tracking", "learning", "control")
     files = [file for package in packages for file in sorted((root / package).rglob("*")) if file.is_file()]
@@ -82,14 +82,10 @@ def unfinished_folder(study: Any, part: str) -> Path:
 
 def run(study: Any) -> dict[str, Any]:
     """Return rates by condition, speed and controller, and paired differences from ours."""
-    names = (*NAMES, study.controller) if study.controller else NAMES
     numbers = {condition: ceil(share * study.n) for condition, share in _SHARES.items()}
     folder = unfinished_folder(study, "controllers")
-    rows = run_suite(folder, numbers, study.seed, names, study.workers, study.share)
-    if study.json is not None:
-        with whole_file(study.json) as partial:
-            write_json(partial, {"encounters": rows})
-    return summary(rows, names)
+    rows = run_suite(folder, numbers, study.seed, NAMES, study.workers, study.share)
+    return summary(rows, NAMES)
 
 
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:

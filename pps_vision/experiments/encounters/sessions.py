@@ -22,9 +22,9 @@ from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simul
 from pps_vision.app.encounters.registry import WRIST_AT_REST, field_of, memory_of, new_controller
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
+from pps_vision.app.intervals import percent_of
 from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side
 from pps_vision.experiments.charts import panels
-from pps_vision.experiments.study import percent_of
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
