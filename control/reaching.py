@@ -12,7 +12,6 @@ import numpy as np
 from control import avoidance
 from control.arm import ArmParams, MovingPoint
 from control.avoidance import ArmInput, ArmMotion, ArmState, Mode, Response, ResponseParams
-from control.limits import MAX_HOLD_S
 from pps_vision.errors import InputError
 from pps_vision.geometry.paths import passing_distances
 from pps_vision.robot.bare_links import NearestPoint
@@ -116,7 +115,7 @@ def first_touch(motion: ArmMotion, arm_params: ArmParams, target: int) -> TaxelM
         d = arm.track.position - positions[k]
         distance = float(np.linalg.norm(d))
         gap = max(distance - arm.object_radius_m, 0.0)
-        velocity = min(motion.params.speed_m_s, gap / MAX_HOLD_S) * d / max(distance, 1e-9)  # stops at the surface
+        velocity = min(motion.params.speed_m_s, gap / arm.hold_s) * d / max(distance, 1e-9)  # stops at the surface
         point = MovingPoint(*arm.skin.taxel(k), velocity)
         dq = motion.rates((point,), arm_params)
         speed = float(d @ arm.posture.jacobian(point.frame, point.point)[:3] @ dq) / max(distance, 1e-9)
