@@ -19,7 +19,7 @@ from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_part_map
 from pps_vision.app.encounters.controllers import ControllerParams
 from pps_vision.app.encounters.encounter import Condition, EncounterScene, Part, draw
-from pps_vision.app.encounters.kinematic import body_part, can_touch, simulate_encounter
+from pps_vision.app.encounters.kinematic import can_touch, simulate_encounter
 from pps_vision.app.encounters.registry import NONE, REACHING, TRUE, field_of, memory_of, new_controller
 from pps_vision.app.encounters.tracks import Perception, perceived_track
 from pps_vision.app.encounters.training import Memories, learn
@@ -122,7 +122,7 @@ def _train(folder: Path, seed: int, share: float, needs_maps: bool) -> None:
         if not memory_files[-1].exists():
             for file, memory in zip(memory_files, learn(_scene(), side, seed, share), strict=True):
                 save_memory(file, memory)
-        for part in get_args(Part) if needs_maps else ():
+        for part in _parts(side) if needs_maps else ():
             if not (file := _map_file(folder, side, part)).exists():
                 reachable_part(_scene(), side, part, np.random.default_rng(seed), share).save(file)
 
@@ -134,7 +134,7 @@ def reachable_part(
     n = max(round(share * _LABELS), _FEWEST_LABELS)
     arm_limits = ArmLimits.of(scene.robot, side)
     params = MapParams(_GAZE, arm_limits, n, n // 2, n_babble=20_000, lattice=0.05, exact_m=_EXACT_M)
-    taxels = [taxel for taxel in scene.skins[side].taxel_ids if body_part(taxel) == part]
+    taxels = [taxel for taxel in scene.skins[side].taxel_ids if scene.body_part(taxel) == part]
     return train_part_map(scene.robot, side, taxels, rng, params)
 
 
@@ -189,11 +189,16 @@ def _maps(folder: Path) -> dict[Side, dict[str, TrackReachability]]:
     robot = _scene().robot
 
     def of_arm(side: Side) -> dict[str, TrackReachability]:
-        learned = {part: ReachableMap.load(_map_file(folder, side, part)) for part in get_args(Part)}
+        learned = {part: ReachableMap.load(_map_file(folder, side, part)) for part in _parts(side)}
         asked = {part: TrackReachability(robot, learned[part], 1e-3, TOUCH_RADIUS_M) for part in learned}
-        return {taxel: asked[body_part(taxel)] for taxel in _scene().skins[side].taxel_ids}
+        return {taxel: asked[_scene().body_part(taxel)] for taxel in _scene().skins[side].taxel_ids}
 
     return {side: of_arm(side) for side in get_args(Side)}
+
+
+def _parts(side: Side) -> list[Part]:
+    """Body parts of an arm that objects come to."""
+    return [part for of, part in _scene().targets if of == side]
 
 
 def _memory_files(folder: Path, side: Side) -> list[Path]:
