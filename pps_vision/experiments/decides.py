@@ -4,7 +4,7 @@ The means with the part, without it, and of the change, with 95 % over recording
 change holds 0 in its interval decides nothing of what is measured here.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -50,8 +50,8 @@ _SETTLE_S = 0.5
 _TRACKERS = {
     "": TrackerParams(),
     "optical flow of the trigger": TrackerParams(trigger=TriggerParams(flow=False)),
-    "120 particles (2)": TrackerParams(particles=ParticleFilterParams(count=2)),
-    "120 particles (1000)": TrackerParams(particles=ParticleFilterParams(count=1000)),
+    "particles (2 for 120)": TrackerParams(particles=ParticleFilterParams(count=2)),
+    "particles (1000 for 120)": TrackerParams(particles=ParticleFilterParams(count=1000)),
     "order 4 (3)": TrackerParams(kalman=KalmanParams.of_order(3)),
     "order 4 (2)": TrackerParams(kalman=KalmanParams.of_order(2)),
 }
@@ -147,7 +147,7 @@ def _touch(study: "Decides", k: int) -> Unit:
     uncorrected = learn_from(scene(), side_of(k), trials, robot, np.random.default_rng((study.seed, k, 1)), False)
     minds = {
         "": (OURS, calibrated, memories),
-        "learned activation (constant 1, gates)": (ONE_GATED, calibrated, memories),
+        "learned activation (constant 1, gates by hand)": (ONE_GATED, calibrated, memories),
         "learned body (encoders as they are)": (OURS, robot, uncorrected),
     }
     rows = rows_of_minds(task, robot, minds)
@@ -197,12 +197,14 @@ class Decides(PartsStudy, SampledStudy):
     data: Path = DATA  # folder of the photographs (default: PPS_VISION_DATA, else ../shared/data)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return a row for each part and quantity."""
+        """Return a row for each part and quantity that it changes; a change is bold if its interval excludes 0."""
         rows = []
         for row in (row for part in self.PARTS if part in numbers for row in numbers[part]["rows"]):
-            own, without, change = row["with, without, change"]
-            certain = "yes" if change[1] > 0 or change[2] < 0 else "no"
-            cells: Sequence[str] = [estimate(values) for values in (own, without, change)]
-            rows.append([row["part"], row["quantity"], str(row["n"]), *cells, certain])
-        header = ["part (in its place)", "quantity", "n", "with it", "without", "change", "certain"]
-        return {"": Table(header, rows)}
+            own, _, change = row["with, without, change"]
+            if any(change):
+                text = estimate(change)
+                is_certain = change[1] > 0 or change[2] < 0
+                rows.append(
+                    [row["part"], row["quantity"], str(row["n"]), estimate(own), f"**{text}**" if is_certain else text]
+                )
+        return {"": Table(["without (in its place)", "quantity", "n", "with it", "change"], rows)}

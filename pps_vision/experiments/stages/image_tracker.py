@@ -86,8 +86,9 @@ def table(numbers: dict[str, Any]) -> Table:
         row = [name]
         for methods in cells.values():
             best = min(cell["lost_overlap"][0] for peer, cell in methods.items() if peer in BASELINES)
-            lost, percentage = (methods[name][metric][0] for metric in _METRICS)
-            row.append(f"{judged(f'{1 - lost:.2f}', name == DEFAULT and lost > best)}, {percentage:.0f} %")
+            cell = methods[name]
+            text = judged(f"{1 - cell['lost_overlap'][0]:.2f}", name == DEFAULT and cell["lost_overlap"][0] > best)
+            row.append(f"{text}, {cell['lost_percent'][0]:.0f} %" if "lost_percent" in cell else text)
         rows.append(row)
     return Table(["mean overlap, frames lost", *cells], rows)
 
