@@ -225,7 +225,7 @@ class Acquisition:
                 whole = _completed(camera.image, whole, self._optics[eye], foreground)
                 candidates.append(whole)
             is_ragged = whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < masks.SOLID
-            if is_ragged and not (whole and whole.by_color):
+            if is_ragged and not (whole and whole.by_color and not whole.is_cut):
                 candidates += vivid_parts(camera.image, region, self._optics[eye], foreground)
         if eye == 0 and not background.rests(camera.view):  # flow confirms that a colour region moves by itself
             candidates = [a for a in candidates if not a.by_color or trigger.moves(a.mask, a.box)]
@@ -274,7 +274,9 @@ class Acquisition:
         sine = _sine(baseline, view.rays(candidate.outline.center_px))
         nearer = sine / _sine(baseline, other_view.rays(partner.outline.center_px))  # by the law of sines
         ratio = nearer * partner.outline.angular_radius_rad / candidate.outline.angular_radius_rad
-        if ratio < (1.0 if candidate.outline.is_partial or candidate.is_partly_occluded else _MAX_RATIO):
+        # a vivid part has the size of the circle along its edge
+        is_size_known = candidate.is_part or not (candidate.outline.is_partial or candidate.is_partly_occluded)
+        if ratio < (_MAX_RATIO if is_size_known else 1.0):
             return candidate
         if not partner.outline.is_disc:
             is_cut = candidate.outline.is_cut and not partner.outline.is_partial
