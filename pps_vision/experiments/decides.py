@@ -28,7 +28,7 @@ from pps_vision.experiments.encounters.learning import (
     training,
 )
 from pps_vision.experiments.films import score
-from pps_vision.experiments.films.cases import NEW_CASES
+from pps_vision.experiments.films.cases import CASES, NEW_CASES
 from pps_vision.experiments.films.recordings import EYES_M, FPS, MOTIONS, Footage, from_film, moving
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.reach_truth import map_params
@@ -60,7 +60,7 @@ _TRACKERS = {
 def _run(unit: Callable[["Decides", int], Unit], share: float, study: "Decides") -> dict[str, Any]:
     """Return the mean of each quantity with a part, without it, and of the change, over a share of n units."""
     numbers = range(max(round(share * study.n), 1))
-    units = [unit(study, k) for k in tqdm(numbers, unit.__name__.strip("_"), disable=None)]
+    units = [unit(study, k) for k in tqdm(numbers, disable=None)]
     rows = []
     for part, quantities in list(units[0].items())[1:]:
         for quantity in quantities:
@@ -128,14 +128,16 @@ def _flow(study: "Decides", k: int) -> Unit:
     return {name: {"false alarms a minute": 60 * FPS * mean(own)} for name, own in zip(names, alarms, strict=True)}
 
 
-def _objects(study: "Decides", k: int) -> Unit:
-    """Ray-cast films of two objects; of two of one colour the worse one counts."""
-    unit: dict[str, dict[str, float]] = {"": {}, "several objects (1)": {}}
-    for case in (case for case in NEW_CASES if case.name in ("two of one colour cross", "nearer comes later")):
+def _films(study: "Decides", k: int, part: str, cases: Sequence[str], **options: Any) -> Unit:
+    """Ray-cast films of cases, tracked without and with options of `TrackerParams`; of two of one colour the worse ball
+    counts."""
+    unit: dict[str, dict[str, float]] = {"": {}, part: {}}
+    for case in (case for case in (*CASES, *NEW_CASES) if case.name in cases):
         film = Film(case.scene(k), study.seed + k, study.data)
-        for name, count in zip(unit, (4, 1), strict=True):
-            measured = score.measure_film(film, replace(case.tracker(film.hue_deg), max_objects=count), each=case.each)
-            unit[name][f"{case.name}: right (%)"] = measured[score.OURS]["right_percent"]
+        for name, switched in zip(unit, ({}, options), strict=True):
+            params = replace(case.tracker(film.hue_deg), **switched)
+            scores = score.measure_film(film, params, each=case.each)[score.OURS]
+            unit[name][f"{case.name}: right (%)"] = scores["right_percent"]
     return unit
 
 
@@ -176,6 +178,17 @@ def _map(study: "Decides", k: int) -> Unit:
     }
 
 
+_objects = partial(
+    _films, part="several objects (1)", cases=("two of one colour cross", "nearer comes later"), max_objects=1
+)
+_particles = partial(
+    _films,
+    part="120 particles (2)",
+    cases=("1 m/s, instant reversal", "hand holds", "hand takes"),
+    particles=ParticleFilterParams(count=2),
+)
+
+
 @dataclass(frozen=True)
 class Decides(PartsStudy, SampledStudy):
     """What each part of the design decides; one table of all parts of the study."""
@@ -186,6 +199,7 @@ class Decides(PartsStudy, SampledStudy):
         "map": Part(partial(_run, _map, 5.0)),
         "fixation": Part(partial(_run, _fixation, 1.0)),
         "objects": Part(partial(_run, _objects, 0.5)),
+        "particles": Part(partial(_run, _particles, 1.0)),
         "flow": Part(partial(_run, _flow, 1.0)),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 600, "share": 0.02}
