@@ -4,7 +4,7 @@ The means with the part, without it, and of the change, with 95 % over recording
 change holds 0 in its interval decides nothing of what is measured here.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
