@@ -38,8 +38,9 @@ REPLACEMENTS = {  # for hardware and packages that may be missing, and for long 
     "session double-touch --trials 45": "session double-touch --trials 1",
     "session babbling --arm right": "session babbling --arm right --postures 260",
     "bench loop --n 20": "bench loop --short --out measured --n 1",
+    "encounters --out": "encounters --n 10 --share 0.02 --out",
 }
-LONG = ("render", "session", "reach train", "demo", "bench", "batch", "--report", "--device")
+LONG = ("render", "session", "reach train", "demo", "bench", "encounters", "batch", "--report", "--device")
 
 
 def is_long(line: str) -> bool:

@@ -143,7 +143,7 @@ def test_own_robot(workdir):
 @pytest.mark.long
 def test_own_controller(workdir, capsys):
     run("docs/howto/controller.md")
-    assert "my_controller:new" in (workdir / "measured" / "results" / "encounters.json").read_text()
+    assert "my_controller:new" in (workdir / "compared" / "encounters.json").read_text()
 
 
 @pytest.mark.long
