@@ -17,6 +17,7 @@ from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app import sessions
 from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot, true_robot
+from pps_vision.app.simulation import Side
 from pps_vision.app.track import TrackedRecording, tracker_params
 from pps_vision.experiments.reach_truth import BOX, map_params, rates, to_root
 from pps_vision.experiments.study import NOISE_SIGMA, interval
@@ -30,7 +31,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
 ERRORS_M = (0.0, 0.03)
-_SIDE = "right"
+_SIDE: Side = "right"
 _QUANTILES = (50, 90, 99)
 _SLACK_SAMPLES = 40  # the slack of the joints stays in a movement between two random postures
 _SOME = 300  # postures by which a robot's error is scaled
@@ -99,7 +100,8 @@ def _judge(study: Any, error_m: float, seed: int, cov_px: Array) -> dict[str, fl
     arm = robot.indices(robot.names.arm(_SIDE)[:4])
     model = HandModel.seen(robot, _SIDE, SeenHand(q[seen][:, arm], hand[seen], covs[seen]))
     limits = GazeLimits()
-    box = gaze_for_points(robot, rng.uniform(*np.sort(to_root(BOX.T), axis=0), (study.n_test, 3)))
+    low, high = np.sort(to_root(BOX.T), axis=0)
+    box = gaze_for_points(robot, rng.uniform(low, high, (study.n_test, 3)))
     scores = {}
     maps = {
         name: train_reachable_map(robot, _SIDE, np.random.default_rng(seed), map_params(study.n_labels), forward)
@@ -188,6 +190,7 @@ def _reachable(true: MiscalibratedRobot, points: Array, rng: np.random.Generator
     forward = true.model.chain(names, true.model.names.palm(_SIDE), -offsets).positions
     arm = offsets[true.model.indices(names)]
     limits = ArmLimits()
-    params = MapParams(arm_limits=ArmLimits(tuple(limits.lower_rad - arm), tuple(limits.upper_rad - arm)))
+    lower, upper = (tuple((np.array(end) - arm).tolist()) for end in (limits.lower_rad, limits.upper_rad))
+    params = MapParams(arm_limits=ArmLimits(lower, upper))
     hand = HandModel(forward, points=lambda at: at, gaze=lambda at, _: at)
     return ReachOracle(true.model, _SIDE, params, rng, hand).verdicts(points)
