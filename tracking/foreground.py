@@ -149,7 +149,7 @@ class Background:
         if common.sum() < _COMMON:
             return mask, np.zeros_like(mask)
         is_own = np.append(ColorModel(common / common.sum(), around).table() > 0.5, False)
-        return mask & is_own[now], mask & ~is_own[now] & is_own[learned]
+        return mask & is_own[now], masks.opened(mask & ~is_own[now] & is_own[learned], 1)
 
     def _colors(
         self, image: Image, view: View, mask: Mask, box: Box
@@ -354,7 +354,8 @@ class Foreground:
             return False
         if np.count_nonzero(masks.hull(touching) & colored) < masks.SOLID * np.count_nonzero(colored):
             return False
-        own, ghost = self.background.own_and_ghost(self.image, self.view, masks.filled(touching), box)
+        whole = masks.filled(touching | colored)
+        own, ghost = self.background.own_and_ghost(self.image, self.view, whole, box)
         least = max(np.count_nonzero(colored) / 2, _MIN_OWN * np.count_nonzero(own))
         return bool(not ghost.any() or np.count_nonzero(colored & own) > least)
 
