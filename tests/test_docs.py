@@ -95,6 +95,7 @@ def test_points_of_another_detector(workdir, capsys):
     assert (workdir / "points" / "report.html").is_file()
 
 
+@pytest.mark.long
 def test_clocks(workdir, capsys):
     run("docs/howto/clock.md")
     said = capsys.readouterr().out

@@ -57,6 +57,7 @@ def test_smoothing_helps(numbers):
     assert kilobytes > 5
 
 
+@pytest.mark.long
 def test_the_arm_avoids_what_touches_it_otherwise(numbers):
     (off, on), ((gap_off,), (gap_on,)) = numbers("05")
     assert off.startswith("avoidance off: touched")

@@ -23,6 +23,7 @@ def run(notebook: Path) -> None:
             exec(compile("".join(cell["source"]), str(notebook), "exec"), scope)
 
 
+@pytest.mark.long
 def test_own_footage_is_tracked_and_judged(tmp_path, monkeypatch, capsys):
     write_laboratory(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -237,6 +237,7 @@ def test_the_number_of_corners_is_guessed(tmp_path, refused):
     main([*words, "--board", "8", "5"])
 
 
+@pytest.mark.long
 def test_markers_of_another_dictionary_are_named(tmp_path, refused):
     words = [*write_views(tmp_path, pattern(True)), "--board", "9", "6", "--marker-mm", "22", "--dictionary"]
     line = refused(*words, "4X4_50")

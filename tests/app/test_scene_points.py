@@ -75,7 +75,7 @@ GL = np.diag([1.0, -1, -1])
             lambda R, T: (R.T, -R.T @ T),
             "try R and T of the calibration inverted: they seem to lead from right to left: ",
         ),
-        (lambda R, T: (R, -T), "try T of the calibration with the other sign: "),
+        pytest.param(lambda R, T: (R, -T), "try T of the calibration with the other sign: ", marks=pytest.mark.long),
         (lambda R, T: (R, -R.T @ T), "try T of the calibration as -R T: it seems to be the right camera's place: "),
         (lambda R, T: (GL @ R @ GL, GL @ T), "try R and T of the calibration with OpenCV's axes, not OpenGL's: "),
     ],
@@ -138,9 +138,9 @@ def test_cameras_of_the_calibration_exchanged(filmed, tmp_path, capsys):
     [
         ("LR", np.fliplr, "both images not mirrored: "),
         ("R", np.fliplr, "the right image not mirrored: "),
-        ("L", np.fliplr, "the left image not mirrored: "),
-        ("LR", lambda image: image[::-1, ::-1], "both images turned by 180°: "),
-        ("R", lambda image: image[::-1, ::-1], "the right image turned by 180°: "),
+        pytest.param("L", np.fliplr, "the left image not mirrored: ", marks=pytest.mark.long),
+        pytest.param("LR", lambda image: image[::-1, ::-1], "both images turned by 180°: ", marks=pytest.mark.long),
+        pytest.param("R", lambda image: image[::-1, ::-1], "the right image turned by 180°: ", marks=pytest.mark.long),
         ("RL", lambda image: image, "--left and --right exchanged, or the folders cam/left and cam/right: "),
     ],
 )

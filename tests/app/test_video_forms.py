@@ -52,7 +52,7 @@ def test_no_rotate_takes_them_as_recorded(tmp_path, refused):
     np.testing.assert_allclose(recording.pairs[0][0].load(), np.rot90(film()[1][0][0], -1), atol=12)
 
 
-@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("first", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_fields_of_an_interlaced_video_have_stamps_of_their_own(tmp_path, capsys, first):
     """Rows from `first` on, every second one, are of the frame's stamp, the others of 20 ms later."""
     shown, sides = film(scene=replace(SCENE, fps=50.0))

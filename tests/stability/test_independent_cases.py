@@ -17,14 +17,10 @@ from tracking.tracker import TrackerParams
 BY_NAME = {case.name: case for case in (*CASES, *NEW_CASES)}
 LARGE = Case("object of 200 px", FilmScene(radius_m=0.109, extent_m=0.08, seconds=2.5))
 USUAL = (
-    "striped, spinning",
-    "textured square",
     "defocus, sigma 3 px",
-    "vivid, whole sensor chain",
     "2 cm/s",
     "moves, stops for 2 s, moves on",
     "1 m/s, instant reversal",
-    "rig rotates, declared fixed",
     "rig shakes, declared fixed",
     "flicker and gain drift",  # gain of the learned background
     "grey, in view from the start",  # ghost of an object learned as background

@@ -85,9 +85,9 @@ NEAR_M = 0.06
     ("mode", "seed", "within_s"),
     [
         ("generic", 7201, 0.1),  # half of it stays in view: its size is not that of the half
-        ("generic", 7202, 0.15),
+        pytest.param("generic", 7202, 0.15, marks=pytest.mark.long),
         ("marker", 7201, 0.5),  # before pictures with much of its hue
-        ("marker", 7205, 0.2),
+        pytest.param("marker", 7205, 0.2, marks=pytest.mark.long),
     ],
 )
 def test_it_is_found_again_soon_after_its_centre_is_back_in_view(mode, seed, within_s):
