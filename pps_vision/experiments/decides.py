@@ -183,7 +183,7 @@ _objects = partial(
 )
 _particles = partial(
     _films,
-    part="120 particles (2)",
+    part="particles (2 for 120)",
     cases=("1 m/s, instant reversal", "hand holds", "hand takes"),
     particles=ParticleFilterParams(count=2),
 )
