@@ -15,6 +15,8 @@ from typing import TextIO
 from pps_vision.parent import follow_parent
 
 _BUG = 70  # exit code; sysexits' EX_SOFTWARE
+_COLLECTED = 20_000  # new objects, after which cycles are looked for: 700 take 70 ms while modules are loaded
+_SWITCH_S = 5e-4  # for which a thread that decodes may keep the one that tracks from going on
 _OURS = "pps_vision", "rendering", "tracking", "learning", "control"
 
 
@@ -24,6 +26,8 @@ def main() -> None:
         if signal.getsignal(signum) is not signal.SIG_IGN:  # as under nohup
             signal.signal(signum, _end)
     follow_parent()
+    gc.set_threshold(_COLLECTED)
+    sys.setswitchinterval(_SWITCH_S)
     sys.stdout = _Output.instead_of(sys.stdout)
     sys.stderr = _Output.instead_of(sys.stderr)
     warnings.formatwarning = _on_one_line
