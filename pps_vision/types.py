@@ -158,7 +158,8 @@ class TaxelEvents(_Message):
 
     `taxel_ids` (n,) are names "part:id"; `distance_m` D and `ttc_s` TTC (n,) follow R eqs 1
     and 2, NaN outside a taxel's receptive field; `touched` (n,) the skin's report; `miss_m` (n,)
-    the smallest distance from the taxel to the object's surface on its extrapolated path (None: not predicted).
+    the smallest distance from the taxel to the object's surface on its extrapolated path (None: not predicted);
+    `radius_m` of the object.
     """
 
     stamp_s: float
@@ -167,6 +168,7 @@ class TaxelEvents(_Message):
     ttc_s: Array
     touched: Mask
     miss_m: Array | None = None
+    radius_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,15 @@
-"""What touches by seen objects teach about the robot's body: offsets of its encoders and positions of its taxels."""
+"""What touches by seen objects teach about the robot's body: offsets of its encoders, positions of its taxels, and the
+places at which a tool in its hand is touched."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
 from learning.pps.joint_offsets import JointOffsets, TouchTrial, seen_from, verified_offsets
 from learning.pps.taxel_positions import PartTouch, verified_positions
+from learning.pps.tool import ToolTouch, touch_beyond
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin
@@ -24,10 +27,11 @@ class LearnedBody:
 
     offsets_rad: Array  # (n_joints,) to add to the encoders; 0: not confirmed
     positions_m: Array  # (n, 3) of the taxels in the frames of their parts; as they were where not confirmed
-    touches: int
+    touches: int  # of the skin
     before_m: Array  # (k,) distances between felt and seen position of the held-out touches
     after_m: Array  # (k,) the same with offsets from the other touches; as `before_m` if not confirmed
     moved_m: Array  # (n,) distances of the taxels from where they were taken to be
+    beyond: list[ToolTouch]  # touches that are none of the skin's, neither before the correction nor after it
 
     @property
     def is_corrected(self) -> bool:
@@ -51,9 +55,13 @@ class LearnedBody:
 
 def learned_body(robot: Robot, rig: StereoRig, skin: Skin, trials: Sequence[TouchTrial]) -> LearnedBody:
     """The body after touches, at the end of each trial by a known object."""
+    as_is = np.zeros(robot.n_joints)
+    is_far = [touch_beyond(robot, rig, skin, trial, as_is) is not None for trial in trials]
+    far = list(compress(trials, is_far))
+    trials = [trial for trial, beyond in zip(trials, is_far, strict=True) if not beyond]
     offsets = verified_offsets(robot, rig, skin, trials)
     if offsets.offsets_rad.any() and np.median(offsets.after_m) > _CLEAR_SHARE * np.median(offsets.before_m):
-        offsets = JointOffsets(np.zeros(robot.n_joints), offsets.before_m, offsets.before_m)
+        offsets = JointOffsets(as_is, offsets.before_m, offsets.before_m)
     parts = []
     for k, part in enumerate(skin.parts):
         touches = [
@@ -64,4 +72,5 @@ def learned_body(robot: Robot, rig: StereoRig, skin: Skin, trials: Sequence[Touc
         parts.append(verified_positions(part, touches, stops=False))
     positions, before = (np.concatenate([part.positions_m for part in of]) for of in (parts, skin.parts))
     moved = np.linalg.norm(positions - before, axis=1)
-    return LearnedBody(offsets.offsets_rad, positions, len(trials), offsets.before_m, offsets.after_m, moved)
+    beyond = [touch for trial in far if (touch := touch_beyond(robot, rig, skin, trial, offsets.offsets_rad))]
+    return LearnedBody(offsets.offsets_rad, positions, len(trials), offsets.before_m, offsets.after_m, moved, beyond)

@@ -10,6 +10,7 @@ import numpy as np
 from learning.pps.buffer import LENGTH_S, EventBuffer, push
 from learning.pps.memory import PPSMemory, activation, learn
 from learning.pps.receptive_field import ReceptiveField, perceive
+from learning.pps.tool import attributed
 from pps_vision.geometry.paths import arrival_s, passing_distances
 from pps_vision.types import Activation, Array, Mask, TaxelEvents, Track3D
 
@@ -83,7 +84,8 @@ def step(params: ReceptiveField, state: LearnerState, skin: SkinFrame) -> tuple[
     unseen = (np.full(len(skin.taxel_ids), np.nan),) * 3
     attended = next((p for p, t in zip(perceived, tracks, strict=True) if t.track_id == skin.attended_id), unseen)
     D, ttc, miss = attended
-    events = TaxelEvents(skin.stamp_s, skin.taxel_ids, D, ttc, skin.touched, miss)
+    radius_m = next((track.radius_m for track in tracks if track.track_id == skin.attended_id), 0.0)
+    events = TaxelEvents(skin.stamp_s, skin.taxel_ids, D, ttc, skin.touched, miss, radius_m)
     paths = {t.track_id: (*earlier[t.track_id], (skin.stamp_s, t.position)) for t in tracks}
     state = replace(observe(state, events), paths=paths)
     nearer = [[place / skin.margins for place in places] for places in perceived]
@@ -137,8 +139,10 @@ def perceive_path(
 def observe(state: LearnerState, events: TaxelEvents) -> LearnerState:
     """Add one sample; the memory changes once for every contact, when it ends or is `_CONTACT_S` old.
 
-    A stamp that goes back by more than the buffer's length means that the clock was reset: the buffer is emptied.
+    A touch of a tool is one of its places.  A stamp that goes back by more than the buffer's length means that the
+    clock was reset: the buffer is emptied.
     """
+    events = attributed(state.memory, events)
     ahead_s = events.stamp_s - state.buffer[-1].stamp_s if state.buffer else np.inf
     if not np.isfinite(events.stamp_s) or -LENGTH_S <= ahead_s <= 0:
         return replace(state, stale=state.stale + 1)

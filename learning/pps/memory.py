@@ -14,14 +14,15 @@ from learning.archive import read_archive, write_archive
 from learning.pps.buffer import EventBuffer, resample
 from pps_vision.errors import InputError
 from pps_vision.jit import njit
-from pps_vision.robot.skin import Skin
+from pps_vision.robot.skin import Skin, SkinPart
 from pps_vision.types import Array, Mask
 
 MOST_COUNTS = 2**53  # of a bin: a float holds every whole number up to it, and 64 bits the sums of all bins
 _KIND = "PPS memory"
-_VERSION = 6
+_VERSION = 7
 """Up to version 2, D was to the centre; up to 3, there was no miss distance; up to 4, paths led through the arm; up to
-5, the body was taken as it is."""
+5, the body was taken as it is; up to 6, the skin ended where the body does."""
+_ADDED = {"places": np.zeros((0, 7))}  # arrays that files of the version before lack
 _LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keeps divisions finite
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
@@ -91,7 +92,10 @@ class PPSMemory:
     offsets_rad: Array = field(default_factory=lambda: np.zeros(0))
     """(n_joints,) to add to the encoders, as it was learned with them; empty: the encoders are as they should be."""
     positions_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """(n, 3) of the taxels in the frames of their parts, as it was learned with them; empty: the skin's own."""
+    """(n − k, 3) of the taxels in the frames of their parts, as it was learned with them; empty: the skin's own."""
+    places: Array = field(default_factory=lambda: np.zeros((0, 7)))
+    """(k, 7) places beyond the skin, which are the last k of the n taxels: the sums of the touched points (3,) in m and
+    of the unit vectors (3,) to the objects, in the frames of their parts, and the number of touches."""
 
     def __post_init__(self) -> None:
         n = len(self.taxel_ids)
@@ -105,9 +109,14 @@ class PPSMemory:
             raise ValueError(f"counts {extremes}: expected finite ones from 0 to 2^53")
         if len(set(self.taxel_ids)) < n:
             raise ValueError(f"{n} taxels, {len(set(self.taxel_ids))} different names: expected each taxel once")
-        if self.positions_m.shape not in ((0, 3), (n, 3)) or self.offsets_rad.ndim != 1:
+        own = n - len(self.places)
+        if self.places.shape[1:] != (7,) or own < 0 or not np.isin(self.part_index[own:], self.part_index[:own]).all():
+            raise ValueError(f"places {self.places.shape}: expected 7 numbers of each, on body parts with taxels")
+        if not (np.abs(self.places) < _LARGEST).all() or not self.places[:, 3:].any(axis=1).all():
+            raise ValueError("places: expected finite ones with a direction")
+        if self.positions_m.shape not in ((0, 3), (own, 3)) or self.offsets_rad.ndim != 1:
             shapes = f"positions {self.positions_m.shape}, offsets {self.offsets_rad.shape}"
-            raise ValueError(f"{shapes}: expected {(n, 3)} and one of each joint, or none")
+            raise ValueError(f"{shapes}: expected {(own, 3)} and one of each joint, or none")
         if not (np.abs(self.positions_m) < _LARGEST).all() or not (np.abs(self.offsets_rad) < np.pi).all():
             raise ValueError("positions or offsets of joints: expected finite ones, offsets within ±180°")
 
@@ -125,12 +134,16 @@ class PPSMemory:
         return replace(memory, counts=memory.counts + np.array([1, 0]))
 
     def skin_of(self, skin: Skin) -> Skin:
-        """The skin with the taxels where they were learned to be."""
-        if not len(self.positions_m):
-            return skin
-        positions = [self.positions_m[skin.part_index == k] for k in range(len(skin.parts))]
-        parts = zip(skin.parts, positions, strict=True)
-        return Skin(tuple(replace(part, positions_m=positions_m) for part, positions_m in parts))
+        """The skin with the taxels where they were learned to be, and the places beyond it as further taxels."""
+        parts = list(skin.parts)
+        if len(self.positions_m):
+            positions = [self.positions_m[skin.part_index == k] for k in range(len(skin.parts))]
+            parts = [replace(part, positions_m=at) for part, at in zip(skin.parts, positions, strict=True)]
+        for k, place in enumerate(self.places):
+            of = skin.parts[self.part_index[len(self.part_index) - len(self.places) + k]]
+            point, normal = place[None, :3] / place[6], place[None, 3:6] / np.linalg.norm(place[3:6])
+            parts.append(SkinPart(f"{of.name}_tool", of.frame, (k,), point, normal, of.margin))
+        return Skin(tuple(parts))
 
     @cached_property
     def frequency(self) -> Array:
@@ -335,14 +348,15 @@ def save_memory(path: Path, memory: PPSMemory) -> None:
         "smoothing": np.array([params.sigma_bins, *params.prior_samples]),
         "offsets_rad": memory.offsets_rad,
         "positions_m": memory.positions_m,
+        "places": memory.places,
     }
     write_archive(path, _KIND, _VERSION, arrays)
 
 
 def load_memory(path: Path) -> PPSMemory:
-    """Read a memory; InputError names the file and the expected content."""
-    names = "taxel_ids", "part_index", "counts", "ranges", "smoothing", "offsets_rad", "positions_m"
-    data = read_archive(path, _KIND, _VERSION, names)
+    """Read a memory of this version or the one before; InputError names the file and the expected content."""
+    names = "taxel_ids", "part_index", "counts", "ranges", "smoothing", "offsets_rad", "positions_m", "places"
+    data = read_archive(path, _KIND, _VERSION, names, _ADDED)
     try:
         stored = data["counts"]
         counts: Counts = stored.astype(np.float64 if stored.dtype.kind == "f" else np.int64, casting="same_kind")
@@ -351,7 +365,7 @@ def load_memory(path: Path) -> PPSMemory:
         params = MemoryParams((d0, d1), (t0, t1), counts.shape[1:-1], sigma, (m0, m1), (of_taxel, of_part))
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
         part_index = data["part_index"].astype(np.intp, casting="same_kind")
-        body = (np.asarray(data[name], dtype=float) for name in ("offsets_rad", "positions_m"))
+        body = (np.asarray(data[name], dtype=float) for name in names[5:])
         return PPSMemory(taxel_ids, part_index, counts, params, str(data["written_by"]), *body)
     except (ValueError, TypeError, IndexError) as error:
         raise InputError(path, f"{_KIND} that does not fit together: {error}") from error

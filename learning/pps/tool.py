@@ -1,71 +1,97 @@
 """Touches beyond the skin: a tool that is held becomes part of the skin of the hand that holds it."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from learning.pps.joint_offsets import TouchTrial, seen_from
 from learning.pps.memory import PPSMemory
-from pps_vision.robot.skin import Skin, SkinPart
-from pps_vision.types import Array, Mask, TaxelEvents
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import Skin
+from pps_vision.types import Array, TaxelEvents
 
 _BEYOND_M = 0.08  # farther from all touched taxels, a touch is not theirs: more than robots misjudge, less than a tool
+_LONGEST_M = 1.0  # an object farther away is another one than the one that touches
 _SAME_M = 0.05  # touches this near each other are of one place
+_FEWEST = 2  # touches that make a place
+_SLOW_M_S = 0.01  # an object much slower touches with its side towards the hand, a faster one with its foremost point
 
 
-@dataclass(frozen=True)
-class Tools:
-    """Places beyond a skin of n taxels at which k groups of touches happened."""
+class ToolTouch(NamedTuple):
+    """A touch beyond the skin of a body part, in the part's frame."""
 
-    skin: Skin  # the robot's own
-    parts: tuple[int, ...] = ()  # (k,) the body part that felt each
-    sums: tuple[Array, ...] = ()
-    """(k) arrays (7,) in the part's frame: sums of the points of touch and the directions to the objects, number."""
-
-    @property
-    def extended(self) -> Skin:
-        """The skin with the k places as further taxels."""
-        places = []
-        for k, (part, total) in enumerate(zip(self.parts, self.sums, strict=True)):
-            own = self.skin.parts[part]
-            normal = total[3:6] / np.linalg.norm(total[3:6])
-            places.append(SkinPart(f"{own.name}_tool_{k}", own.frame, (0,), total[None, :3] / total[6], normal[None]))
-        return Skin((*self.skin.parts, *places))
-
-    def own_touches(self, events: TaxelEvents) -> Mask:
-        """(n,) the touches that objects near the touched body parts explain."""
-        n = len(self.skin.taxel_ids)
-        own = events.touched[:n].copy()
-        for k in range(len(self.skin.parts)):
-            of_part = own & (self.skin.part_index == k)
-            distance_m = np.abs(events.distance_m[:n][of_part])
-            if np.isfinite(distance_m).any() and np.nanmin(distance_m) > _BEYOND_M:
-                own &= ~of_part
-        return own
-
-    def attributed(self, events: TaxelEvents) -> TaxelEvents:
-        """What an `extended` skin perceives, with touches that are not the skin's own attributed to the places."""
-        n = len(self.skin.taxel_ids)
-        own = self.own_touches(events)
-        felt_by = {int(self.skin.part_index[i]) for i in np.flatnonzero(events.touched[:n] & ~own)}
-        near = np.nan_to_num(np.abs(events.distance_m[n:]), nan=np.inf) < _SAME_M
-        places = near & np.array([part in felt_by for part in self.parts], dtype=bool)
-        return replace(events, touched=np.concatenate([own, places]))
-
-    def with_touch(self, part: int, point: Array, towards: Array) -> "Tools":
-        """With one more touch beyond the skin of a part, at a point (3,) of an object in a direction (3,), both in the
-        part's frame."""
-        touch = np.concatenate([point, towards / np.linalg.norm(towards), [1.0]])
-        for k, total in enumerate(self.sums):
-            if self.parts[k] == part and np.linalg.norm(total[:3] / total[6] - point) < _SAME_M:
-                return replace(self, sums=(*self.sums[:k], total + touch, *self.sums[k + 1 :]))
-        return replace(self, parts=(*self.parts, part), sums=(*self.sums, touch))
+    part: int  # the body part that felt it
+    point: Array  # (3,) m, of the object's surface
+    towards: Array  # (3,) unit vector to the object
 
 
-def extend(memory: PPSMemory, tools: Tools) -> PPSMemory:
-    """The memory with taxels for new places: without samples, so that they expect what their body part does."""
-    ids = tools.extended.taxel_ids
-    known = len(memory.taxel_ids)
-    counts = np.zeros((len(ids), *memory.counts.shape[1:]), memory.counts.dtype)
-    counts[:known] = memory.counts
-    part_index = np.concatenate([tools.skin.part_index, np.array(tools.parts, dtype=np.intp)])
-    return replace(memory, taxel_ids=ids, part_index=part_index, counts=counts)
+def touch_beyond(robot: Robot, rig: StereoRig, skin: Skin, trial: TouchTrial, offsets_rad: Array) -> ToolTouch | None:
+    """The touch at the end of a trial, with `offsets_rad` (n_joints,) added to the encoders; None where there is none,
+    or the object is near enough to a touched taxel of the skin to have touched it."""
+    radius_m = float(trial.radius_m[-1])
+    felt: list[tuple[float, int, Array, Array]] = []
+    for k in np.unique(skin.part_index[trial.touched]):
+        part = skin.parts[k]
+        center = seen_from(robot, rig, part.frame, trial, offsets_rad)
+        away = center - part.positions_m[trial.touched[skin.part_index == k]]
+        distances = np.linalg.norm(away, axis=1)
+        felt.append((distances.min() - radius_m, int(k), center, away[distances.argmin()] / distances.min()))
+    gap_m, k, center, outwards = min(felt, key=lambda part: part[0], default=(0.0, 0, np.zeros(3), np.zeros(3)))
+    if not _BEYOND_M < gap_m < _LONGEST_M:
+        return None
+    posture = robot.at(trial.joints_rad[-1] + offsets_rad)
+    velocity = posture.T_root(skin.parts[k].frame)[:3, :3].T @ trial.velocities[-1]
+    towards = _SLOW_M_S * outwards - velocity
+    towards /= np.linalg.norm(towards)
+    return ToolTouch(k, center - radius_m * towards, towards)
+
+
+def with_tool(memory: PPSMemory, skin: Skin, touches: Sequence[ToolTouch]) -> PPSMemory:
+    """The memory of a skin with the places of `touches` beyond it, itself without any.
+
+    A new place has no samples, so that a touch is expected as its body part expects it.
+    """
+    known = len(memory.places)
+    parts = memory.part_index[len(memory.part_index) - known :].tolist()
+    places = list(memory.places)
+    for touch in touches:
+        total = np.concatenate([touch.point, touch.towards, [1.0]])
+        for k, place in enumerate(places):
+            if parts[k] == touch.part and np.linalg.norm(place[:3] / place[6] - touch.point) < _SAME_M:
+                places[k] = place + total
+                break
+        else:
+            parts.append(touch.part)
+            places.append(total)
+    kept = [k for k, place in enumerate(places) if k < known or place[6] >= _FEWEST]
+    new = kept[known:]
+    if not touches or not kept:
+        return memory
+    counts = np.zeros((len(new), *memory.counts.shape[1:]), memory.counts.dtype)
+    ids = tuple(f"{skin.parts[parts[k]].name}_tool:{known + i}" for i, k in enumerate(new))
+    return replace(
+        memory,
+        taxel_ids=(*memory.taxel_ids, *ids),
+        part_index=np.append(memory.part_index, np.array([parts[k] for k in new], dtype=np.intp)),
+        counts=np.concatenate([memory.counts, counts]),
+        places=np.array([places[k] for k in kept]),
+    )
+
+
+def attributed(memory: PPSMemory, events: TaxelEvents) -> TaxelEvents:
+    """The events with a touch that is far from the taxels that feel it as one of the tool's places that are near; a
+    memory without a tool takes it to be the taxels'."""
+    n = len(memory.taxel_ids) - len(memory.places)
+    felt = np.flatnonzero(events.touched[:n])
+    if not len(memory.places) or not len(felt):
+        return events
+    D = events.distance_m
+    gap_m = np.nan_to_num(np.where(D < 0, -D - 2 * events.radius_m, D), nan=np.inf)  # also to an object behind a taxel
+    of_tool = np.isin(memory.part_index, memory.part_index[felt]) & (gap_m < _SAME_M)
+    of_tool[:n] = False
+    nearest_m = gap_m[felt].min()
+    is_own = nearest_m <= _BEYOND_M or (np.isinf(nearest_m) and not of_tool.any())
+    return events if is_own else replace(events, touched=of_tool)

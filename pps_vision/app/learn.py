@@ -1,4 +1,5 @@
-"""Learn from recordings in which the skin is touched: PPS maps (`pps_vision.learn`), encoders and places of taxels."""
+"""Learn from recordings in which the skin is touched: PPS maps (`pps_vision.learn`), encoders, places of taxels and of
+a tool in the hand."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ import numpy as np
 from learning.pps.body import LearnedBody, learned_body
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
+from learning.pps.tool import with_tool
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.track import tracker_for, tracker_params
 from pps_vision.errors import InputError
@@ -44,7 +46,8 @@ def learn(
     """Learn PPS maps from recordings of a robot in which its skin is touched.
 
     Where the touches clearly show that encoders or taxels are off, it learns again with them corrected; the correction
-    is part of the memory.
+    is part of the memory.  So are the places at which a tool in the hand was touched: where two touches that a hand
+    feels are more than 8 cm from it and near each other.
 
     Args:
         recordings: Recordings, or their folders, in the order to learn from them.
@@ -54,7 +57,8 @@ def learn(
         robot: Whose recordings they are; default: the iCub's.
 
     Returns:
-        The memory: counts of touch and no touch by distance and time to contact, for every taxel of the skin.
+        The memory: counts of touch and no touch by distance and time to contact, for every taxel of the skin and
+        every place of a tool.
 
     Raises:
         InputError: A recording cannot be read or is not of a robot, or `into` has other taxels than the skin.
@@ -80,7 +84,9 @@ def _learn_all(
 
 def with_body(memory: PPSMemory, touches: Sequence[TouchTrial], setup: RobotSetup) -> tuple[PPSMemory, LearnedBody]:
     """The memory with what `touches`, measured with its body, teach about it; itself where that is nothing clear."""
-    body = learned_body(setup.robot, setup.rig, memory.skin_of(setup.skin), touches)
+    n_parts = len(setup.skin.parts)
+    body = learned_body(setup.robot, setup.rig, Skin(memory.skin_of(setup.skin).parts[:n_parts]), touches)
+    memory = with_tool(memory, setup.skin, body.beyond)
     if not body.is_corrected:
         return memory, body
     before = memory.offsets_rad if len(memory.offsets_rad) else np.zeros(setup.robot.n_joints)

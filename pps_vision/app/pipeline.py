@@ -190,17 +190,19 @@ class Pipeline:
         self._state = PipelineState(LearnerState(memory), (ArmState(),) * len(self._arms))
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
-        """Process one frame and the taxels `touched` (n,) that the skin reports with it.
+        """Process one frame and the taxels `touched` (n,) that the skin, not a tool, reports with it.
 
         InputError if the frame has no joints, or the images or `touched` do not fit this robot; the state is unchanged.
         """
         params = self.params
         state = self._state
         stamp_s = frame.stamp_s
-        n = len(self.skin.taxel_ids)
+        n_places = len(self.memory.places)
+        n = len(self.skin.taxel_ids) - n_places
         touched = np.zeros(n, bool) if touched is None else touched
         if touched.shape != (n,):
             raise InputError("pipeline", f"touched {touched.shape}; expected the skin's {n} taxels")
+        touched = np.append(touched, np.zeros(n_places, bool))
         frame = with_offsets(frame, state.learning.memory.offsets_rad)
         posture = self.robot.at(joints_of(frame))
         tracking = self.tracker.step(frame)
@@ -462,10 +464,11 @@ def highest_by_track(tracks: Sequence[Track3D], by_track: Array) -> dict[int, fl
 
 
 def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline", robot: Robot | None = None) -> None:
-    """InputError, naming the source, unless the memory has exactly the skin's taxels, and any offsets are of the
-    robot's joints."""
-    if memory.taxel_ids != skin.taxel_ids:
-        sizes = f"memory has {len(memory.taxel_ids)} taxels but the skin has {len(skin.taxel_ids)}"
+    """InputError, naming the source, unless the memory has exactly the skin's taxels and any places beyond it, and any
+    offsets are of the robot's joints."""
+    own = len(memory.taxel_ids) - len(memory.places)
+    if memory.taxel_ids[:own] != skin.taxel_ids or not np.array_equal(memory.part_index[:own], skin.part_index):
+        sizes = f"memory has {own} taxels but the skin has {len(skin.taxel_ids)}"
         raise InputError(source, f"{sizes}; expected a memory of this skin")
     n = len(memory.offsets_rad)
     if robot is not None and n not in (0, robot.n_joints):

@@ -17,7 +17,8 @@ class Learn(RobotOptions, RecordingOptions):
     """Learn PPS maps from recordings of a robot in which its skin is touched, and write the memory (.npz).
 
     Where the touches clearly show that encoders or taxels are off, it learns again with them corrected; the correction
-    is in the memory, and `track --memory` applies it.
+    is in the memory, and `track --memory` applies it.  Touches that a hand feels more than 8 cm from it are those of a
+    tool it holds: where two agree, the memory has a place of the tool, which learns and moves as the hand's taxels do.
     """
 
     into: Path | None = None
@@ -27,7 +28,7 @@ class Learn(RobotOptions, RecordingOptions):
     joints: Path | None = None
     """Offsets to add to the encoders, as `pps-vision joints` writes them."""
     keep_body: bool = False
-    """Take encoders and taxels as they are."""
+    """Take encoders and taxels as they are, and no tool."""
 
     def run(self) -> None:
         """Learn from one recording after another."""
@@ -62,7 +63,9 @@ class Learn(RobotOptions, RecordingOptions):
                 touches = [touch for _, touches in used for touch in touches]
                 corrected, body = with_body(initial_memory, touches, setup)
                 print(body)
-                if body.is_corrected:
+                if len(places := corrected.places):
+                    print(f"tool: {len(places)} places beyond the skin, from {places[:, 6].sum():.0f} touches")
+                if corrected is not initial_memory:
                     memory = corrected
                     for recording, _ in progress(used, desc="learn again", unit="recording"):
                         memory = learn_from(recording, memory, self.mode, self.seed, setup).memory

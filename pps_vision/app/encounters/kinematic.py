@@ -151,7 +151,7 @@ def simulate_encounter(
     arm = scene.arm(encounter.side)
     is_harmless = encounter.condition in HARMLESS
     behaviour: Literal["avoid", "reach"] = "reach" if encounter.condition == "reach" else "avoid"
-    believed_skin = believed.skins[encounter.side]
+    believed_skin = memory.skin_of(believed.skins[encounter.side])
     home_rad = encounter.q_rad + reading
     robot = believed.robot, believed_skin, encounter.side, home_rad, believed.self_collision
     arm_scene = ArmScene(*robot, behaviour, reachability)

@@ -137,7 +137,7 @@ def events_of(
     robot: MiscalibratedRobot | None,
     reading: Array | None,
     field: ReceptiveField = NEAR,
-    believed: EncounterScene | None = None,
+    believed: tuple[EncounterScene, PPSMemory] | None = None,
 ) -> Iterator[TaxelEvents]:
     """Yield what the skin at rest perceives during a trial, until 0.7 s after the touch: as `learner.step`, for all
     frames at once.
@@ -148,19 +148,21 @@ def events_of(
         robot: A robot that errs, or None.
         reading: Errors (n_joints,) of its encoders.
         field: The taxels' receptive field.
-        believed: The scene as a robot without other error takes it to be.
+        believed: The scene as a robot without other error takes it to be, and the memory whose skin perceives.
     """
     encounter, tracks = trial
     tracks = [track for track in tracks if track.stamp_s <= encounter.contact_s + _CONTACT_S]
     taxels, _ = scene.skins[encounter.side].at(scene.robot.at(encounter.q_rad))
-    believed = believed or scene
+    model = believed[0] if believed else scene
     q = encounter.q_rad
     if robot is not None and reading is not None:
-        believed = robot.scene
+        model = robot.scene
         tracks = robot.see(tracks, q, reading)
         q = q + reading
-    skin = believed.skins[encounter.side]
-    positions, normals = skin.at(believed.robot.at(q))
+    skin = model.skins[encounter.side]
+    if believed:
+        skin = believed[1].skin_of(skin)
+    positions, normals = skin.at(model.robot.at(q))
     known = [track for track in tracks if track.is_known]
     if not known:
         return
@@ -176,4 +178,4 @@ def events_of(
         touched = touched_taxels(taxels, encounter.motion(track.stamp_s)[0], encounter.radius_m)
         touched = felt(scene.skins[encounter.side], skin, touched)
         D, ttc, miss = by_stamp.get(track.stamp_s, unseen)
-        yield TaxelEvents(track.stamp_s, skin.taxel_ids, D, ttc, touched, miss)
+        yield TaxelEvents(track.stamp_s, skin.taxel_ids, D, ttc, touched, miss, track.radius_m)

@@ -6,17 +6,18 @@ meets hazards to the surface.  Nothing tells it which surface it has.
 """
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import asdict, replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from learning.pps.joint_offsets import TouchTrial
 from learning.pps.learner import LearnerState, finish, miss, observe
 from learning.pps.memory import PPSMemory, activation
-from learning.pps.tool import Tools, extend
+from learning.pps.tool import touch_beyond, with_tool
 from pps_vision.app.encounters.encounter import (
     BEYOND_M,
     HARMLESS,
@@ -42,7 +43,6 @@ from pps_vision.app.simulation import SPEED_M_S as TRAINING_SPEED_M_S
 from pps_vision.experiments.encounters.controllers import unfinished_folder
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate, judged
-from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.skin import Skin, SkinPart, icub_skin
 from pps_vision.types import Track3D
@@ -79,20 +79,11 @@ class Subject(NamedTuple):
 
     side: Side
     memory: PPSMemory
-    tools: Tools
 
     @classmethod
     def naive(cls, side: Side) -> "Subject":
         """Return a subject that has felt nothing."""
-        skin = bare().skins[side]
-        return cls(side, PPSMemory.empty(skin), Tools(skin))
-
-    @property
-    def scene(self) -> EncounterScene:
-        """The robot as the subject takes it to be."""
-        scene = copy(bare())
-        scene.skins = {**scene.skins, self.side: self.tools.extended}
-        return scene
+        return cls(side, PPSMemory.empty(bare().skins[side]))
 
 
 class SubjectTask(NamedTuple):
@@ -138,25 +129,25 @@ def subject_rows(task: SubjectTask, folder: Path | None = None) -> Rows:
     subject = Subject.naive(side)
     probes = [trial_of(task.case, side, "through", rng) for _ in range(PER_CONDITION)] if task.case == "stick" else []
     ahead = {"0": activation_ahead(subject, probes)}
-    for k in range(1, task.n_touches + 1):
-        for condition, path in (("press", _TOUCH), ("harmless_passing", _PASS)):
-            subject = learned(subject, true, trial_of(task.case, side, condition, rng, path))  # type: ignore[arg-type]
-        if k in _AFTER:
-            ahead[str(k)] = activation_ahead(subject, probes)
+    for k, until in pairwise(sorted({after for after in _AFTER if after < task.n_touches} | {0, task.n_touches})):
+        paths: list[tuple[Condition, DrawPath]] = [("press", _TOUCH), ("harmless_passing", _PASS)] * (until - k)
+        trials = [trial_of(task.case, side, condition, rng, path) for condition, path in paths]
+        subject = learned(subject, true, trials)
+        if until in _AFTER:
+            ahead[str(until)] = activation_ahead(subject, probes)
     rows: Rows = []
     for condition in _PATHS:
         for _ in range(PER_CONDITION):
             trial = trial_of(task.case, side, condition, rng)
             for name in CONTROLLERS:
                 memory = subject.memory if name == OURS else PPSMemory.constant(bare().skins[side])
-                believed = subject.scene if name == OURS else bare()
                 arguments = trial.encounter, name, new_controller(name), trial.tracks
-                erring = believed, np.zeros(true.robot.n_joints)
+                erring = bare(), np.zeros(true.robot.n_joints)
                 result = simulate_encounter(true, memory, *arguments, erring=erring)
                 rows.append({**asdict(result), "subject": task.subject, "case": task.case})
     if probes:
-        for _ in range(2 * task.n_touches):
-            subject = learned(subject, bare(), trial_of(task.case, side, "through", rng))
+        without = [trial_of(task.case, side, "through", rng) for _ in range(2 * task.n_touches)]
+        subject = learned(subject, bare(), without)
         ahead["without"] = activation_ahead(subject, probes)
         rows.append({"ahead": ahead})
     return rows
@@ -211,25 +202,28 @@ def _seen(case: Case, track: Track3D) -> Track3D:
     return replace(track, radius_m=track.radius_m - RADIUS_ERROR_M) if case == "radius" else track
 
 
-def learned(subject: Subject, true: EncounterScene, trial: Trial) -> Subject:
-    """Return the subject after one more trial: the first touch beyond its skin tells it of a tool."""
-    side, memory, tools = subject
-    for events in events_of(true, trial, None, None, believed=subject.scene):
-        beyond = events.touched[: len(tools.skin.taxel_ids)] & ~tools.own_touches(events)
-        if beyond.any():
-            track = next(track for track in trial.tracks if track.stamp_s == events.stamp_s)
-            part = int(tools.skin.part_index[beyond.argmax()])
-            T = bare().robot.at(trial.encounter.q_rad).T_root(tools.skin.parts[part].frame)
-            away = -track.velocity / np.linalg.norm(track.velocity)  # the object's foremost point touches
-            point = move_points(inverse(T), track.position - track.radius_m * away)
-            tools = tools.with_touch(part, point, T[:3, :3].T @ away)
-            memory = extend(memory, tools)
-            break
-    subject = Subject(side, memory, tools)
-    state = LearnerState(memory)
-    for events in events_of(true, trial, None, None, believed=subject.scene):
-        state = observe(state, tools.attributed(events))
-    return subject._replace(memory=miss(finish(state)).memory)
+def learned(subject: Subject, true: EncounterScene, trials: Sequence[Trial]) -> Subject:
+    """Return the subject after more trials: their touches beyond its skin tell it of a tool, as in `learn`."""
+    side, memory = subject
+    skin = bare().skins[side]
+    beyond = []
+    for trial in trials:
+        perceived = events_of(true, trial, None, None, believed=(bare(), memory))
+        if (first := next((events for events in perceived if events.touched.any()), None)) is None:
+            continue
+        track = next(track for track in trial.tracks if track.stamp_s == first.stamp_s)
+        state = track.position[None], track.velocity[None], track.cov[None, 3:6, 3:6], np.array([track.radius_m])
+        touched = first.touched[: len(skin.taxel_ids)]
+        end = TouchTrial(np.array([first.stamp_s]), trial.encounter.q_rad[None], *state, touched)
+        if touch := touch_beyond(bare().robot, bare().rig, skin, end, np.zeros(bare().robot.n_joints)):
+            beyond.append(touch)
+    memory = with_tool(memory, skin, beyond)
+    for trial in trials:
+        learning = LearnerState(memory)
+        for events in events_of(true, trial, None, None, believed=(bare(), memory)):
+            learning = observe(learning, events)
+        memory = miss(finish(learning)).memory
+    return Subject(side, memory)
 
 
 def activation_ahead(subject: Subject, probes: Sequence[Trial]) -> float:
@@ -237,7 +231,7 @@ def activation_ahead(subject: Subject, probes: Sequence[Trial]) -> float:
     highest = []
     for probe in probes:
         until_s = probe.encounter.contact_s - _LEAD_S
-        seen = events_of(bare(), probe, None, None, believed=subject.scene)
+        seen = events_of(bare(), probe, None, None, believed=(bare(), subject.memory))
         *_, events = (e for e in seen if e.stamp_s <= until_s)
         miss_m = np.nan if events.miss_m is None else events.miss_m
         highest.append(float(activation(subject.memory, events.distance_m, events.ttc_s, miss_m).max()))

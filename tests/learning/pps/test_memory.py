@@ -127,7 +127,8 @@ def test_many_objects_teach_the_probability_of_contact():
 def test_saved_and_loaded_is_the_same(tmp_path, changed):
     """Also large counts, and shares of a touch."""
     memory = random_memory(7, MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75))
-    body = {"positions_m": np.full((len(memory.counts), 3), 0.1), "offsets_rad": np.array([0.02])}
+    place = np.array([[0.3, 0.0, 0.0, 2.0, 0.1, 0.0, 2.0]])
+    body = {"positions_m": np.full((N - 1, 3), 0.1), "offsets_rad": np.array([0.02]), "places": place}
     memory = replace(memory, counts=changed(memory.counts), **body)
     save_memory(tmp_path / "memory.npz", memory)
     again = load_memory(tmp_path / "memory.npz")
@@ -139,6 +140,15 @@ def test_saved_and_loaded_is_the_same(tmp_path, changed):
     assert [p.name for p in tmp_path.iterdir()] == ["memory.npz"]
 
 
+def test_a_file_of_the_version_before_has_no_places(tmp_path):
+    memory = random_memory(7)
+    save_memory(tmp_path / "m.npz", memory)
+    rewrite(tmp_path / "m.npz", version=6, places=None)
+    again = load_memory(tmp_path / "m.npz")
+    np.testing.assert_array_equal(again.counts, memory.counts)
+    assert not len(again.places)
+
+
 def rewrite(path, **changes):
     with np.load(path) as file:
         data = {**file, **changes}
@@ -148,9 +158,9 @@ def rewrite(path, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 99}, "version 99; expected version 6"),
+        ({"version": 99}, "version 99; expected version 7"),
         ({"version": None}, "version unknown"),
-        ({"version": np.array([1, 2])}, "version .1 2.; expected version 6"),
+        ({"version": np.array([1, 2])}, "version .1 2.; expected version 7"),
         ({"kind": None}, "is not a PPS memory"),
         ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
@@ -159,6 +169,8 @@ def rewrite(path, **changes):
         ({"part_index": np.full(N, np.nan)}, "does not fit together"),
         ({"ranges": np.zeros(3)}, "does not fit together"),
         ({"positions_m": np.zeros((2, 3))}, "does not fit together"),
+        ({"places": np.zeros((1, 7))}, "does not fit together"),
+        ({"places": np.ones((1, 6))}, "does not fit together"),
         ({"offsets_rad": np.full(3, np.nan)}, "does not fit together"),
     ],
 )
