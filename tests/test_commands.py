@@ -30,7 +30,7 @@ from pps_vision.recordings.exchange import write_tum_rows
 from pps_vision.robot.skin import icub_skin
 
 RENDERED = (
-    "render --stimulus ball --motion approach --target left_forearm:3 --speed 0.15 --seconds 3 --noise 2 --seed 1"
+    "render --stimulus ball --motion approach --target left_forearm:3 --speed 0.3 --seconds 1.5 --noise 2 --seed 1"
 )
 REPLACEMENTS = {  # for hardware and packages that may be missing, and for long runs
     "--device cuda": "--device cpu",

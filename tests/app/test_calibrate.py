@@ -188,8 +188,9 @@ def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path):
             board_pairs(lefts, [str(right)], None, 0.01, problems)
 
 
-@pytest.mark.parametrize("roll_deg", [0.0, 90.0, 180.0, -90.0, 45.0])
-@pytest.mark.parametrize("both", [False, True])
+@pytest.mark.parametrize(
+    ("roll_deg", "both"), [(0.0, False), (90.0, False), (180.0, False), (-90.0, False), (45.0, False), (90.0, True)]
+)
 def test_cameras_that_are_rolled(tmp_path, capsys, roll_deg, both):
     """The right camera alone, or both; OpenCV numbers a board of 8×5 inner corners from either end."""
     turned = cv2.getRotationMatrix2D(((SIZE[0] - 1) / 2, (SIZE[0] - 1) / 2), roll_deg, 1.0)

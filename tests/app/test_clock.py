@@ -16,7 +16,7 @@ FPS = 25
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Recordings of a robot that rests, and of one that looks around."""
     folder = tmp_path_factory.mktemp("rendered")
-    words = f"--stimulus ball --radius 0.012 --motion jerk --speed 0.2 --seconds 6 --fps {FPS} --noise 2 --seed 3"
+    words = f"--stimulus ball --radius 0.012 --motion jerk --speed 0.2 --seconds 4 --fps {FPS} --noise 2 --seed 3"
     for head in ("still", "sway"):
         main(["render", *words.split(), "--head", head, "--out", str(folder / head)])
     return {head: folder / head for head in ("still", "sway")}

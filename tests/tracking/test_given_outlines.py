@@ -205,7 +205,7 @@ def test_the_covariance_off_the_axes_is_that_of_sampled_errors(error, rng):
     """Cameras turned from their stated pose; a turning head whose joints lag; pixels that the calibration misplaces:
     the position's covariance entry by entry, within five standard errors.  Outlines are exact, and what the stated
     covariance has without the error is subtracted."""
-    n = 500
+    n = 300
     std = {"pose": 4e-3, "pointing": 0.01, "calibration": 2e-3}[error]
     turn = 0.4 * np.array([0.3, -0.5, 0.8])  # rad/s
     still = oblique(np.zeros(3))

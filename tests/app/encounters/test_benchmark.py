@@ -23,7 +23,7 @@ def test_a_restless_arm_and_one_at_rest_share_the_score(tmp_path, monkeypatch):
     """The arm at rest leaves every harmless object alone and is touched by every other one."""
     (tmp_path / "restless.py").write_text(RESTLESS)
     monkeypatch.chdir(tmp_path)
-    rates = benchmark(tmp_path / "out", 1, 3, (NONE, "restless:new", NONE), 1, share=0.01)
+    rates = benchmark(tmp_path / "out", 1, 2, (NONE, "restless:new", NONE), 1, share=0.01)
     for of in rates.values():
         assert of[NONE].harmless[0] == 100
         assert of[NONE].hazards[0] == 0
