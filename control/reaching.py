@@ -16,7 +16,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.paths import passing_distances
 from pps_vision.robot.bare_links import NearestPoint
 from pps_vision.robot.skin import TOUCH_RADIUS_M
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 
 _MIN_SPEED_M_S = 1e-6  # a slower control point never arrives
 _PATH_HORIZON_S = 10.0  # prediction horizon of the path: half a metre at 5 cm/s, R's slowest
@@ -53,10 +53,14 @@ class TaxelMotion(NamedTuple):
 
 
 def step(
-    params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: Callable[[int], bool]
+    params: ReachingParams,
+    state: ArmState,
+    arm: ArmInput,
+    is_reachable: Callable[[int], bool],
+    reaches: Mask | None = None,
 ) -> tuple[ArmState, Response]:
     """Advance reaching by one control step; `is_reachable`: the reachable-space map's verdict on the object, for the
-    body part of a taxel (its number).
+    body part of a taxel (its number); `reaches`: the taxels (n,) to reach with (default: all).
 
     The arm reaches with the body part that the object's path ends at, also after the object has stopped, and returns
     home once the object is lost or out of that part's reach.  InputError as in `avoidance.step`.
@@ -69,7 +73,7 @@ def step(
     is_active = is_known and since_felt_s <= (params.wait_s if state.mode == "idle" else 0.0)
     target = state.target_taxel if state.mode == "reach" else None
     if is_active:
-        target = target_taxel(params, arm, state)
+        target = target_taxel(params, arm, state, reaches)
     state = avoidance.next_state(params, state, arm, is_active, target is not None and is_reachable(target))
     dq = np.zeros_like(arm.posture.q_rad)
     if state.mode == "reach" and target is not None:
@@ -82,9 +86,9 @@ def step(
     return state, avoidance.response(state, arm, dq)
 
 
-def target_taxel(params: ReachingParams, arm: ArmInput, state: ArmState) -> int:
-    """Number of the taxel that the object's path passes nearest with the arm at home, since the arm's own motion does
-    not change the path.
+def target_taxel(params: ReachingParams, arm: ArmInput, state: ArmState, reaches: Mask | None = None) -> int:
+    """Number of the taxel, of those to reach with, that the object's path passes nearest with the arm at home, since
+    the arm's own motion does not change the path.
 
     The path continues the position history: the estimated velocity overshoots when the object stops.
     """
@@ -92,7 +96,8 @@ def target_taxel(params: ReachingParams, arm: ArmInput, state: ArmState) -> int:
     first_s, first = state.positions[0]
     last_s, last = state.positions[-1]
     velocity = (last - first) / (last_s - first_s) if last_s > first_s else arm.track.velocity
-    return int(passing_distances(taxels, arm.track.position, velocity, _PATH_HORIZON_S).argmin())
+    distances = passing_distances(taxels, arm.track.position, velocity, _PATH_HORIZON_S)
+    return int((distances if reaches is None else np.where(reaches, distances, np.inf)).argmin())
 
 
 def _fastest_touch(params: ReachingParams, motion: ArmMotion, target: int) -> TaxelMotion:

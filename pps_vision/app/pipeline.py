@@ -4,11 +4,13 @@ Rendered and recorded frames take the same steps; a recording does not obey the 
 
 Of several tracked objects, each taxel is activated by the one that most probably touches it.  The gaze, the learner and
 the reachable-space map attend to the one with the highest activation of all; an arm that avoids responds to the one
-with the highest activation of its own taxels.
+with the highest activation of its own taxels.  Of two arms that reach, the one whose map states the higher degree R
+does with its palm, whichever feels the object.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -72,8 +74,11 @@ class PipelineParams:
     """Gaze control after the object was lost (J IV.B)."""
     arm: AvoidanceParams | ReachingParams = AvoidanceParams(HOME_ARM_RAD)
     """Response of the arm to its skin: it avoids the object or reaches for it."""
-    other_arm: AvoidanceParams | None = None
-    """Avoidance of the other arm; None: it keeps still."""
+    other_arm: AvoidanceParams | ReachingParams | None = None
+    """Response of the other arm; None: it keeps still."""
+    hand_margin: float = 0.1
+    """Of two hands that reach, the one chosen last stays unless it no longer reaches the object, or the other's degree
+    R is higher by this much."""
     lean: LeanParams | None = LeanParams()
     """Lean of the torso towards an object that the arm is to reach for and the map calls unreachable; None: no lean."""
     limits: LimitParams = LimitParams()
@@ -95,6 +100,7 @@ class PipelineState:
     leaning: "_Leaning | None" = None  # the lean under way
     searching: SearchState | None = None  # gaze search under way
     last_known_s: float = -np.inf  # stamp of the last frame in which the object was known
+    hand: int = 0  # number of the map asked last, that of the hand to reach with
     attended_id: int = 0  # track attended in the last frame
     highest: Mapping[int, float] = field(default_factory=dict)  # highest activation by each track then known
     commands: tuple[JointVelocity, ...] = ()  # commands that may still be obeyed; the last is the last frame's
@@ -104,7 +110,7 @@ class PipelineState:
 
 @dataclass(frozen=True, slots=True)
 class PipelineStep:
-    """All results of one frame; `reachability` is None without a reachable-space map.
+    """All results of one frame; `reachability` is None without a reachable-space map, with two that of the hand chosen.
 
     `tracking` is the step of the attended object, by its activation; the others are in it.
     """
@@ -138,6 +144,7 @@ class _Arm(NamedTuple):
     params: AvoidanceParams | ReachingParams
     skin: Skin
     on_arm: Mask  # (n,) which of the robot's taxels it carries
+    palm: Mask  # (k,) which of its own taxels are the palm's; all, if the palm has none
     bare_links: BareLinks
 
 
@@ -149,6 +156,8 @@ class _ControlInput(NamedTuple):
     felt: SkinStep  # activations of the taxels by the known objects
     touched: Mask
     is_reachable: bool  # whether the reachable-space map calls the object reachable; False without a map
+    hand: int  # number of the hand to reach with
+    is_felt: bool  # whether a taxel of an arm that reaches is activated
 
 
 class Pipeline:
@@ -156,7 +165,7 @@ class Pipeline:
 
     Every contact passed to `step` updates `memory`.  With a reachable-space map (`ReachableMap.load` reads the file of
     `pps-vision reach train`) each step says whether the tracked object is reachable.  `ReachingParams` require a map of
-    the arm's side.
+    the arm's side, given as either map.
     """
 
     def __init__(
@@ -168,24 +177,29 @@ class Pipeline:
         memory: PPSMemory,
         rng: np.random.Generator,
         reachable_map: ReachableMap | None = None,
+        other_map: ReachableMap | None = None,
     ) -> None:
         check_memory(memory, skin, robot=robot)
         skin = memory.skin_of(skin)
         side = params.arm.side
-        map_side = reachable_map.side if reachable_map else "no arm"
         if params.other_arm is not None and params.other_arm.side == side:
             raise InputError("pipeline", f"other arm {side}; expected the arm that is not {side}")
-        if isinstance(params.arm, ReachingParams) and map_side != side:
-            raise InputError("pipeline", f"reachable-space map of {map_side}; expected one of the {side} arm")
         self.params = params
         self.robot = robot
         self.skin = skin
         self.tracker = tracker
         self._rng = rng
         self._arms = [self._arm(arm) for arm in (params.arm, params.other_arm) if arm is not None]
-        self._reachability: TrackReachability | None = None
-        if reachable_map is not None:
-            self._reachability = TrackReachability(robot, reachable_map, params.max_false_positives)
+        self._hands = [arm for arm in self._arms if isinstance(arm.params, ReachingParams)]
+        maps = {learned.side: learned for learned in (reachable_map, other_map) if learned is not None}
+        for hand in self._hands:
+            if (side := hand.params.side) not in maps:
+                given = " and ".join(maps) or "no arm"
+                raise InputError("pipeline", f"reachable-space map of {given}; expected one of the {side} arm")
+            if not hand.skin.parts:
+                raise InputError("pipeline", f"no taxels on the {side} arm; expected some to reach with")
+        asked = [maps[hand.params.side] for hand in self._hands] or list(maps.values())
+        self._reachability = [TrackReachability(robot, learned, params.max_false_positives) for learned in asked]
         self._self_collision = SelfCollision(robot)
         self._state = PipelineState(LearnerState(memory), (ArmState(),) * len(self._arms))
 
@@ -214,10 +228,11 @@ class Pipeline:
         skin = SkinFrame(stamp_s, *parts, tracking.tracks, track.track_id, self.skin.margins)
         field = params.receptive_field if state.learning.memory.params.knows_path else CONE
         learned, felt = learner.step(field, state.learning, skin)
-        reachability = self._reachability(posture.q_rad, track) if self._reachability else None
+        hand, reachability = self._choose_hand(posture.q_rad, track)
         is_reachable = reachability is not None and reachability.is_reachable
         at_effect = self._posture_at_effect(posture, stamp_s)
-        inputs = _ControlInput(at_effect, track, felt, touched, is_reachable)
+        is_felt = any(np.any(felt.activation.probability[arm.on_arm] > arm.params.threshold) for arm in self._hands)
+        inputs = _ControlInput(at_effect, track, felt, touched, is_reachable, hand, is_felt)
         leaning, torso_command = self._lean(state.leaning, inputs)
         arms, responses = self._move_arms(state.arms, leaning, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
@@ -234,6 +249,7 @@ class Pipeline:
             leaning=leaning,
             searching=searching,
             last_known_s=stamp_s if track.is_known else state.last_known_s,
+            hand=hand,
             attended_id=track.track_id,
             highest=highest_by_track(felt.tracks, felt.by_track),
             commands=(*(earlier for earlier in state.commands if earlier.stamp_s > obeyed_since_s), command),
@@ -282,24 +298,36 @@ class Pipeline:
             raise InputError("pipeline", f"home_arm_rad {params.home_arm_rad}; expected {expected}")
         skin = self.skin.on_arm(self.robot, params.side)
         on_arm = np.isin(self.skin.taxel_ids, skin.taxel_ids)
-        return _Arm(params, skin, on_arm, BareLinks(self.robot, skin, params.side))
+        frame = self.robot.names.palm(params.side)
+        palm = np.array([skin.parts[k].frame == frame for k in skin.part_index], dtype=bool)
+        return _Arm(params, skin, on_arm, palm if palm.any() else ~palm, BareLinks(self.robot, skin, params.side))
+
+    def _choose_hand(self, q_rad: Array, track: Track3D) -> tuple[int, Reachability | None]:
+        """The number of the map of the hand to reach with, and its answer: of those that reach the object, else of all,
+        the one of the highest degree R."""
+        answers = [reachability(q_rad, track) for reachability in self._reachability]
+        if not answers:
+            return 0, None
+        last = self._state.hand
+        margins = self.params.hand_margin * (np.arange(len(answers)) == last)
+        degrees = np.nan_to_num([answer.degree for answer in answers]) + margins
+        chosen = max(range(len(answers)), key=lambda k: (answers[k].is_reachable, degrees[k]))
+        return chosen, answers[chosen]
 
     def _lean(self, leaning: _Leaning | None, inputs: _ControlInput) -> tuple[_Leaning | None, JointVelocity]:
         """Lean until an object that the arm is to reach for is reachable; back when it is touched, lost, or cannot be.
 
-        The map alone decides: an object that it calls reachable may still be touched by another part than the hand.
+        The map alone decides: an object that it calls reachable may be touched by another part than the palm first.
         """
         params = self.params.lean
-        arm = self._arms[0]
-        reachability = self._reachability
         track = inputs.track
         still = self._still(track.stamp_s)
         torso = self.robot.indices(self.robot.names.torso)
-        if params is None or reachability is None or not torso or not isinstance(arm.params, ReachingParams):
+        if params is None or not self._hands or not torso:
             return None, still
+        arm = self._hands[inputs.hand]
         if leaning is None:
-            is_active = bool(np.any(inputs.felt.activation.probability[arm.on_arm] > arm.params.threshold))
-            if inputs.is_reachable or not is_active:  # without a track nothing is active
+            if inputs.is_reachable or not inputs.is_felt:  # without a track nothing is felt
                 return None, still
             leaning = _Leaning(inputs.posture.q_rad[torso])
         elif not track.is_known or inputs.touched[arm.on_arm].any():
@@ -309,10 +337,15 @@ class Pipeline:
             return (leaning if np.any(command.dq_rad_s) else None), command
         if inputs.is_reachable:
             return leaning, still
-        reachable_space = reachability.gaze_model, reachability.map.limits, reachability.reachable
+        reachability = self._reachability[inputs.hand]
+        reachable_space = reachability.gaze_model, reachability.map.limits, self._reachable_by_any
         target = track.position, self.params.hold_s, track.stamp_s
         status, command = lean.step(params, *reachable_space, inputs.posture, *target)
         return leaning._replace(is_returning=status == "out of reach"), command
+
+    def _reachable_by_any(self, gaze: Array) -> Mask:
+        """The verdict (n,) of the maps on gaze postures (n, 3): whether any hand may be sent there."""
+        return np.any([reachability.reachable(gaze) for reachability in self._reachability], axis=0)
 
     def _move_arms(
         self, states: tuple[ArmState, ...], leaning: _Leaning | None, inputs: _ControlInput
@@ -328,13 +361,18 @@ class Pipeline:
                 inputs.track.stamp_s, inputs.posture, arm.skin, activations, inputs.track, self.params.hold_s, *body
             )
             if isinstance(params, ReachingParams):
-                state, response = reaching.step(params, state, arm_input, lambda taxel: inputs.is_reachable)
+                may_reach = partial(self._may_reach, arm, inputs)
+                state, response = reaching.step(params, state, arm_input, may_reach, arm.palm)
             else:
                 arm_input = replace(arm_input, track=self._threat(arm, state, inputs))
                 state, response = avoidance.step(params, state, arm_input)
             next_states.append(state)
             responses.append(response)
         return tuple(next_states), tuple(responses)
+
+    def _may_reach(self, arm: _Arm, inputs: _ControlInput, taxel: int) -> bool:
+        """Whether an arm is the one to reach with, and its map calls the object reachable, with any taxel."""
+        return inputs.is_reachable and arm is self._hands[inputs.hand]
 
     def _threat(self, arm: _Arm, state: ArmState, inputs: _ControlInput) -> Track3D:
         """The object that most activates an arm's taxels, the attended one if none does."""
@@ -343,21 +381,18 @@ class Pipeline:
         return next((track for track in inputs.felt.tracks if track.track_id == chosen_id), inputs.track)
 
     def _arm_activations(self, arm: _Arm, leaning: _Leaning | None, inputs: _ControlInput) -> Array:
-        """Activations (n,) of an arm's taxels.
+        """Activations (k,) of an arm's taxels.
 
-        While the torso leans towards an object, the taxel nearest to it of the palm (of the arm, if the palm has none)
-        counts as fully activated: the object need not be near.
+        While the torso leans towards an object, or an arm that reaches feels it, the nearest taxel of the palm to reach
+        with counts as fully activated: the object need not be near.
         """
         probability = inputs.felt.activation.probability[arm.on_arm]
-        if leaning is None or leaning.is_returning or arm is not self._arms[0]:
+        is_leaning = leaning is not None and not leaning.is_returning
+        if not (is_leaning or inputs.is_felt) or arm is not self._hands[inputs.hand]:
             return probability
-        palm = self.robot.names.palm(arm.params.side)
-        of_palm = np.array([part.frame == palm for part in arm.skin.parts])
         distance = np.linalg.norm(arm.skin.at(inputs.posture)[0] - inputs.track.position, axis=1)
-        if of_palm.any():
-            distance[~of_palm[arm.skin.part_index]] = np.inf
         probability = probability.copy()
-        probability[distance.argmin()] = 1.0
+        probability[np.where(arm.palm, distance, np.inf).argmin()] = 1.0
         return probability
 
     def _move_gaze(self, state: PipelineState, inputs: _ControlInput) -> tuple[SearchState | None, JointVelocity]:

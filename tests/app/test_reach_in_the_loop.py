@@ -33,11 +33,20 @@ REACH = ReachingParams(HOME_ARM_RAD)
 AVOID = AvoidanceParams(HOME_ARM_RAD)
 
 
-@pytest.fixture(scope="module")
-def left() -> ReachableMap:
+def learned(side: str) -> ReachableMap:
     limits = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
     params = MapParams(limits, n_labels=1500, round_labels=500, n_babble=20_000, lattice=0.08)
-    return train_reachable_map(ROBOT, "left", np.random.default_rng(SEED), params)
+    return train_reachable_map(ROBOT, side, np.random.default_rng(SEED), params)
+
+
+@pytest.fixture(scope="module")
+def left() -> ReachableMap:
+    return learned("left")
+
+
+@pytest.fixture(scope="module")
+def right() -> ReachableMap:
+    return learned("right")
 
 
 def pipeline(
@@ -145,3 +154,42 @@ def test_an_arm_that_is_to_reach_needs_its_own_map(left):
         with pytest.raises(ValueError, match=f"reachable-space map of {arm}; expected one of the left arm"):
             pipeline(towards("left_palm:101", 0.17, 0.08), REACH, reachable_map)
     pipeline(towards("left_palm:101", 0.17, 0.08), AVOID, replace(left, side="right"))
+
+
+def test_of_two_hands_the_one_that_reaches_the_object_better_reaches_for_it(left, right):
+    """Objects that come down before the left palm, the right one, and between them, where one sways by 4 cm; one at the
+    left elbow, which only the right hand reaches; one too far for both, to which the torso leans only if it may."""
+    skin = icub_skin()
+
+    def hands(motion, leans: bool = False) -> tuple[list[str], Array]:
+        """The hand that reaches in each frame, "" if none does, and the joints."""
+        params = PipelineParams(arm=REACH, other_arm=replace(REACH, side="right"), lean=LeanParams() if leans else None)
+        tracker, memory = KnownTrack(motion), touched_by_all(skin)
+        steps, joints = run(Pipeline(params, ROBOT, skin, tracker, memory, np.random.default_rng(0), left, right), 3.0)
+        modes = [[response.mode == "reach" for response in step.responses] for step in steps]
+        assert not any(map(all, modes))
+        return ["left" if reach[0] else "right" if reach[1] else "" for reach in modes], joints
+
+    def down(t: float, y_m: float, sway_m: float = 0.0) -> tuple[Array, Array]:
+        rate = 2 * np.pi * 0.5
+        position = np.array([-0.3, y_m + sway_m * np.sin(rate * t), max(0.2 - 0.1 * t, 0.12)])
+        return position, np.array([0.0, sway_m * rate * np.cos(rate * t), -0.1 * (t < 0.8)])
+
+    for y_m, side in ((-0.2, "left"), (0.2, "right")):
+        used, joints = hands(lambda t, y_m=y_m: down(t, y_m))
+        assert set(used) - {""} == {side}
+        palm = ROBOT.at(joints[-1]).point(f"{side}_palm")
+        assert np.linalg.norm(palm - down(3.0, y_m)[0]) < 0.05
+    between, _ = hands(lambda t: down(t, 0.0, 0.04))
+    assert len(set(between) - {""}) == 1
+    assert between.count("") < len(between) / 2
+    assert set(hands(towards("left_forearm:27", 0.15, 0.05))[0]) - {""} == {"right"}
+
+    def too_far(t: float) -> tuple[Array, Array]:
+        x_m = min(-0.45 + 0.1 * t, -0.36)
+        return np.array([x_m, -0.1, 0.0]), np.array([0.1 * (t < 0.9), 0.0, 0.0])
+
+    used, joints = hands(too_far)
+    assert set(used) == {""}
+    np.testing.assert_array_equal(joints[:, ARM], np.tile(HOME_ARM_RAD, (len(joints), 1)))
+    assert set(hands(too_far, leans=True)[0]) - {""} == {"left"}

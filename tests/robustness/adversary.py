@@ -61,7 +61,7 @@ def attack(
     """Run `new` episodes of at most `episode_steps` frames until `steps` frames were given, which add to a `result`;
     every kind of start and path in turn."""
     robot = load_icub()
-    skins = {side: icub_skin((f"{side}_forearm", f"{side}_palm")) for side in ("left", "right")}
+    skin = icub_skin()
     self_collision = SelfCollision(robot), SelfCollision(robot)
     new = new or Episode
     result = result or AttackResult()
@@ -69,7 +69,7 @@ def attack(
     while result.steps < steps:
         side = ("left", "right")[number % 2]
         kind = STARTS[number % len(STARTS)], PATHS[number // len(STARTS) % len(PATHS)]
-        episode = new(robot, skins[side], side, self_collision, kind, (seed, number), result)
+        episode = new(robot, skin, side, self_collision, kind, (seed, number), result)
         episode.run(min(episode_steps, steps - result.steps))
         number += 1
     return result
@@ -109,11 +109,12 @@ class Episode:
         params = PipelineParams(arm=arm, other_arm=other_arm, hold_s=hold_s, latency_s=self.latency_s)
         self.pipeline = Pipeline(params, robot, skin, self.tracker, touched_by_all(skin), rng)
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
-        if behaviour == "reach":  # as with a map that calls everything reachable
-            first, *others = self.pipeline._arms
-            self.pipeline._arms = [first._replace(params=ReachingParams(HOME_ARM_RAD, side=side, **waits)), *others]
-            anywhere = Reachability(0.0, np.zeros(3), 1.0, 1.0, ReachStatus.REACHABLE)
-            self.pipeline._reachability = lambda q, track: anywhere
+        if behaviour == "reach":  # as with maps that call all reachable, now better by one hand, now by the other
+            self.pipeline._arms = self.pipeline._hands = [
+                own._replace(params=ReachingParams(HOME_ARM_RAD, side=own.params.side, **waits))
+                for own in self.pipeline._arms
+            ]
+            self.pipeline._reachability = [self._anywhere] * len(self.pipeline._arms)
         self.stamp_s = 0.0
         self.command = JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)
         self.taxels = skin.at(robot.at(self.q))
@@ -140,6 +141,9 @@ class Episode:
                 self.command, self.taxels = step.command, self.skin.at(step.posture)
         self._watch()
         self.result.freed += self.start == "near itself" and self.clear_m == LIMITS.clearance_m
+
+    def _anywhere(self, q_rad: Array, track: Track3D) -> Reachability:
+        return Reachability(track.stamp_s, np.zeros(3), 1.0, self.rng.choice((0.6, 0.9)), ReachStatus.REACHABLE)
 
     def _step(self, frame: StereoFrame) -> PipelineStep | None:
         try:
