@@ -36,7 +36,7 @@ _LINK_LEAD_S = 0.5  # prediction horizon for links without taxels
 _DIRECTIONS = 32  # directions in which the taxels leave the object's path that are compared
 _VARIANTS = 64  # variations of the best joint rates that are compared
 _SPREADS = 0.5, 0.2  # their standard deviations, as shares of its norm
-_FASTEST = 1.5  # speed of any taxel, as a multiple of the speed of those that respond
+_FASTEST = 1.5  # speed of any taxel, as a multiple of the responding taxels' speed
 _ESCAPE_GAIN_M = 0.01  # clearance by which other joint rates must exceed the present ones
 _MIN_PATH_SPEED_M_S = 0.01  # a slower object has no path
 _PREDICTION_INSTANTS = 8
@@ -127,7 +127,7 @@ class ArmState:
     target_taxel: int | None = None  # of reaching: number of the taxel that the object's path passes nearest
     positions: tuple[tuple[float, Array], ...] = ()  # stamps and positions (3,) m of the object in the last half second
     felt_s: float = -np.inf  # of reaching: stamp of the last activation of any taxel
-    track_id: int = 0  # of the object that was last known
+    track_id: int = 0  # last known object
     stamp_s: float = -np.inf  # stamp of the last step
 
 

@@ -30,7 +30,7 @@ class SearchParams:
     spacing_rad: tuple[float, float] = (
         40 * _DEG,
         30 * _DEG,
-    )  # covering: of the grid's points in yaw and pitch, at most
+    )  # covering: the grid's points in yaw and pitch, at most
     vergence_rad: tuple[float, float] = (20 * _DEG, 60 * _DEG)  # covering: alternating vergences
     yaw_rad: float = 30 * _DEG  # random: largest turn to the left and right of the centre
     pitch_rad: float = 20 * _DEG  # random: largest turn up and down from the centre

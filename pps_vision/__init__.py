@@ -1,4 +1,4 @@
-"""Stereo vision for robots that feel what is about to touch them.
+"""Stereo vision for robots that predict touch.
 
     import pps_vision as pv
 
@@ -6,7 +6,7 @@
     for step in pv.track(recording):
         print(step.track.stamp_s, step.track.position, step.track.status)
 
-Names are imported when they are first used: `import pps_vision` takes no time.  docs/examples goes through all of them.
+Names are imported when they are first used: `import pps_vision` takes no time.  docs/examples shows them.
 """
 
 from importlib import import_module

@@ -59,7 +59,7 @@ class Renderer:
             raise ImportError(f"rendering needs OpenGL on EGL ({error}); {install}") from error
         try:
             self._screen = self._api.OffscreenRenderer(1, 1)
-        except Exception as error:  # EGL errors, AssertionError or IndexError, depending on what is missing
+        except Exception as error:  # EGL errors, AssertionError or IndexError, depending on the missing library
             reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
             device = os.environ.get("EGL_DEVICE_ID", "0")
             raise OSError(
@@ -107,7 +107,7 @@ class Renderer:
         self._screen.delete()
 
     def _arrange(self, nodes: Iterable[Node], view: View, lighting: Lighting) -> None:
-        """Show `nodes` and nothing else, from `view`."""
+        """Show only `nodes`, from `view`."""
         while self._released:
             removed, _ = self._uploaded.pop(self._released.pop(), (None, b""))
             if removed is not None:

@@ -40,7 +40,7 @@ def _painted(rng: np.random.Generator, color: tuple[int, int, int], noise: Array
 
 
 def _bricks(rng: np.random.Generator, color: tuple[int, int, int], mortar: tuple[int, int, int], rows: int) -> Array:
-    """Rows of bricks, each of its own brightness."""
+    """Rows of bricks of different brightness."""
     picture = _painted(rng, mortar, _noise(rng, 16, 256), 0.25)
     bricks = _painted(rng, color, _noise(rng, 8, 256), 0.30)
     height = _TILE // rows
@@ -53,7 +53,7 @@ def _bricks(rng: np.random.Generator, color: tuple[int, int, int], mortar: tuple
 
 
 def _planks(rng: np.random.Generator, color: tuple[int, int, int], columns: int) -> Array:
-    """Boards with a grain along them, each of its own brightness and length."""
+    """Boards with a grain along them, of different brightness and length."""
     grain = 0.7 * _noise(rng, 32, 256, stretch=(8, 1)) + 0.5 * _noise(rng, 32, 256)
     picture = _painted(rng, color, grain, 0.45)
     width = _TILE // columns

@@ -1,7 +1,7 @@
 """Random mutants of the packages, and whether a test notices: `python -m tests.mutants --seed 7 --out FILE.json`.
 
-A copy of the tree with one mutation runs what holds for every file and the module's own tests, then those that import
-it, then those of its folder, for `--seconds` (unmutated).  The mutant is killed if one fails; if they take five times
+A copy of the tree with one mutation runs what holds for every file and the module's own tests, then tests that import
+it, then its folder's, for `--seconds` (unmutated).  The mutant is killed if one fails; if they take five times
 as long it is out of time, which on a busy machine is to be tried again.  Who judges a survivor equivalent enters the
 reason under "judged".
 """
@@ -22,8 +22,8 @@ from tests.helpers.mutations import PACKAGES, SHARE_OF_EXPERIMENTS, draw, replay
 
 
 def tests_of(root: Path, file: str) -> list[str]:
-    """The test files of a tree: of every file's conventions, those named like a module, those that import it or the
-    public names, those of its folder, the others; of each, first those that name it most."""
+    """The test files of a tree: of every file's conventions, those named like a module, those importing it or the
+    public names, its folder's, the others; each kind ordered by how often it names the module."""
     path = Path(file)
     folder, stem = path.parent.name, path.stem.replace("__init__", path.parent.name)
     package = ".".join(path.parts[:-1] if path.stem != "__init__" else path.parts[:-2])

@@ -1,4 +1,4 @@
-"""The house of the design: who may import whom, and what the core's __init__ drags in."""
+"""The house of the design: who may import whom, and which modules the core's __init__ loads."""
 
 import ast
 import os

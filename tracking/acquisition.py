@@ -40,12 +40,12 @@ SearchCounts = Counter[str]
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
 _VIVID = 6  # tenth of the saturation from which a colour is vivid
 _AROUND_PX = 6  # around a motion region whose vivid parts are sought
-_MIN_PART = 0.02  # of a motion region
+_MIN_PART = 0.02  # share of a motion region
 _MIN_PART_PX = 40
 _WHOLE_PART = 0.8  # share of the moving region from which a part is the whole
 _RIM_PX = 1.0  # distance of a part's edge from the circle around it
 _RIM = 0.04  # the same, relative to the radius
-_SECTORS = 36  # of the circle
+_SECTORS = 36  # around the circle
 _MIN_RIM = 0.5  # of them, in which the edge lies on the circle
 _MIN_HIDDEN_RIM = 0.35  # the same where something may hide a part
 _MOST_HIDDEN = 0.75  # largest radius of the circle, relative to the visible part
@@ -82,7 +82,7 @@ class Candidate:
     box: Box  # region of the image of `mask` (h, w)
     is_partly_occluded: bool = False  # whether it appears from behind an occluder, possibly still partly hidden
     is_part: bool = False  # whether it is a vivid part of a moving region, such as an object in a hand
-    silhouette: tuple[Mask, Box] | None = None  # of the whole object, where the image's border cuts `mask` off
+    silhouette: tuple[Mask, Box] | None = None  # the whole object's, where the image's border cuts `mask` off
 
     @property
     def is_cut(self) -> bool:
@@ -153,7 +153,7 @@ class Acquisition:
         """
         self.remember(cameras, ((), ()))
         self._counts.update(frames=1)
-        counts = self._counts  # of the whole range of colours alone
+        counts = self._counts  # only over the whole range of colours
         for part in marker.narrowed():
             pairs = self._marker_pairs(part, cameras, view, association, counts)
             if pairs and self._backgrounds[0].rests(cameras[0].view):
@@ -166,7 +166,7 @@ class Acquisition:
                 return nearer[0]
             counts.update({"rejected since it did not move": len(pairs)})
             counts = Counter()
-            cameras = cameras[0]._replace(outlines=None), cameras[1]._replace(outlines=None)  # of the whole range too
+            cameras = cameras[0]._replace(outlines=None), cameras[1]._replace(outlines=None)  # in the whole range too
         return None
 
     def _marker_pairs(

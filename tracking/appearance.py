@@ -95,7 +95,7 @@ class ColorModel:
 
 
 def share(own: Array, other: Array) -> NDArray[np.float32]:
-    """(N_BINS,) share of `own` colours in those of both; a colour in neither is rather one of the others."""
+    """(N_BINS,) share of `own` colours in both's; a colour in neither is rather one of the others."""
     return (own / (own + other + _NEVER_SEEN)).astype(np.float32)
 
 

@@ -203,7 +203,7 @@ class Reference:
 
 @lru_cache(maxsize=8)
 def _reduced(camera: Camera, scale: int) -> Camera:
-    """`camera.reduced(scale)`, always the same instance, which keeps what it has computed of its lens."""
+    """`camera.reduced(scale)`, always the same instance, which keeps its lens's tables."""
     return camera.reduced(scale)
 
 
@@ -384,7 +384,7 @@ class PoseEstimator:
     Args:
         rig: The cameras, and their nominal poses.
         stamp_error_s: Standard deviation of the time by which joints are late, before any image; 0: never.
-        own_body: Masks the robot's own body, which is not scene; None: it is not seen.
+        own_body: Masks the robot's own body, which is no scene; None: it is not seen.
     """
 
     def __init__(self, rig: StereoRig, stamp_error_s: float, own_body: OwnBody | None = None) -> None:

@@ -26,9 +26,9 @@ from tracking.points import Pairs, epipolar_residuals
 
 _ITERATIONS = 8
 _SPAN_FRAMES = 1.5  # half the span of a rate
-_TO_STD = 1.4826  # of a normal distribution's median absolute deviation
+_TO_STD = 1.4826  # times a normal distribution's median absolute deviation
 _VALLEYS = 4  # delays from which the best is refined
-_BANDWIDTH = 0.1  # of the noise's correlation, as a share of the images
+_BANDWIDTH = 0.1  # bandwidth of the noise's correlation, as a share of the images
 _UNKNOWN_PX = 1000.0
 _MOST_DRIFT = 4.0  # standard deviations
 _MOST_PARTS = 8  # whose delays are compared
@@ -239,7 +239,7 @@ class Interpolator:
 
 
 def _scale(e: Array, nuisance: Array, params: ClockParams) -> float:
-    """Robust standard deviation of residuals beside what the calibration explains; NaN for fewer than half."""
+    """Robust standard deviation of residuals without the calibration's part; NaN for fewer than half."""
     known = np.isfinite(e)
     if known.sum() < max(params.fewest, 0.5 * len(e)):
         return np.nan
@@ -247,7 +247,7 @@ def _scale(e: Array, nuisance: Array, params: ClockParams) -> float:
 
 
 def _without(e: Array, nuisance: Array, gate_sigma: float) -> tuple[Array, Mask]:
-    """Residuals (n,) without what the calibration explains, and which are no outliers."""
+    """Residuals (n,) without the calibration's part, and a mask of the inliers."""
     known = np.isfinite(e)
     rest: Array = e - np.median(e[known])
     for width in (2, 1, 1):

@@ -32,7 +32,7 @@ _COMMON = 0.3  # share of colours that an object and its ghost have in common, a
 _MIN_OWN = 1 / 6  # of what moves with an object: a ball in a hand is a fifth, a piece of its ghost a ninth
 _RAGGED = 0.05  # width of parts that colours of the surroundings leave, relative to the root of the area
 _AROUND = 0.35  # width of these surroundings, relative to the root of the ghost's area
-_INVERSE_DISTANCES = np.linspace(0, 2, 11)  # of the static scene, 1/m
+_INVERSE_DISTANCES = np.linspace(0, 2, 11)  # static scene, 1/m
 
 Pixels = NDArray[np.uint8]  # (h, w, 3)
 

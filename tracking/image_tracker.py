@@ -67,7 +67,7 @@ _MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object fro
 _MIN_FILL = 0.3  # visible share of the object below which it is not detected
 _PARTICLE_PX = 0.3  # systematic error of the particles' centre
 _OTHER_SHAPE = 0.15  # error of the centre of an object that may have turned since its silhouette was seen, in radii
-_MOST_SHIFT = 0.3  # of a visible edge from the particles, in radii
+_MOST_SHIFT = 0.3  # distance of a visible edge from the particles, in radii
 _SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
 _MIN_STD_PX = 0.7  # smallest and largest standard deviation of a prior
@@ -642,7 +642,7 @@ def _foreground(
     camera: CameraFrame,
     box: Box,
 ) -> tuple[NDArray[np.float32], Mask]:
-    """What differs from the background in a box (h, w), and where that is known."""
+    """Difference from the background in a box (h, w), and where it is known."""
     differs = np.asarray(of_pixels(camera.image, camera.view, box), np.float32)
     return differs, background.knows(camera.view, box)
 

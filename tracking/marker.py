@@ -23,7 +23,7 @@ from tracking.stereo import Association, CameraFrame, CameraFrames
 
 _MAX_ELONGATION = 2.0  # ratio of a marker's sides
 _RING_SIZE = 1.3  # inner size of the surroundings, relative to the marker's
-_COMPARED_PIXELS = 300  # of a marker, and of its surroundings
+_COMPARED_PIXELS = 300  # inside a marker, and around it
 _MAX_INVERSE_DISTANCE = 0.8  # largest inverse distance of the surroundings, relative to the marker's
 _DISTANCES = 16  # hypotheses of the surroundings' distance
 _MAX_RATIO = 0.7  # ratio of the image differences at the surroundings' distance and at the marker's
@@ -36,7 +36,7 @@ _LARGER = 1.03  # ratio of the hue's area and the expected one from which thin p
 _INSIDE = 0.9  # share of a marker's width and height in which its own colours are taken
 _THIN = 0.4  # radius of the disc that removes them, relative to the root of the expected area (a disc's is 0.56)
 _OUTLIER = 4.0  # standard deviations of a marker's own colours from their median
-_MIN_HUE_DEG = 6.0  # three of OpenCV's steps: least tolerance of its own hue
+_MIN_HUE_DEG = 6.0  # three of OpenCV's steps: least tolerance of the marker's hue
 _MIN_SATURATION = 0.05  # the same of its saturation
 _SATURATIONS = (0.6, 0.7, 0.8, 0.9)  # least saturations that separate a marker from a scene of its hue
 

@@ -14,7 +14,7 @@ Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 SOLID = 0.9  # solidity below which a moving region may be an object and its holder
 _AROUND_PX = (3, 6)
-HIDING = 0.3  # foreground around an object from which it may hide a part of it
+HIDING = 0.3  # foreground around an object from which it may hide a part
 _SMALL_HOLE = 0.01  # share of the mask; smaller holes are noise
 
 

@@ -29,7 +29,7 @@ _EDGE = 48  # points of a template along the object's edge, about
 BESIDE_PX = 1.5  # distance from the edge at which the image is compared
 _TANGENT = 3  # contour pixels to both sides that give its direction
 _BISECTIONS = 7
-_LEAST_INFORMATION = 0.05  # of the images along an axis, relative to the prediction's
+_LEAST_INFORMATION = 0.05  # information of the images along an axis, relative to the prediction's
 _FARTHEST = 4.0  # standard deviations of the prediction: no particle is farther
 
 
@@ -161,7 +161,7 @@ def posterior(
             break
         survivors = _resampled(weights, rng)
         x, log = x[survivors], log[survivors]
-        # a Metropolis step, which leaves their density as it is
+        # a Metropolis step, which does not change their density
         moved = x + rng.standard_normal(x.shape) @ np.linalg.cholesky(_DISPERSION * cov).T
         log_moved = params.sharpness * score(moved)
         gain = exponent * (log_moved - log) + 0.5 * (np.sum(x**2, axis=1) - np.sum(moved**2, axis=1))
@@ -267,7 +267,7 @@ class Silhouette(NamedTuple):
 
 
 def template_of(silhouette: Silhouette | None) -> Template:
-    """Template of an object; None: of a ball."""
+    """Template of an object; None: a ball's."""
     if silhouette is None:
         return disc()
     mask, box, view, p_root, center_px, radius_m = silhouette

@@ -103,7 +103,7 @@ class Association:
     params: StereoParams
     gate_var_px2: float
     calibration_var_px2: float
-    outline_var_px2: float = 0.0  # of the last pairs, in excess of the outlines' covariances
+    outline_var_px2: float = 0.0  # variance of the last pairs, in excess of the outlines' covariances
     mean_outline_var_px2: float = 0.0  # of all pairs
     shared_var_px2: float = 0.0
     differences_px: Array | None = None  # (5,) of the last pair

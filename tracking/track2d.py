@@ -21,7 +21,7 @@ from tracking.masks import BoxPx
 from tracking.outline import Optics
 from tracking.particle_filter import BESIDE_PX, Evidence, ParticleFilterParams, disc, posterior, scores
 
-_STD_POSITION = 0.25  # of the noise of the autoregression, in object sizes
+_STD_POSITION = 0.25  # noise of the autoregression, in object sizes
 _STD_SCALE = 0.04  # relative
 MAX_SIMILARITY = 0.5
 """Bhattacharyya coefficient of the colours of an object and of its surroundings above which the particle filter is
@@ -35,7 +35,7 @@ _ELSEWHERE = 0.75  # distance, in boxes, from which a place is another one
 _EPSILON = 0.02  # keeps the contrasts finite
 _LEARNED = 0.8  # score from which the object's colours and texture are updated
 _LEARN_RATE = 0.05
-_WEIGHTS = 4.8, 1.3, -1.5  # of the contrasts of colours and texture, and constant
+_WEIGHTS = 4.8, 1.3, -1.5  # contrasts of colours and texture, and constant
 """Logistic regression of an IoU of at least ½ on 5500 frames of three real sequences and 29 composite films. The colour
 particle filter and CSRT placed the boxes, in some runs after they were put onto the background."""
 
@@ -219,7 +219,7 @@ class BoxScore:
         return score
 
     def _color_contrast(self, image: Image, box_px: BoxPx, colors: Array) -> float:
-        """1 where the colours are the object's, 0 where they are no more so than those of the surroundings."""
+        """1 where the colours are the object's, 0 where they match it only as well as the surroundings."""
         w, h = self._size
         wide = _resampled(image, box_px, (int(_AROUND * w), int(_AROUND * h)), _AROUND)
         x, y = (wide.shape[1] - w) // 2, (wide.shape[0] - h) // 2
@@ -229,7 +229,7 @@ class BoxScore:
         return _contrast(here, beside)
 
     def _texture_contrast(self, image: Image, box_px: BoxPx) -> float:
-        """1 where the texture is the object's, 0 where it is no more so than somewhere else in the region."""
+        """1 where the texture is the object's, 0 where it matches only as well as elsewhere in the region."""
         w, h = self._size
         region = _resampled(image, box_px, (_REGION * w, _REGION * h), _REGION)
         found = cv2.matchTemplate(region, self._template, cv2.TM_CCOEFF_NORMED)

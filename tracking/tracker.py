@@ -111,7 +111,7 @@ class TrackerStep:
     `followed_by` is the cheapest that tells the object apart: its colours; where its surroundings have them too, what
     differs from the learned background of either eye; a marker's hue.  None while no object is followed.
 
-    A tracker's step is that of the attended object; `others` are those of the other objects, oldest first.
+    A tracker's step is the attended object's; `others` are the other objects' steps, oldest first.
     """
 
     track: Track3D
@@ -142,7 +142,7 @@ class TrackState(NamedTuple):
     hits: int = 0  # frames in which the object was observed
     whole_hits: int = 0  # those in which it was wholly visible
     observed: Observation3D | None = None  # the last observation
-    score: float = _WHOLE_SCORE  # of the particles in the last frame
+    score: float = _WHOLE_SCORE  # the particles' score in the last frame
 
 
 class TrackerState(NamedTuple):
@@ -150,9 +150,9 @@ class TrackerState(NamedTuple):
 
     tracks: tuple[TrackState, ...] = ()
     attended_id: int | None = None
-    last_id: int = 0  # of the newest track
+    last_id: int = 0  # number of the newest track
     frames: int = 0
-    stamps_s: Stamps = (-math.inf, -math.inf)  # of the last frame, as are `images` and `view`
+    stamps_s: Stamps = (-math.inf, -math.inf)  # stamps of the last frame, as are `images` and `view`
     images: Fingerprints | None = None
     view: StereoView | None = None
 

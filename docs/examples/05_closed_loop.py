@@ -12,7 +12,7 @@ from pps_vision.app.simulation import log_of, make_episode, open_scene, simulate
 from pps_vision.robot.silhouette import Silhouette
 from tracking.tracker import TrackerParams
 
-# what the left arm's skin has felt of a tenth of R's approaches, without rendering; pv.learn learns from recordings
+# a tenth of R's approaches to the left arm's skin, without rendering; pv.learn learns from recordings
 memory = learn(EncounterScene(), "left", seed=0, share=0.1).probability
 
 with open_scene(noise_sigma=2.0, seed=0) as scene:

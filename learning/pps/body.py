@@ -26,8 +26,8 @@ class LearnedBody:
     """A correction, each part applied only where held-out touches clearly confirm it."""
 
     offsets_rad: Array  # (n_joints,) to add to the encoders; 0: not confirmed
-    positions_m: Array  # (n, 3) of the taxels in the frames of their parts; as they were where not confirmed
-    touches: int  # of the skin
+    positions_m: Array  # (n, 3) of the taxels in the frames of their parts; unchanged where not confirmed
+    touches: int  # number of touches of the skin
     before_m: Array  # (k,) distances between felt and seen position of the held-out touches
     after_m: Array  # (k,) the same with offsets from the other touches; as `before_m` if not confirmed
     moved_m: Array  # (n,) distances of the taxels from where they were taken to be
@@ -39,7 +39,7 @@ class LearnedBody:
         return bool(self.offsets_rad.any() or self.moved_m.any())
 
     def __str__(self) -> str:
-        """What was corrected, in a sentence."""
+        """The corrections, in a sentence."""
         said = f"body: {self.touches} touches"
         if not self.is_corrected:
             return f"{said} do not clearly show encoders or taxels to be off; left as they are"

@@ -36,7 +36,7 @@ class LearnerState:
     """State of online learning."""
 
     memory: PPSMemory  # the learned memory
-    buffer: EventBuffer = EventBuffer()  # samples before the contact; it takes no more while a contact lasts
+    buffer: EventBuffer = EventBuffer()  # samples before the contact; none is added while a contact lasts
     contact: Contact | None = None  # the contact that lasts; None without a touch
     paths: Mapping[int, Path] = field(default_factory=dict)  # positions of each track in the last quarter second
     stale: int = 0  # samples rejected because their stamp is not finite or does not advance
@@ -59,7 +59,7 @@ class SkinFrame(NamedTuple):
 class SkinStep(NamedTuple):
     """Output of one frame."""
 
-    events: TaxelEvents  # what the taxels perceive of the attended track
+    events: TaxelEvents  # the attended track as the taxels perceive it
     tracks: list[Track3D]  # the m known objects
     by_track: Array  # (m, n) activation of every taxel by each of them
     activation: Activation  # the highest of these; 1 where the skin is touched (R: the neurons are bimodal)
@@ -101,7 +101,7 @@ def recent(path: Sequence[tuple[float, Array]], stamp_s: float) -> Path:
 
 
 def path_velocities(track: Track3D, path: Path) -> Array:
-    """(3, 3) m/s velocities of an object: the filter's, and those of its positions since 0.1 s and up to 0.25 s ago; 0
+    """(3, 3) m/s velocities of an object: the filter's, and its positions' since 0.1 s and up to 0.25 s ago; 0
     while there are none: a new track's velocity is not confirmed."""
     since = [(track.stamp_s - stamp_s, p) for stamp_s, p in path if track.stamp_s - stamp_s >= _PATH_S[0] - _EPS_S]
     by_positions = [(track.position - p) / age_s for age_s, p in since[-1:] + since[:1]]

@@ -17,7 +17,7 @@ from pps_vision.jit import njit
 from pps_vision.robot.skin import Skin, SkinPart
 from pps_vision.types import Array, Mask
 
-MOST_COUNTS = 2**53  # of a bin: a float holds every whole number up to it, and 64 bits the sums of all bins
+MOST_COUNTS = 2**53  # counts of a bin: a float holds every whole number up to it, and 64 bits the sums of all bins
 _KIND = "PPS memory"
 _VERSION = 7
 """Up to version 2, D was to the centre; up to 3, there was no miss distance; up to 4, paths led through the arm; up to

@@ -18,7 +18,7 @@ class ReceptiveField:
     half_angle_rad: float = float(np.arccos(0.75))  # half opening angle of the cone (the authors' code)
     base_radius_m: float = 0.07  # radius of the cone at the skin (the authors' code)
     length_m: float = 0.20  # greatest perceived distance (R)
-    distance_to: Literal["centre", "surface"] = "centre"  # of the stimulus: R's centre, or its surface (0 at a touch)
+    distance_to: Literal["centre", "surface"] = "centre"  # the stimulus' centre (R), or its surface (0 at a touch)
     min_closing_sigmas: float = 1.0  # smallest closing speed with a TTC, in standard deviations of the velocity
 
     def __post_init__(self) -> None:

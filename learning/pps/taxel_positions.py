@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from pps_vision.robot.skin import TOUCH_RADIUS_M, SkinPart
 from pps_vision.types import Array, Mask
 
-# Standard deviations: of a position before any touch, and of a distance (fingertip by the joints; end of a movement).
+# Standard deviations of a position before any touch, and of a distance (fingertip by the joints; end of a movement).
 _PRIOR_M = 0.03
 _DISTANCE_M = 0.003
 _ROUNDS = 3  # which taxel is the nearest depends on the positions

@@ -23,7 +23,7 @@ _FIXED_ROUNDS = 10
 _FREE_ROUNDS = 4
 N_JOINTS = 4  # the arm's (J)
 _EYES_APART_M = 0.068
-_MODEL_ERROR_M = 0.05  # of a hand by a robot's own model: "several centimetres" (R)
+_MODEL_ERROR_M = 0.05  # error of a hand's place by a robot's own model: "several centimetres" (R)
 _NO_ERROR = 1e-9  # residuals below this count as this
 _WIDE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
 _FINE = IKParams(tolerance=1e-9, max_steps=30)

@@ -1,4 +1,4 @@
-"""Track many recordings, or learn from them, each in a process of its own: `pps-vision batch`.
+"""Track many recordings, or learn from them, one process each: `pps-vision batch`.
 
 `track` and `learn` write complete results or none, so a recording with a result is finished; running a killed batch
 again continues it.  A shard is every n-th recording, for jobs that know nothing of each other; it notes the reasons of
@@ -56,7 +56,7 @@ class Job:
 
     name: str
     rec: tuple[str, ...]
-    options: tuple[str, ...]  # options of this recording; they override those of the batch
+    options: tuple[str, ...]  # options of this recording; they override the batch's
     row: str = ""  # FILE:LINE of a manifest that lists it
 
     @property
@@ -391,7 +391,7 @@ def _do(job: Job, task: Task, starter: Starter) -> str:
 
 
 def _do_alone(job: Job, task: Task) -> str:
-    """`_do` with a starter of its own."""
+    """`_do` with a new starter."""
     with Starter() as starter:
         return _do(job, task, starter)
 

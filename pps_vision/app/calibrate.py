@@ -227,7 +227,7 @@ def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], li
 
 
 def _other_board(board: Board, pairs: Sequence[Pair], size: tuple[int, int]) -> str:
-    """What the images show instead of the board, "" where that is not known."""
+    """A board that the images may show instead, "" where none is recognised."""
     images = [image for pair in pairs[:_GUESSED_FROM] for image in (decode(file, size) for file in pair)]
     greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images if not isinstance(image, Problem)]
     if board.marker_m is not None:

@@ -19,7 +19,7 @@ _DIFFERS = 5.0  # times the median change of a pixel from the background, and as
 _SMALLEST_PX = 30
 _RUN = 10  # images
 _WIDTH_PX = 640  # at about which objects are looked for
-_TURNS = 240  # of each camera, spread over the recording
+_TURNS = 240  # turns of each camera, spread over the recording
 _ROUNDS = 6
 _SAME_S = 2e-4
 _RESTS_RAD = 1e-3
@@ -63,7 +63,7 @@ def numbers(delay: Delay) -> ClockNumbers:
 
 
 def clocks(recording: Recording, params: ClockParams | None = None) -> Clocks:
-    """Estimate the delays of a recording: of fixed cameras from what moves, of a robot from the turns of its cameras.
+    """Estimate the delays of a recording: fixed cameras by a moving object, a robot by the turns of its cameras.
 
     InputError without a calibration.
     """
@@ -88,7 +88,7 @@ def clocks(recording: Recording, params: ClockParams | None = None) -> Clocks:
 
 
 def _between(left: Delay, right: Delay) -> Delay:
-    """The delay of the right camera's stamps from those of the joints behind both cameras' images."""
+    """The delay of the right camera's stamps from the joints' delays behind both cameras' images."""
     stds = float(np.hypot(left.std_s, right.std_s)), float(np.hypot(left.drift_std, right.drift_std))
     delay_s, drift = left.delay_s - right.delay_s, left.drift - right.drift
     return Delay(delay_s, stds[0], drift, stds[1], left.at_s, frame_s=left.frame_s)
@@ -166,7 +166,7 @@ def _moving(image: Image, background: Image) -> tuple[float, float, float]:
 
 
 def _joints(recording: Recording, side: int = 0) -> Interpolator:
-    """The joints (m, n) at stamps (m,), by those of the left or the right images; NaN where there are none."""
+    """The joints (m, n) at stamps (m,), interpolated over the left or the right images; NaN where there are none."""
     log = zip(*((pair[side].stamp_s, pair[side].joints_rad) for pair in recording.pairs), strict=True)
     return Interpolator(PointPath(*map(np.array, log)), GAP_S * recording.fps)
 

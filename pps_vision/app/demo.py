@@ -51,7 +51,7 @@ from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array, Image, ReachStatus, Status
 
-_TAXEL = 2  # of the trained ones; the octopus comes at it
+_TAXEL = 2  # index of a trained one; the octopus comes at it
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
 _FEWEST_SAMPLES = 50  # before touches, of a taxel whose landscape is shown

@@ -52,7 +52,7 @@ class Score:
     coverage_95: float  # share of the truth that the stated 95 % ellipsoids hold; NaN without covariances
     nees: float  # mean normalised squared error; 3 for true covariances
     lag_s: float  # seconds by which the track's stamps are late; 0 unless it was estimated
-    rows: int  # of the track
+    rows: int  # rows of the track
     unknown: int  # rows of the track without a position: searching, lost, or empty
 
 

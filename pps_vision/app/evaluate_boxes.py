@@ -48,7 +48,7 @@ class BoxScore:
     mean_iou: float  # overlap, 0 where there is no box
     success_auc: float  # area under the success curve
     precision_20px: float  # share of frames whose centre is within 20 px
-    center_median_px: float  # of the frames with a box
+    center_median_px: float  # over the frames with a box
     missed_share: float  # share of true boxes without a match
     false_share: float  # boxes without a match over true boxes
     id_switches: int

@@ -12,7 +12,7 @@ from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.warnings import count_by_kind
 
 _GAP = 1.5  # times the median interval
-_CLOCK_S = 10.0  # of the recording, in which the clocks are compared
+_CLOCK_S = 10.0  # from its beginning, in which the clocks are compared
 _LOOKED_AT = 200  # pairs, spread over the recording, whose camera poses are compared
 _RESTING_DEG = 0.05  # turn of a camera below which it rests: the resolution of an encoder
 
@@ -72,7 +72,7 @@ class RecordingInfo:
 
 
 def info(recording: Recording) -> RecordingInfo:
-    """Return the contents of a recording; a few images are read, and those of the first 10 s."""
+    """Return the contents of a recording; a few images are read, and the first 10 s."""
     left, right = (np.array([pair[side].stamp_s for pair in recording.pairs]) for side in (0, 1))
     steps = np.diff(left)
     skews_ms = 1000 * (right - left)

@@ -33,7 +33,7 @@ class Size(TypedDict):
 
 
 class Reprojection(TypedDict):
-    """Points of one camera beside those that the filter predicts from the past: number of pairs, median distance, mean
+    """Points of one camera beside the filter's predictions from the past: number of pairs, median distance, mean
     NIS and the share outside the 95 % ellipse, each with its expected value."""
 
     pairs: int
@@ -82,7 +82,7 @@ class TrackNumbers(TypedDict):
     errors: NotRequired[Mapping[str, float | None]]
     name: NotRequired[str]
     outliers: NotRequired[int]
-    reprojection: NotRequired[dict[str, Reprojection]]  # of the left and the right camera
+    reprojection: NotRequired[dict[str, Reprojection]]  # left and right camera
 
 
 class SearchSummary(TypedDict):

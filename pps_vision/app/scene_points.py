@@ -18,7 +18,7 @@ _HALF = 0.5
 _DISTINCT = 0.8  # Lowe's ratio: distance of the best match relative to the second best
 _SAME_SCENE_PX = 3.0  # from an epipolar line of the fundamental matrix that most matches fit
 _FEWEST = 15  # such matches that tell anything
-_MOST = 0.7  # of the matches: fewer fit a fundamental matrix by chance; of sound ones at least 0.9
+_MOST = 0.7  # share of matches: fewer fit a fundamental matrix by chance; of sound ones at least 0.9
 _FITS_PX = 0.5  # median misfit of a calibration in images of up to 1280 columns
 _DOUBTFUL_PX = 0.3  # from which a turn that fits clearly better is told
 _SOUND_PX = 0.15  # the same of sound ones: up to 0.12 (seeds 400–407)
@@ -31,9 +31,9 @@ _CLEARLY = 0.4  # misfit after a remedy relative to before
 _MANY_MORE = 2  # times as many matches of an image that is mirrored back
 _AS_GOOD = 1.3  # misfit after a remedy relative to that after the best
 _TURNED_DEG = 2.0  # by which joints and images may differ: nearby points shift as the head moves
-_TURNED_SHARE = 0.5  # of the turn
+_TURNED_SHARE = 0.5  # relative to the turn
 _STILL_DEG = 0.1
-_STEPS = 30  # of the fit of a turn
+_STEPS = 30  # steps of the fit of a turn
 _STEP_RAD = 1e-6  # of its derivatives, and by which the last step is smaller
 _ALIKE = np.pi / 4  # angle between the optical axes up to which images show the same: SIFT matches up to about 40°
 _LEFT = "to the LEFT of"
@@ -70,7 +70,7 @@ def faults_by_points(
     frames: Sequence[StereoFrame], rig: StereoRig, by_joints: bool = False, matcher: Matcher | None = None
 ) -> Iterator[str]:
     """A calibration or images that points which both images show do not fit; `by_joints`: the cameras' pose is not the
-    calibration's; `matcher`: of a frame's points, if they were matched already."""
+    calibration's; `matcher` returns a frame's points, if they were matched already."""
     view = rig.view_of(frames[0])
     side = side_of(view)
     baseline = length(float(np.linalg.norm(view.right.center - view.left.center)))
@@ -326,7 +326,7 @@ def faults_of_joints(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[
 
 
 def _turn_by_images(view: View, first: Image, second: Image) -> Array | None:
-    """R (3, 3) that turns the rays of one image into those of a later one (Kabsch 1976), None where few match."""
+    """R (3, 3) that turns the rays of one image into the rays of a later one (Kabsch 1976), None where few match."""
     before_px, after_px = match(first, second)
     if len(before_px) < _FEWEST:
         return None

@@ -22,7 +22,7 @@ def seen_hand(recordings: Iterable[Recording], robot: Robot, side: str, mode: Mo
     """Return the postures of an arm with the positions at which both eyes saw its hand.
 
     Args:
-        recordings: Recordings of the robot; what moves in them, or the marker, is the hand.
+        recordings: Recordings of the robot; the moving object in them, or the marker, is the hand.
         robot: Its model, by which the eyes' images become positions, here as where the map is used.
         side: The arm, whose wrist is at rest.
         mode: How the hand is tracked.

@@ -53,7 +53,7 @@ _MARGIN_PX = 15.0  # smallest distance of a fingertip from the image's edge
 _BATCH = 12  # double touches planned at once
 _SKIPPED_SHARE = 0.15  # the first part of a reach, in which it hardly moves
 _HAND_M = 0.06  # radius of the marker about the hand of a robot that babbles: fingers and wrist stand out of it
-_MAX_RATE_RAD_S = np.deg2rad(60.0)  # of an arm that babbles
+_MAX_RATE_RAD_S = np.deg2rad(60.0)  # rate of a babbling arm
 _DRAWN = 64  # arm postures drawn at once
 
 

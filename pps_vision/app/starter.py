@@ -1,6 +1,6 @@
 """Start commands as copies of one process that has loaded their modules, which takes a new interpreter a second.
 
-Each command still has a process of its own: one that crashes ends alone.
+Each command still has its own process: one that crashes ends alone.
 """
 
 import json
@@ -104,7 +104,7 @@ def _serve() -> bool:
 
 
 def _load() -> None:
-    """Load what every command takes long to load; what is missing the command itself reports."""
+    """Load what every command takes long to load; the command itself reports a missing module."""
     with suppress(ImportError):
         for name in _MODULES:
             import_module(f"pps_vision.{name}")

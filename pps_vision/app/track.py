@@ -190,7 +190,7 @@ def track(
 
     `for step in track(recording)` gives one `TrackerStep` for each stereo pair during tracking: the attended object's,
     with those of the others; `track(recording).arrays()` gives the whole path of the attended object as arrays,
-    `arrays_by_track()` those of all.
+    `arrays_by_track()` every object's.
 
     Args:
         recording: A recording, or the folder of an iCub's recording.

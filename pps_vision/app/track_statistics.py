@@ -137,7 +137,7 @@ class TracksStatistics:
         self._has_truth = bool(truth)
         self.attended = PathStatistics(self._truth)
         self._tracks: dict[int, PathStatistics] = {}
-        self._stamps_s: dict[int, tuple[float, float]] = {}  # of the first and the last frame of each track
+        self._stamps_s: dict[int, tuple[float, float]] = {}  # first and last frame of each track
         self._attended = Counter[int]()
 
     def __len__(self) -> int:

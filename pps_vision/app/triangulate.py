@@ -213,7 +213,7 @@ class TriangulatedPoints:
 
     @property
     def warnings(self) -> list[str]:
-        """What is probably wrong with the points or the calibration."""
+        """Probable mistakes in the points or the calibration."""
         noise = self.noise
         found = []
         if noise.inside < 0.5 * noise.pairs:
@@ -338,7 +338,7 @@ def triangulate(
         size: Width and height of the images, where the calibration does not state it, or they are of another.
         fps: Frames per second, for tables of frames.
         times: Stamps of the frames from 0 on, in one file, or one for each camera.
-        times_unit: Unit of the stamps, where nothing else says it.
+        times_unit: Unit of the stamps, where the files do not say it.
         max_skew_s: Largest difference of the stamps of a pair.
         points: Names of the points to use; default: all that both tables have.
         clock: "auto": estimate the delay and the drift of the right camera's stamps from the points, and correct them.

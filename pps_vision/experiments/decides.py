@@ -1,7 +1,7 @@
 """Each part of the design switched off, and what changes, on the same recordings, objects and robots.
 
 The means with the part, without it, and of the change, with 95 % over recordings, objects or robots. A part whose every
-change holds 0 in its interval decides nothing of what is measured here.
+change holds 0 in its interval decides nothing here.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -44,7 +44,7 @@ from tracking.tracker import Tracker, TrackerParams
 
 Unit = Mapping[str, Mapping[str, float]]
 """Quantities of a recording, object or robot: first with all parts, then without each."""
-_ERROR_M = 0.03  # of the robots' position of what touches them, RMS
+_ERROR_M = 0.03  # RMS error of the robots' position of touching objects
 _FAST_M_S = 0.4
 _SETTLE_S = 0.5
 _TRACKERS = {

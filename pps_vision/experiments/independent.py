@@ -6,7 +6,7 @@ object first moves) in which both eyes see at least half of the object. False cl
 error, error of the radius and coverage of the 95 % ellipsoid: over the judged frames with status tracking. Of two equal
 balls either may be tracked, but the same one throughout. An object that comes later, or after darkness, is awaited from
 when both eyes see it; known after: until any known track is within 3 cm of it, or 5 % of its distance. Of several
-tracks that with the most right frames counts; where other objects move, a claim is false if it is near none of them.
+tracks that with the most right frames counts; where other objects move, a claim is false if it is near no object.
 Where a person walks, claims of the person count as false. Baselines get the true boxes in the first frame that shows
 the whole object.
 """
@@ -51,7 +51,7 @@ _CASES = {case.name: case for case in (*CASES, *NEW_CASES)}
 
 @dataclass(frozen=True)
 class Independent(SampledStudy):
-    """Every case of `films.cases` by the tracker with its defaults, which gets the rig and nothing else."""
+    """Every case of `films.cases` by the tracker with its defaults, which gets only the rig."""
 
     SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 

@@ -66,7 +66,7 @@ def names(text: str) -> list[str]:
 
 
 def filled(text: str, tables: Mapping[str, str], document: Path) -> str:
-    """Return a document's text with the tables between its markers; one that is not given stays as it is.
+    """Return a document's text with the tables between its markers; one that is not given stays unchanged.
 
     Raises:
         InputError: A marker of the `document` has no end.

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from pps_vision.types import Array
 
-_SLOWEST_M2_S2 = 1e-12  # squared speed of what is at rest
+_SLOWEST_M2_S2 = 1e-12  # squared speed of an object at rest
 
 
 def passing_distances(points: Array, position: Array, velocity: Array, horizon_s: ArrayLike = np.inf) -> Array:

@@ -29,7 +29,7 @@ Lens = Literal["radtan", "fisheye"]
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationOptions:
-    """What a calibration does not say of itself."""
+    """Facts that a calibration leaves out."""
 
     unit_m: float = 1.0
     """Metres per length unit of the calibration (0.01 if its board was measured in cm); 1: as its form states, else

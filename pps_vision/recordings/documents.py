@@ -74,7 +74,7 @@ class Document:
 
     def numbers(self, key: str, *shape: int) -> Array:
         """The finite numbers of an entry, of any number without a shape: a list, lists of rows, an array, or OpenCV's
-        matrix {rows, cols, dt, data}; InputError if they are no numbers or not so many."""
+        matrix {rows, cols, dt, data}; InputError if they are no numbers or of another number."""
         value = self.content.get(key)
         if isinstance(value, Mapping):
             value = _matrix(self.file, key, value) if "cols" in value else value.get("data")
@@ -92,7 +92,7 @@ class Document:
             raise InputError(self.file, f"{key} is {str(value)[:80]}; expected {wanted}") from None
 
     def scalars(self, keys: Iterable[str], missing: float | None = None) -> Array:
-        """The numbers of several entries; `missing` for those that are not there, else InputError."""
+        """The numbers of several entries; `missing` for absent ones, else InputError."""
         return np.array(
             [missing if missing is not None and key not in self else self.numbers(key, 1)[0] for key in keys]
         )

@@ -8,7 +8,7 @@
 | coco | coco.json | images, boxes with score, frame and `track_id`; pixels count from 0 |
 | ros2 | trajectory_ros2/ (MCAP) | geometry_msgs/PoseWithCovarianceStamped of every known position on /object |
 
-Positions are those of the attended object, boxes those of all objects.  Of several named points all positions are
+Positions are the attended object's, boxes all objects'.  Of several named points all positions are
 written: in columns of their names in Anipose's table, in trajectory_1.tum, … and on /object_1, …, in their order.
 """
 
@@ -43,7 +43,7 @@ _CAMERAS = "left", "right"
 
 @dataclass(frozen=True, slots=True)
 class TrackedPair:
-    """Result of tracking for one stereo pair: the attended object's, and those of the other known objects."""
+    """Result of tracking for one stereo pair: the attended object's, and the other known objects'."""
 
     images: tuple[Path, Path]  # files of the left and the right image
     track: Track3D

@@ -28,12 +28,12 @@ MOST_PIXELS = 2**23  # 3840×2160 and a little more: tracking takes 61 bytes for
 _STACKS = (".tif", ".tiff")
 _ORIENTATION = 274  # EXIF's tag
 _STAMP = re.compile(r"(?<![0-9.])(?:([0-9]{10}\.[0-9]+)|([0-9]{13}|[0-9]{16}|[0-9]{19}))(?![0-9])", re.ASCII)
-_CLOCK = re.compile(  # of a day: 2024-05-17_14-30-05.123, 20240517T143005_123456, 14-30-05-123
+_CLOCK = re.compile(  # time of day: 2024-05-17_14-30-05.123, 20240517T143005_123456, 14-30-05-123
     r"(?:(?<![0-9])([0-9]{4})[-_.]?([0-9]{2})[-_.]?([0-9]{2})[-_T .]?)?"
     r"(?<![0-9])(?P<h>[0-9]{2})[-_:.]?(?P<m>[0-9]{2})[-_:.]?(?P<s>[0-9]{2})[-_.,]([0-9]{3,9})(?![0-9])",
     re.ASCII,
 )
-_GREY = 128  # level of what is not to be looked at
+_GREY = 128  # level outside of the region of interest
 _LEVELS = 8  # bits that are kept
 _SAMPLED = 8  # images whose bits are looked at
 Pixels = NDArray[np.unsignedinteger[Any]]
@@ -78,7 +78,7 @@ class ImageFile:
 
 @dataclass(frozen=True, slots=True)
 class Page(ImageFile):
-    """One page of a TIFF stack; `index` counts those of all stacks, `page` those of this one."""
+    """One page of a TIFF stack; `index` counts the pages of all stacks, `page` this one's."""
 
     page: int = field(kw_only=True)
 

@@ -30,7 +30,7 @@ def open_recording(folder: Path | str | None = None, **options: Unpack[Options])
             (one file or several; without any the recording has no `rig` and cannot be tracked), `times`, `fps`, …
 
     Raises:
-        InputError: Nothing usable is there; names the file, the line and what was expected.
+        InputError: Nothing usable is there; names the file, the line and the expected content.
     """
     source = make_source(folder, options)
     if folder in (None, "") and not source.left and not source.right:

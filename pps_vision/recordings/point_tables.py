@@ -9,7 +9,7 @@
 | wide csv, as Anipose's | columns `NAME_x`, `NAME_y`, perhaps `NAME_score` or `NAME_likelihood` | NAME |
 | long csv, detections.csv | columns `u_px`, `v_px` (or u, v; x, y), perhaps name, likelihood | name or track_id |
 
-Pixels are those of the recorded image, distortion included; the centre of the first pixel is (0, 0), of MOTChallenge
+Pixels are of the recorded image, distortion included; the centre of the first pixel is (0, 0), of MOTChallenge
 (1, 1).  Frames are counted as the table does, of MOTChallenge from 0 on.  Stamps are in the unit of their column
 (`stamp_s`, `time_ms`), or that which makes a usual rate.
 """
@@ -249,7 +249,7 @@ def _coco(file: Path, side: CameraName) -> list[_Point]:
                 values = np.reshape(np.array(item["keypoints"], dtype=float), (-1, 3))
                 names = keypoints.get(item.get("category_id")) or [str(k) for k in range(len(values))]
                 for name, (u, v, score) in zip(names, values.tolist(), strict=True):
-                    if score > 0:  # 0: not labelled; 1, 2: occluded, visible, which is no likelihood
+                    if score > 0:  # 0: not labelled; 1, 2: occluded, visible (no likelihoods)
                         likelihood = score if isinstance(content, list) else np.nan
                         points.append(_Point(float(frame), owner + name, u, v, likelihood))
             else:

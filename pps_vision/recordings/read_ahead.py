@@ -1,4 +1,4 @@
-"""Reading beside the work on what was read."""
+"""Reading the next items beside the work on one."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator

@@ -1,4 +1,4 @@
-"""What a recording is read from, and how: the options of `pps_vision.open_recording` and of every command that reads
+"""The source of a recording: the options of `pps_vision.open_recording` and of every command that reads
 one.  Importing it loads no other module than what `--help` needs."""
 
 from collections.abc import Sequence

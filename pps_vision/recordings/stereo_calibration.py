@@ -38,7 +38,7 @@ def read_stereo_calibration(
     Args:
         paths: The files of the calibration.
         image_size: Width and height of the images; None: as the calibration states.
-        options: What the calibration does not say.
+        options: Facts that the calibration leaves out.
         images: Paths of the left and the right images, which may hold the names of two of the cameras.
         right_size: Width and height of the right images, where they are of another size.
     """

@@ -229,7 +229,7 @@ def write_parquet(file: Path, columns: Mapping[str, type], rows: Sequence[Mappin
 
 
 def _encodable(value: object) -> object:
-    """A text with bytes of a file's name that are no UTF-8 escaped; other values as they are."""
+    """A text with bytes of a file's name that are no UTF-8 escaped; other values unchanged."""
     return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 

@@ -38,7 +38,7 @@ class _Decoder(local):
     def __init__(self, index: int) -> None:
         self.frames: Iterator[tuple[int, Decoded]] = iter(())
         self.to_rgb = VideoReformatter()  # its set-up and threads cost as much as a small image
-        self.index = index  # of the frame that was decoded last
+        self.index = index  # index of the frame that was decoded last
         self.last: Decoded | Image | str = ""  # this frame, its pixels once they are needed, or why there are none
 
 
@@ -94,7 +94,7 @@ class Video:
         return av.open(str(self.path), options=_CONTAINERS)
 
     def _read_first_frame(self, rotate: bool) -> None:
-        """What the decoder says of the images: how they are to be turned, and whether they are interlaced."""
+        """Read from the decoder how images are to be turned, and whether they are interlaced."""
         with suppress(av.error.FFmpegError, MemoryError), self._open() as container:
             stream = container.streams.video[0]
             stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
@@ -119,7 +119,7 @@ class Video:
         return image if self.turns == 0 else np.ascontiguousarray(np.rot90(image, self.turns))
 
     def load(self, index: int) -> Image | str:
-        """Return a frame as it was recorded, RGB uint8, or the reason why there is none."""
+        """Return a recorded frame, RGB uint8, not turned, or the reason why there is none."""
         here = self._decoder
         try:
             if index < here.index or (self.has_stamps and index > here.index + _FAR):
@@ -160,7 +160,7 @@ class Video:
 
 
 def _from_field(image: Image, first_row: int) -> Image:
-    """The image of one field: its rows stay in place, those of the other field are the means of their neighbours."""
+    """The image of one field: its rows stay in place, the other field's are the means of their neighbours."""
     whole = image.copy()
     rows = image[first_row::2].astype(np.uint16)
     between = ((rows[:-1] + rows[1:] + 1) // 2).astype(np.uint8)

@@ -26,7 +26,7 @@ class Chain:
     order: tuple[int, ...]  # the columns from root to tip
     screws: Array  # (k, 6) (v, ω) of each joint in the root frame with the chain's joints at zero
     T_root_frame: Array  # (4, 4) pose of the frame with the chain's joints at zero
-    gains: Array | None = None  # (m, k) positions of m screws by those of the k joints, where others follow them
+    gains: Array | None = None  # (m, k) positions of m screws by the k joints', where others follow them
 
     def frames(self, q_rad: ArrayLike) -> tuple[Array, Array]:
         """Rotations (N, 3, 3) and origins (N, 3) in m of the frame at postures `q_rad` (N, k)."""

@@ -1,6 +1,6 @@
 """`python mesh_bounds.py FILE…`: print the bounding box of each mesh, [[low], [high]], a line each.
 
-It is a process of its own because readers of meshes may hang or crash.
+It is a separate process because readers of meshes may hang or crash.
 """
 
 import json

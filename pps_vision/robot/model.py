@@ -201,7 +201,7 @@ class Robot:
         return Chain(joints, order, screws, T_root_frame, gains if len(gains) > len(joints) else None)
 
     def moving(self, frame: str) -> tuple[str, ...]:
-        """The names of the joints that move a frame, from root to tip; then the masters of those that follow."""
+        """The names of the joints that move a frame, from root to tip; then the masters of followers."""
         supports = self._supports(frame)
         masters = [self.followers[name].master for name in supports if name in self.followers]
         return tuple(dict.fromkeys((*supports, *masters)))

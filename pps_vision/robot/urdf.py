@@ -55,7 +55,7 @@ def read_urdf(file: Path) -> tuple[str, tuple[Follower, ...]]:
     A mesh that is not found is left out, with a warning.
 
     Raises:
-        InputError: Names line and joint or link of what no robot has, or the mesh that cannot be read.
+        InputError: Names line and joint or link of an impossible entry, or the mesh that cannot be read.
     """
     urdf = _Urdf(file)
     joints = urdf.root.findall("joint")

@@ -142,7 +142,7 @@ def test_why_a_row_failed_begins_with_its_place(tmp_path, calib, refused_with):
 
 
 def test_every_recording_ends_as_a_row(tmp_path, calib, fails_in_part):
-    """Odd names, an unreadable summary of an earlier run: the others go on, names are read back as they are."""
+    """Odd names, an unreadable summary of an earlier run: the others go on, names are read back unchanged."""
     names = ["--help", "=1+1\n\udcff ", "c.mp4"]
     for name in names:
         write_video(tmp_path / "c.mp4", [0.0, 0.05])

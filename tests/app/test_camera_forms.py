@@ -23,7 +23,7 @@ TILTED = np.array([*THIN_PRISM, 0.03, -0.02])
 
 
 def seen_through(camera: Camera, K: Array, D: Array) -> Callable[[Image], Image]:
-    """What a lens K, D (fisheye where D has 4 numbers) shows of a film's image, all by OpenCV."""
+    """A film's image through a lens K, D (fisheye where D has 4 numbers), all by OpenCV."""
     pixels = np.stack(np.meshgrid(*map(np.arange, SIZE)), axis=-1).reshape(-1, 1, 2).astype(float)
     if len(D) == 4:
         normalised = cv2.fisheye.undistortPoints(pixels, K, D)

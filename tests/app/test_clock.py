@@ -42,7 +42,7 @@ def clock(rec: Path, capsys: pytest.CaptureFixture[str]) -> dict:
 
 
 def errors_mm(rec: Path) -> tuple[float, float]:
-    """Median errors by the stamps as they are, and corrected."""
+    """Median errors by the given stamps, and corrected."""
     for name in ("stamps", "auto"):
         out = str(rec.parent / name)
         main(["track", str(rec), "--one", "--max-skew-s", "0.05", "--clock", name, "--out", out])

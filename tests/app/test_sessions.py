@@ -1,4 +1,4 @@
-"""Sessions rendered as recordings, and what is learned from them."""
+"""Sessions rendered as recordings, and learning from them."""
 
 import re
 

@@ -135,7 +135,7 @@ def beside_the_shoulder(robot: Robot, at_m: float) -> tuple[ArmParams, Array, in
     T = posture.T_root("left_upper_arm")
     axis = J[3:]
     moves = J[:3]
-    foot = T[:3, 3] + np.cross(axis, moves)  # of the frame's origin on the axis
+    foot = T[:3, 3] + np.cross(axis, moves)  # foot of the frame's origin on the axis
     across = np.cross(axis, [0.0, 0.0, 1.0])
     across /= np.linalg.norm(across)
     point = T[:3, :3].T @ (foot + at_m * across - T[:3, 3])

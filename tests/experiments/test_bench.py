@@ -1,4 +1,4 @@
-"""What `bench` runs, skips and refuses, and what it writes."""
+"""`bench`: runs, skipped and refused ones, and files."""
 
 import importlib
 import json
@@ -68,7 +68,7 @@ class Fails(Fake):
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to run in, where the commit is 1234567 and the studies are those of `FAKE`."""
+    """A folder to run in, where the commit is 1234567 and the studies are `FAKE`'s."""
     (tmp_path / "fake_study.py").write_text(FAKE)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""What the documents hold follows from the results: claims, tables, charts and tuned parameters."""
+"""The documents follow from the results: claims, tables, charts and tuned parameters."""
 
 import json
 from pathlib import Path

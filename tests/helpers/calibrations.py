@@ -24,7 +24,7 @@ class StereoCamera:
     fisheye: bool = False
 
     def error_m(self, files: Sequence[Path], options: CalibrationOptions | None = None) -> float:
-        """Largest distance of 50 points in the left camera's frame, as they are triangulated by a calibration."""
+        """Largest distance of 50 points in the left camera's frame, triangulated by a calibration."""
         points = np.random.default_rng(1).uniform((-0.3, -0.2, 0.8), (0.3, 0.2, 2.0), (50, 3))
         project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
         pixels = [

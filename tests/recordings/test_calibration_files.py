@@ -17,7 +17,7 @@ from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 @pytest.mark.parametrize("form", CASES)
 def test_positions_by_each_form_are_those_of_opencv_s_projections(tmp_path, form):
-    """Points are projected by OpenCV; what is read triangulates them within 1 µm, in the left camera's frame."""
+    """Points are projected by OpenCV; the calibration triangulates them within 1 µm, in the left camera's frame."""
     write, camera = CASES[form]
     assert camera.error_m(write(tmp_path)) < 1e-6
 

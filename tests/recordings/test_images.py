@@ -139,7 +139,7 @@ def test_names_without_a_time_are_no_stamps(tmp_path, name):
 
 
 def ramp(bits: int, k: int, shifted: int = 0) -> np.ndarray:
-    """Levels up to the highest of so many bits, in the uppermost or the lowest bits of 16."""
+    """Levels up to the highest of `bits`, in the uppermost or the lowest bits of 16."""
     levels = np.linspace(0, 2**bits - 1, 6 * 8).reshape(6, 8) * (1 - 0.25 * (k == 0))
     return np.repeat(levels.astype(np.uint16)[..., None] << shifted, 3, axis=2)
 

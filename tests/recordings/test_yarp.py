@@ -1,4 +1,4 @@
-"""A robot's recording is read as it was written; of a damaged one, rows are named and skipped or faults end it."""
+"""A robot's recording is read unchanged; damaged rows are named and skipped, or faults end it."""
 
 import shutil
 import sys

@@ -59,7 +59,7 @@ def test_a_ball_is_lit_by_lamberts_law(robot, rig, q, lighting, gamma, diffuse):
     toward_eye = eye.center - PLACE
     toward_eye /= np.linalg.norm(toward_eye)
     image = drawn(robot, rig, SceneState(q, PLACE), Fidelity(fineness=4, lighting=lighting))
-    for aside in (-0.5, 0.0, 0.5):  # of the radius
+    for aside in (-0.5, 0.0, 0.5):  # relative to the radius
         normal = aside * eye.T_root_camera[:3, 0] + np.sqrt(1 - aside**2) * toward_eye
         normal /= np.linalg.norm(normal)
         u, v = np.rint(eye.project(PLACE + 0.035 * normal)).astype(int)

@@ -65,7 +65,7 @@ def test_the_demo_of_another_robot(tmp_path, capsys):
 
 
 def test_another_robot_is_approached_where_both_cameras_see_its_skin():
-    """Of a forearm turned away there is nothing to train."""
+    """A forearm turned away cannot be trained."""
     with open_scene(2.0, 3, SETUP) as scene:
         assert set(scene.trained_taxels) < set(SETUP.skin.taxel_ids)
     with (

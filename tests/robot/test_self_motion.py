@@ -85,7 +85,10 @@ def pointing(q):
 
 def test_the_directions_that_a_hand_takes_in_the_plane_are_those_near_the_plane():
     """70 cm from its base three links of a metre reach a point from all sides, in the plane; within 20° of it."""
-    towards, half = np.arctan2(-1.0, 0.7), np.arccos(0.5 * np.hypot(1.0, 0.7))  # of the last joint from the base
+    towards, half = (
+        np.arctan2(-1.0, 0.7),
+        np.arccos(0.5 * np.hypot(1.0, 0.7)),
+    )  # last joint, from the base
     q = np.array([[towards - half, 2 * half, np.pi / 2 - towards - half]])  # the last link points along y
     target, _ = planar(q)
     q = np.tile(q, (2, 1))

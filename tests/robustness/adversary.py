@@ -59,7 +59,7 @@ def attack(
     steps: int, seed: int, episode_steps: int, new: "type[Episode] | None" = None, result: AttackResult | None = None
 ) -> AttackResult:
     """Run `new` episodes of at most `episode_steps` frames until `steps` frames were given, which add to a `result`;
-    every kind of start and path in turn."""
+    every kind of start and path."""
     robot = load_icub()
     skin = icub_skin()
     self_collision = SelfCollision(robot), SelfCollision(robot)

@@ -12,7 +12,7 @@ from control.commands import posture_after
 from pps_vision.app.pipeline import PipelineStep
 from pps_vision.types import Array, JointVelocity, StereoFrame
 
-_VISIBLE_RAD = np.deg2rad(0.1)  # of a reading: twice the resolution of an iCub's encoder
+_VISIBLE_RAD = np.deg2rad(0.1)  # change of a reading: twice the resolution of an iCub's encoder
 
 
 class LateResult(AttackResult):
@@ -46,7 +46,7 @@ class _LateEpisode(Episode):
     """One start, one kind of path."""
 
     true_latency_s: float
-    age: int  # of the encoders' readings, frames
+    age: int  # age of the encoders' readings, frames
     result: LateResult
 
     def run(self, steps: int) -> None:

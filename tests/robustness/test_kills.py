@@ -16,7 +16,7 @@ from commands import COMMANDS, CommandUnderTest, argv, prepare, run
 from data import SEED
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-ENDS_WITHIN_S = 60.0  # of the signal, on a busy machine
+ENDS_WITHIN_S = 60.0  # after the signal, on a busy machine
 LAST_STEP_S = 2.0  # a run that ends well within this time of the signal was ending already
 EARLIER = b'{"earlier": 1}\n'  # an output of an earlier run
 QUICK = "convert-taxels"

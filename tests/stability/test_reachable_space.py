@@ -188,7 +188,7 @@ def test_a_joint_that_is_stuck_throughout(joint):
 
 
 def test_what_inverse_kinematics_cannot_answer_is_counted_not_called_unreachable():
-    """A forward model that knows nothing in one half of what it is asked."""
+    """A forward model that knows nothing in one half of the postures."""
 
     def half_known(q):
         x, J = ARM.positions(q)

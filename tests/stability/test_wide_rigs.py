@@ -30,7 +30,7 @@ def recording(film: WideFilm) -> Recording:
 
 
 def faults(film: WideFilm) -> list[str]:
-    """What is wrong with the recording of a film or its tracking, in words."""
+    """Faults of a film's recording or its tracking, in words."""
     opened = recording(film)
     found = [*info(opened).warnings]
     run = track(opened)

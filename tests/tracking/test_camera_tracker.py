@@ -129,7 +129,7 @@ def test_an_outline_computed_beforehand_is_near_and_as_large_as_expected(off_px,
     camera = seen_from(picture(rng))._replace(outlines=[outline])
     _, detection, _ = camera_tracker().quick(CameraState(), camera, prior_at(150, 110, 2.0))
     assert detection == (ImageDetection(outline, outline.box_px, 1.0) if is_it else None)
-    by_background = CameraState(by_background=True)  # outlines are those of colours
+    by_background = CameraState(by_background=True)  # outlines are by colours
     assert camera_tracker().quick(by_background, camera, prior_at(150, 110, 2.0))[1] is None
 
 

@@ -31,7 +31,7 @@ def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not
     for repeated in ((first[0].copy(), second[1]), (second[0], first[1].copy())):
         assert blind(first, repeated)
         assert not blind(first, repeated, third)
-    moved = (first[0][:, ::-1].copy(), first[1][:, ::-1].copy())  # of the same pixels
+    moved = (first[0][:, ::-1].copy(), first[1][:, ::-1].copy())  # the same pixels
     assert not blind(first, moved)
 
 

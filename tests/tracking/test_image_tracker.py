@@ -136,7 +136,7 @@ def test_a_hoop_has_a_hole_where_its_background_shows(is_background_known, scene
 
 
 def test_a_gap_of_a_twentieth_of_an_object_before_its_own_colour_is_closed(scene):
-    """A disc of 40 px before a bar of its own colour, 7 px wide; a wider bar parts it."""
+    """A disc of 40 px before a bar of the same colour, 7 px wide; a wider bar parts it."""
     image = scene.discs((150, 110, 40))
     for width, is_whole in ((7, True), (12, False)):
         scene.start(image, (110, 70, 81, 81))

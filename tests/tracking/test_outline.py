@@ -218,7 +218,7 @@ def test_what_reaches_the_image_s_border_is_cut_off(corner, size, inwards):
 
 @pytest.mark.parametrize("hidden_below", [-0.8, -0.3, 0.0, 0.6])
 def test_a_disc_behind_a_hand_is_fitted_at_its_visible_edge_if_enough_of_it_shows(hidden_below, rng):
-    """Antialiased by supersampling, with noise; the hand hides what is lower and is foreground."""
+    """Antialiased by supersampling, with noise; the hand hides the lower part and is foreground."""
     v, u = (np.mgrid[:960, :960] / 8 - 0.4375).reshape(2, 120, 8, 120, 8).swapaxes(2, 3)
     for _ in range(10):
         center = 60 + rng.uniform(-1, 1, 2)

@@ -311,7 +311,7 @@ def test_the_error_of_a_body_that_is_no_ball_changes_with_its_aspect(rng):
 
 
 def test_the_centre_shifts_as_its_correlated_error_grows():
-    """What is seen of an object changes from a standard deviation of 1 cm to one of 4 cm along the line of sight."""
+    """The visible part changes from a standard deviation of 1 cm to one of 4 cm along the line of sight."""
     before, after = (replace(SEEN, correlated_cov_root=np.diag([0.0, 0.0, std**2])) for std in (0.01, 0.04))
     np.testing.assert_allclose(shift_cov(before, after), np.diag([0.0, 0.0, 0.03**2]), atol=1e-12)
     assert not shift_cov(after, before).any()

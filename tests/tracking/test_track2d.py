@@ -38,7 +38,7 @@ def images() -> list[Image]:
 
 
 class Placed:
-    """A tracker that places what it is given."""
+    """A tracker that returns the given boxes."""
 
     def __init__(self, boxes: list[BoxPx | None]) -> None:
         self.boxes = iter(boxes)

@@ -37,7 +37,7 @@ class RecordingSource(SourceOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackOptions:
-    """How an object is tracked, and what is written."""
+    """Options of tracking, and of its output."""
 
     map: Path | None = None
     """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze

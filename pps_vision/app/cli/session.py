@@ -1,4 +1,4 @@
-"""`pps-vision session`: what the papers' robots did to learn, rendered as recordings."""
+"""`pps-vision session`: the training sessions of the papers' robots, rendered as recordings."""
 
 from dataclasses import dataclass
 from pathlib import Path

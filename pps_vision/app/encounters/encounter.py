@@ -105,7 +105,7 @@ _SHORT_OF_M = 0.05  # from where an object to reach for stops to the would-be co
 class Encounter:
     """One object, one path, one posture."""
 
-    number: int  # of the encounter among those of its seed and condition
+    number: int  # index of the encounter, by seed and condition
     condition: Condition  # motion of the object
     side: Side  # the arm it is about
     part: Part  # the body part aimed at
@@ -231,7 +231,7 @@ def felt(surface: Skin, skin: Skin, touched: Mask) -> Mask:
 
 
 class Aim(NamedTuple):
-    """What a path is drawn for."""
+    """Conditions of a path."""
 
     skin: Skin
     posture: Posture

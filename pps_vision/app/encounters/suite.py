@@ -73,7 +73,7 @@ def run_suite(
         workers: Processes; with 1 everything runs in this one.
         share: Share of the training approaches and of the maps' labels.
         numbers: Parameters by a name "CONTROLLER#k".
-        perceptions: What the controllers are given of the object.
+        perceptions: The controllers' knowledge of the object.
     """
     for name in controllers:
         new_controller(name.partition("#")[0])  # refuse an unknown one at once

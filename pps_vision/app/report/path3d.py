@@ -13,7 +13,7 @@ from pps_vision.types import Array
 if TYPE_CHECKING:  # tracking alone needs no robot
     from pps_vision.robot.model import Posture
 
-_MOST_POINTS = 4000  # of a line; every k-th of a longer one is drawn
+_MOST_POINTS = 4000  # in a line; every k-th of a longer one is drawn
 _MOST_ELLIPSOIDS = 40
 _SLOWEST_M_S = 0.01  # slower approaches have no time to contact
 

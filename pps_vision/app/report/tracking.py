@@ -62,7 +62,7 @@ class Tracked:
     position: Array  # (n, 3) m, of the attended object; NaN where unknown
     cov: Array  # (n, 3, 3) m²
     status: Array  # (n,)
-    paths: Mapping[int, TrackPath]  # of each track by its number
+    paths: Mapping[int, TrackPath]  # path of each track by its number
     reach: Array | None  # (n,) degree of reachability, NaN where unknown; None without a map
     activation: Mapping[str, Array]  # activation (n,) of every taxel, by its name; empty without a memory
     truth: Array  # (m, 4) stamp and true position; (0, 4) without one

@@ -1,6 +1,6 @@
 """Two-stage inverse kinematics by IPOPT (J's solver), one problem at a time, through CasADi.
 
-Starts, limits and tolerance are those of `pps_vision.robot.two_stage`, which solves all problems as one batch.
+Starts, limits and tolerance are as in `pps_vision.robot.two_stage`, which solves all problems as one batch.
 """
 
 from typing import Any

@@ -5,7 +5,7 @@ the safeguards that the documentation of the authors' library describes. A recep
 activation w = exp(−½ D |x − c|²) and predicts by a linear model, fitted by partial least squares; the prediction is
 the mean over fields, weighted by w. A sample to which no field responds adds a field. Each output has its own fields.
 
-The metric D is constant, as it is in all studies. Co-moments are exact instead of recursive: the recursion has the same
+The metric D is constant in all studies. Co-moments are exact instead of recursive: the recursion has the same
 limit, but with tens of samples per field the difference is half of the error.
 """
 
@@ -23,7 +23,7 @@ _FIRST_CAPACITY = 64
 
 
 class LWPRParams(NamedTuple):
-    """Parameters, by default those of the authors' library, for inputs and outputs of the order of 1.
+    """Parameters, by default the authors' library's, for inputs and outputs of the order of 1.
 
     A named tuple because compiled code takes it. Fields are never pruned: with the library's default they never are.
     """

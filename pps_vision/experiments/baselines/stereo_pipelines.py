@@ -24,7 +24,7 @@ StereoPipelineName = Literal["two hue blobs", "two CamShift", "two KCF", "two CS
 STEREO_PIPELINES: tuple[StereoPipelineName, ...] = get_args(StereoPipelineName)
 Boxes = tuple[BoxPx, BoxPx]
 PixelOf = Callable[[Image], Array | None]  # (2,) px of the object in the next image; None where it is lost
-_POINT_STD_PX = 1.0  # of the baselines' centres, for the filter: their boxes are whole pixels
+_POINT_STD_PX = 1.0  # error of the baselines' centres, for the filter: their boxes are whole pixels
 _LOST_AFTER_S = 0.5  # without a point
 _TRACKERS: dict[StereoPipelineName, ImageTrackerName] = {
     "two hue blobs": "hue blob",

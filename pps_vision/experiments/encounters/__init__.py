@@ -11,7 +11,7 @@ from pps_vision.experiments.study import Part, PartsStudy
 @dataclass(frozen=True)
 class Encounters(PartsStudy):
     """Parts: all controllers without rendering; ours beside controls that have learned nothing, on robots with R's
-    errors; what an activation means; surfaces that geometry does not know; ours and such a control rendered; R's
+    errors; the meaning of an activation; surfaces that geometry does not know; ours and such a control rendered; R's
     sessions of avoidance and reaching (R Figs 10, 11, S1, S2, Tables 6, 7); the search for the baselines'
     parameters."""
 

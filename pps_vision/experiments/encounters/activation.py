@@ -1,4 +1,4 @@
-"""What an activation means: on time before a touch, low where nothing threatens, and equal to the rate of touch."""
+"""The meaning of an activation: on time before a touch, low where nothing threatens, and equal to the rate of touch."""
 
 from functools import cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from pps_vision.experiments.tables import Table, estimate, judged
 THRESHOLD = 0.4  # above which the arm responds
 _LEAD_S = 0.5  # before a contact, from which on the activation is to be above the threshold
 _TENTHS = 10
-_HELD_OUT_SHARE = 0.2  # of the number of training trials, that test the calibration
+_HELD_OUT_SHARE = 0.2  # trials that test the calibration, relative to the training trials
 PER_ROBOT: dict[Condition, int] = {
     "press": 6,
     "graze": 6,
@@ -79,7 +79,7 @@ def robot_rows(task: RobotTask, folder: Path | None = None) -> Rows:
 
 @cache
 def _held_out(side: Side, seed: int, share: float) -> tuple[Trial, ...]:
-    """Trials drawn as those of the training."""
+    """Trials drawn as in the training."""
     return tuple(training_trials(scene(), side, seed + 1, _HELD_OUT_SHARE * share))
 
 

@@ -107,7 +107,7 @@ def side_of(robot: int) -> Side:
 
 
 def mind(task: RobotTask) -> tuple[MiscalibratedRobot, MiscalibratedRobot, Memories]:
-    """Return a robot, the same with its encoders corrected, and what it has learned with these."""
+    """Return a robot, the same with its encoders corrected, and its memory."""
     number = task.robot if task.error_m else task.robot % 2  # robots of one arm without error are one robot
     return _mind(number, task.error_m, task.seed, task.share, R_MAP in task.controllers)
 

@@ -75,7 +75,7 @@ _GOAL = 80.0
 
 
 class Subject(NamedTuple):
-    """What a subject has learned."""
+    """A subject's memory and body."""
 
     side: Side
     memory: PPSMemory
@@ -87,7 +87,7 @@ class Subject(NamedTuple):
 
 
 class SubjectTask(NamedTuple):
-    """What one subject learns and meets."""
+    """Training and encounters of a subject."""
 
     subject: int
     case: Case

@@ -1,4 +1,4 @@
-"""A hand and a walking person of cylinders and balls: what a film shows beside its objects, without truth."""
+"""A hand and a walking person of cylinders and balls: shown beside a film's objects, without truth."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -10,7 +10,7 @@ from pps_vision.types import Array
 
 SKIN: Levels = (200.0, 150.0, 120.0)
 _HAIR: Levels = (60.0, 45.0, 35.0)
-_EYE_HEIGHT_M = 1.15  # of the cameras above the floor
+_EYE_HEIGHT_M = 1.15  # height of the cameras above the floor
 _FINGER_M = 0.008  # radius
 _STEP_RAD_S = 5.5
 _UP = np.array([0.0, -1.0, 0.0])
@@ -32,7 +32,7 @@ def make_hand(rng: np.random.Generator) -> Callable[[Array, float, float], Solid
     angle = rng.uniform(-0.7, 0.7)
     to_wrist = np.array([np.sin(angle), np.cos(angle), 0.0])
     side = rng.choice([-1.0, 1.0]) * np.cross(_FRONT, to_wrist)  # towards the thumb
-    reaches = np.deg2rad(rng.uniform(40, 80, 4))  # of the fingers, around the ball
+    reaches = np.deg2rad(rng.uniform(40, 80, 4))  # reach of the fingers around the ball
 
     def hand(center: Array, radius_m: float, away_m: float) -> Solids:
         origin = center + away_m * to_wrist

@@ -54,7 +54,7 @@ class Case:
         return replace(self.base, background=film % len(PHOTOS), texture=(film + 2) % len(PHOTOS))
 
     def tracker(self, hue_deg: float) -> TrackerParams:
-        """Return the tracker's parameters: those of `track`."""
+        """Return the tracker's parameters, as in `track`."""
         if self.marker:
             return TrackerParams("marker", marker=MarkerParams(hue_deg))
         return TrackerParams(max_objects=DEFAULT_OBJECTS)
@@ -90,7 +90,7 @@ _WHOLE_CHAIN = {"sensor": SensorChain(bayer=True, shot=0.2, jpeg=85), "gain_drif
 _LARGE = {"width": 1280, "height": 960, "fps": 60.0, "seconds": 2.0, "start": "moving"}
 _IN_VIEW: dict[str, Any] = {"start": "rest"}
 _GREY_IN_VIEW: dict[str, Any] = {**_IN_VIEW, "sensor": SensorChain(grey=True)}
-Options = Mapping[str, Any]  # of a `FilmScene`
+Options = Mapping[str, Any]  # fields of a `FilmScene`
 _STARTS: dict[str, Options] = {
     "{}, entering": {},
     "{}, in view from the start": _IN_VIEW,

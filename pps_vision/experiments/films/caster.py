@@ -1,6 +1,6 @@
 """Light of painted balls, panels and cylinders in a room whose walls show a photograph, by ray casting, and its sensor.
 
-Shares no code with `rendering`. The lens is OpenCV's. Coordinates are those of the stage frame (m): x to the right,
+Shares no code with `rendering`. The lens is OpenCV's. Coordinates are in the stage frame (m): x to the right,
 y down, z ahead, origin midway between the eyes at rest. Paints and photographs are given as the levels (0–255) that a
 camera shows of them in full light. Light adds in proportion to itself, 255 at full scale; the camera's tone curve, that
 of sRGB, turns it to levels.
@@ -154,14 +154,14 @@ def light_of(levels: ArrayLike) -> NDArray[np.float32]:
 
 
 def levels_of(light: ArrayLike) -> NDArray[np.float32]:
-    """Return the levels of light, the inverse of `light_of`; what is brighter than full scale saturates."""
+    """Return the levels of light, the inverse of `light_of`; levels above full scale saturate."""
     share = np.minimum(np.asarray(light, np.float32) / 255, 1)
     return np.float32(255) * np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
 
 
 @lru_cache(maxsize=32)
 def photograph(data: Path, index: int, width: int) -> NDArray[np.float32]:
-    """Return the light (h, width, 3) of a photograph; of a procedural texture where its file is absent."""
+    """Return the light (h, width, 3) of a photograph, or of a procedural texture where its file is absent."""
     file = data / PHOTOS[index % len(PHOTOS)]
     image = cv2.imread(str(file), cv2.IMREAD_COLOR) if file.exists() else None
     picture = procedural(index) if image is None else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))

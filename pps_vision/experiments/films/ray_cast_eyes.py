@@ -30,7 +30,7 @@ from rendering.sensor import Sensor
 from rendering.shapes import Color, Part, sphere
 from rendering.stimuli import Stimulus
 
-_SQUARES = 5  # of a chequered ball from pole to pole
+_SQUARES = 5  # squares of a chequered ball from pole to pole
 _T_STAGE_ROOT = np.linalg.inv(T_ROOT_STAGE_HEAD)
 _FRONT_WALL_M = 1.3
 _ROUND = 1.05  # largest ratio of the extents of a prop that is a ball

@@ -145,7 +145,7 @@ def _first_hits(origin, rays, solids, distance, index, normals):  # type: ignore
 def first_hits(origin: Array, rays: Array, solids: Array) -> tuple[Array, NDArray[np.int64], Array]:
     """Return distance (n,), index (n,) and unit normal (n, 3) of the first solid on each of the rays (n, 3).
 
-    Distances and indices are those of `first_hit`; without a hit the normal is 0.
+    Distances and indices are as in `first_hit`; without a hit the normal is 0.
     """
     distance = np.empty(len(rays))
     index = np.empty(len(rays), np.int64)

@@ -41,10 +41,10 @@ from pps_vision.types import Array, StereoFrame, Truth
 
 TimedPath = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
 VISIBLE_SHARE = 0.5  # an eye sees the object if this share of its image is visible
-_HALF_BASELINE_M = 0.034  # of the iCub's eyes
+_HALF_BASELINE_M = 0.034  # iCub's eyes
 FOCAL = 0.86  # focal length as a share of the width
 _BASELINE_M = 0.12  # between the eyes of a rig without a head
-_DISTORTION = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])  # of the left eye
+_DISTORTION = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])  # left eye
 _ROTATION_RAD = np.deg2rad(1.0)  # amplitude of a rotating rig about the vertical axis
 _ROTATION_HZ = 0.5
 _DARK_GAIN = 0.0005
@@ -77,7 +77,7 @@ T_ROOT_STAGE_HEAD = np.array([[0.0, 0, -1, EYES_AT_REST[0]], [1, 0, 0, 0], [0, -
 _SWAYING_JOINTS = ("neck_yaw", "neck_pitch", "neck_roll", "eyes_tilt", "version")
 _SWAY_SHARE = np.array([1.0, 0.6, 0.25, 0.4, 0.8])
 _SWAY_HZ = np.array([0.31, 0.23, 0.17, 0.41, 0.29])
-_LENSES = ((1.0, 3.2, -2.6), (1.004, -2.4, 1.7))  # of each eye: relative focal length, offset of the principal point
+_LENSES = ((1.0, 3.2, -2.6), (1.004, -2.4, 1.7))  # each eye's relative focal length, offset of the principal point
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,9 @@ class FilmObject:
     """Parameters of an object and its motion. Defaults as in the tracking table: 0.6 m, 30 cm/s."""
 
     shape: Literal["ball", "square", "rod"] = "ball"  # square and rod face the eyes, slightly turned; the rod at 45°
-    radius_m: float = 0.03  # of the ball; half the side of the square; half the length of the rod
+    radius_m: float = 0.03  # radius of the ball; half the side of the square; half the length of the rod
     color: Levels | Literal["background"] = (205.0, 30.0, 25.0)  # background: the mean of the photograph
-    pattern: Pattern = "plain"  # of the object
+    pattern: Pattern = "plain"  # pattern of the object
     texture: int = 1  # photograph (index) of a textured object
     spin_rad_s: float = 0.0  # rotation about an oblique axis (ball) or in its plane (square, rod)
 
@@ -106,7 +106,7 @@ class FilmObject:
 class FilmScene(FilmObject):
     """Parameters of a film, and of its first object. The defaults: 640×480, 12 cm baseline."""
 
-    width: int = 640  # of the images, px
+    width: int = 640  # width of the images, px
     height: int = 480  # px
     fps: float = 30.0  # pairs a second
     seconds: float = 4.0  # length of the film

@@ -31,7 +31,7 @@ _KNOWN_S = 0.5  # latest, for `known_percent`
 _CHI2_95 = 7.815  # of three degrees of freedom
 _BY_FILM = ("right_percent", "covered_percent", "found_s")
 Step = Callable[[StereoFrame], Track3D | TrackerStep]
-Tracks = Sequence[Sequence[Track3D]]  # of each frame; a place in it belongs to the same object throughout
+Tracks = Sequence[Sequence[Track3D]]  # tracks of each frame; a place in it belongs to the same object throughout
 Scores = dict[str, float]
 
 
@@ -97,7 +97,7 @@ def measure_film(film: Film, params: TrackerParams, baselines: bool = False, eac
         steps |= {name: FilteredPipeline(name, *start).step for name in available_pipelines()}
     tracks: dict[str, list[Sequence[Track3D]]] = {name: [] for name in steps}
     ms: dict[str, list[float]] = {name: [] for name in steps}
-    for frame in film:  # once for all trackers, as it is drawn anew each time
+    for frame in film:  # once for all trackers, since it is drawn anew each time
         for name, step in steps.items():
             result, step_ms = timed(partial(step, frame))
             if isinstance(result, Track3D):
@@ -134,7 +134,7 @@ def score_of_film(
 
 
 def _false_percent(tracks: Tracks, truths: Sequence[Sequence[Truth]]) -> float:
-    """Share of the frames in which a track claims what is more than 5 cm from every object."""
+    """Share of the frames in which a track claims a position more than 5 cm from every object."""
     worst = []
     for row, objects in zip(tracks, zip(*truths, strict=True), strict=True):
         claims = [track.position for track in row if track.status == Status.TRACKING]

@@ -50,7 +50,7 @@ def run(study: Any) -> dict[str, Any]:
 
 
 def double_touches(true: SkinPart, believed: SkinPart, inner: Array, rng: np.random.Generator) -> Iterator[PartTouch]:
-    """Yield touches of the `true` skin by a right index that is aimed about taxels as they are `believed` to be."""
+    """Yield touches of the `true` skin by a right index that is aimed about the `believed` taxels."""
     robot, _, _ = true_robot()
     index = inner[np.arange(_AIMS) % len(inner)]
     normals = believed.normals[index]
@@ -73,7 +73,7 @@ def double_touches(true: SkinPart, believed: SkinPart, inner: Array, rng: np.ran
         if not (gaps <= 0).any():
             continue
         k = int((gaps <= 0).argmax())
-        share = gaps[k - 1] / (gaps[k - 1] - gaps[k]) if k else 1.0  # of the last step, at which the finger stops
+        share = gaps[k - 1] / (gaps[k - 1] - gaps[k]) if k else 1.0  # share of the last step, at which the finger stops
         center = path[max(k - 1, 0)] + share * (path[k] - path[max(k - 1, 0)])
         distances = np.linalg.norm(center - true.positions_m, axis=1)
         yield PartTouch(center, FINGERTIP_RADIUS_M, distances <= FINGERTIP_RADIUS_M + TOUCH_RADIUS_M)

@@ -1,13 +1,13 @@
 """Plausible recordings with one fault each, and sound ones: which are warned of, which give wrong numbers in silence.
 
-Every film shows a ball before a wall, from a rig of its own: 6 to 100 cm baseline, cameras that converge, are rolled or
+Every film shows a ball before a wall, from its own rig: 6 to 100 cm baseline, cameras that converge, are rolled or
 lie above each other, sharp or soft walls, two sizes of images.  A recording is wrong if the median error of what is
 tracked exceeds 5 mm and 1 % of the distance, or the speed is off by a tenth; it is silent if neither `info` nor `track`
 warns.  The fault is visible if the true pixels of points on the wall, or of the ball, do not fit the cameras as given:
 by more than a pixel (median), or most lie behind them; or if the rate is not the video's own.
 
 Films of even seeds are videos whose files state their rate, the others images, of which only `--fps` tells it.
-Nothing in the images tells the scale of the baseline, a focal length that is wrong in both cameras alike, or an error
+Nothing in the images tells the scale of the baseline, a focal length that is equally wrong in both cameras, or an error
 that moves points along the epipolar lines only.
 
 Endpoint, written before the run of seed 720 (5 films of each fault, 100 sound ones): wrong, silent and visible at most
@@ -44,10 +44,10 @@ from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Image
 
 WRONG_M = 0.005
-WRONG_SHARE = 0.01  # of the distance
+WRONG_SHARE = 0.01  # relative to the distance
 WRONG_SPEED = 0.1
 _SOUND = 1000  # first seed of the sound films
-FEW_TRACKED = 0.2  # of the pairs: then nothing is claimed
+FEW_TRACKED = 0.2  # share of pairs: then nothing is claimed
 VISIBLE_PX = 1.0
 _WALL_POINTS = 400
 
@@ -98,10 +98,10 @@ class RigFilm(Film):
 
 @dataclass(frozen=True)
 class Input:
-    """What a user gives: images of both cameras, stamps, the cameras of the calibration, and joints (n, ·) of a head.
+    """Input of a user: images of both cameras, stamps, the cameras of the calibration, and joints (n, ·) of a head.
 
     `shown` (n, 2) are the film's frames of both images, and `seen` maps pixels (n, 2) of its left (0) or right (1)
-    camera to those of the image.
+    camera to the image's.
     """
 
     film: RigFilm
@@ -125,7 +125,7 @@ class Input:
         return cls(film, images, film.stamps_s, film.rig, joints, np.arange(len(frames)).repeat(2).reshape(-1, 2))
 
     def recording(self) -> Recording:
-        """The recording as it is opened."""
+        """The opened recording."""
         pairs = []
         for k, t in enumerate(self.stamps_s.tolist()):
             joints = None if self.joints is None else self.joints[k]
@@ -240,7 +240,7 @@ def _extrinsics(given: Input, change: Callable[[Array, Array], tuple[Array, Arra
 
 
 def _cameras(given: Input, left: Callable[[Camera], Camera], right: Callable[[Camera], Camera] | None = None) -> Input:
-    """The cameras are changed, both alike unless two changes are given."""
+    """The cameras are changed, both by one change or each by its own."""
     rig = given.rig
     return replace(given, rig=StereoRig(left(rig.left), (right or left)(rig.right), rig.eye_poses))
 

@@ -109,7 +109,7 @@ def learn_and_judge(n_labels: int, data: Training, seed: int) -> Values:
         oracle = ReachOracle(load_icub(), "right", params, rng, learn_hand(data.babbled))
         label = partial(_flipped, oracle.label, data.flipped, rng)
         reachable = learned_from(label, "right", rng, params).query(data.gaze_rad).reachable
-    except ValueError:  # of the learner: too few samples, no label beyond the border
+    except ValueError:  # the learner's: too few samples, no label beyond the border
         pass
     return {"misjudged": reachable != data.reachable}
 

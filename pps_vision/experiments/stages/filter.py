@@ -30,7 +30,7 @@ from tracking.smoother import Measurement, follow, smooth
 
 DEFAULT = f"order {DEFAULT_ORDER}"
 _SETTLED = 10  # measurements before a filter is judged
-_PIXEL_STD = 2.0  # of the noisy tt3d projections, found between the two cameras' rays
+_PIXEL_STD = 2.0  # noise of the tt3d projections, found between the two cameras' rays
 _METRICS = {"position_mm": Metric("position_mm", rms)}
 
 

@@ -43,7 +43,7 @@ _SWING_HZ = (0.5, 2.0)
 _SETTLE_S = 0.5
 _SECONDS = 4.0
 _TRACKED_S = 1.5
-_TICKS = (0.6, 0.8, 1.0, 1.4, 2.0)  # of the chart
+_TICKS = (0.6, 0.8, 1.0, 1.4, 2.0)  # ticks of the chart
 _DERIVATIVE_S = 0.03  # over which the velocity of a flight is taken from its true path
 
 

@@ -36,7 +36,7 @@ WAYS = {
 DEFAULT = "scale 1"
 OBJECTS: tuple[StimulusName, ...] = ("ball", "marker")
 _MARGIN_PX = 2.0  # around the object, where images are compared
-_RAYS = 5  # of the reference, along a pixel's side
+_RAYS = 5  # rays of the reference, along a pixel's side
 _METRICS = {"object_error": Metric("object", rms)}
 
 

@@ -28,7 +28,7 @@ from rendering.sensor import Sensor
 from rendering.stimuli import RED, make_stimulus
 
 BALL_M = 0.035
-_SECOND_COLOR = (127 / 255 * RED[0], RED[1], RED[2])  # of the textured ball
+_SECOND_COLOR = (127 / 255 * RED[0], RED[1], RED[2])  # textured ball
 OURS = "covariance (ours)"
 BASELINES = ("midpoint", "linear (OpenCV)", "whole BM")
 _SECONDS = 1.5

@@ -1,7 +1,7 @@
 """Forms of calibrations, one a module, found here without being named elsewhere.
 
 A module has `FORM`, its description; `recognises(document)`; and `read(documents)`, which returns the cameras of all
-files of a calibration.  `IS_LAST`: its names are among those of other forms, which are asked first.
+files of a calibration.  `IS_LAST`: other forms, which are asked first, have its names too.
 """
 
 from collections.abc import Sequence

@@ -57,7 +57,7 @@ def camera_of(document: Document) -> CalibratedCamera:
 
 
 def _window(document: Document, size: tuple[float, float] | None) -> tuple[Array, tuple[float, float] | None]:
-    """(3, 3) pixels of the sensor to those of the images, by the region of interest and binning; the images' size."""
+    """(3, 3) pixels of the sensor to pixels of the images, by the region of interest and binning; the images' size."""
     roi = document.table("roi") if "roi" in document else Document(document.file, {})
     window = np.eye(3)
     sides = []

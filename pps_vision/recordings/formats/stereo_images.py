@@ -47,7 +47,7 @@ def recognises(source: Source) -> bool:
 
 
 def open_source(source: Source) -> Recording:
-    """Open the images `source.left` and `source.right`, or the halves of those of `source.folder`.
+    """Open the images `source.left` and `source.right`, or the halves of the images in `source.folder`.
 
     InputError if they or the calibration cannot be used."""
     check_options(source)

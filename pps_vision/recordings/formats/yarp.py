@@ -42,7 +42,7 @@ _IMAGE_SUFFIXES = (".ppm", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".ti
 _DEPTH_SUFFIXES = (".float", ".floatzip")
 _VIDEOS = ("video.mkv", "video.avi")
 _FRAME = re.compile(r"frame_([0-9]{8,9})", re.ASCII)
-_STAMP_RESOLUTION_S = 1e-6  # of the digits in a log, and of a double in seconds since 1970
+_STAMP_RESOLUTION_S = 1e-6  # resolution of the digits in a log, and of a double in seconds since 1970
 SKIN_PARTS = {
     **{1: "left_palm", 2: "left_forearm", 3: "left_upper_arm"},
     **{4: "right_palm", 5: "right_forearm", 6: "right_upper_arm", 7: "torso"},

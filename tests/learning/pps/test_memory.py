@@ -307,7 +307,7 @@ def test_a_taxel_without_samples_expects_what_its_part_knows_and_an_empty_memory
 
 
 def test_the_path_tells_touches_from_passes_where_distance_and_time_do_not():
-    """Objects at the same D and TTC: the ones that head for the taxel touch it, the ones that pass at 8 cm do not."""
+    """Objects at the same D and TTC: some head for the taxel and touch it, others pass at 8 cm."""
     memory = PPSMemory.empty(FOREARMS)
     at = np.full((30, N), 0.08), np.full((30, N), 0.9)
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""A tool in the hand, from what the hand feels."""
+"""A tool in the hand, learned from the hand's touches."""
 
 from dataclasses import replace
 
