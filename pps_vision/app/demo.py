@@ -70,8 +70,8 @@ _PALM = "left_palm:101"
 _COLUMNS = {
     "touched": "touched",
     "smallest_gap_mm": "smallest gap (mm)",
-    "highest_activation": "highest activation",
-    "activation_at_command": "activation when the arm first moves",
+    "highest_activation": "highest activation before a touch",
+    "activation_at_command": "activation when the arm first moves (1 if touched)",
     "predicted_after_s": f"above {THRESHOLD:g} after (s)",
     "arm_moved": "arm moved",
     "track_rms_mm": "3D RMS (mm)",
@@ -209,7 +209,8 @@ def _numbers(log: EpisodeLog) -> dict[str, object]:
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     error = error[np.isfinite(error)]
     highest = log.activations.max(axis=1)
-    predicted = np.flatnonzero(highest > THRESHOLD)
+    before_touch = highest[: np.argmax([*log.touched.any(axis=1), True])]
+    predicted = np.flatnonzero(before_touch > THRESHOLD)
     commanded = np.flatnonzero(log.arm_commanded)
     tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
     degrees = [reach.degree for reach in tracked if reach.status != ReachStatus.NOT_FIXATED]
@@ -217,7 +218,7 @@ def _numbers(log: EpisodeLog) -> dict[str, object]:
         "touched": log.was_touched,
         "arm_moved": log.was_commanded,
         "smallest_gap_mm": 1000 * float(log.surface_gap_m.min()),
-        "highest_activation": float(highest.max()),
+        "highest_activation": float(before_touch.max(initial=0.0)),
         "activation_at_command": float(highest[commanded[0]]) if len(commanded) else None,
         "predicted_after_s": float(log.stamps_s[predicted[0]] - log.stamps_s[0]) if len(predicted) else None,
         "tracked_share": sum(status == Status.TRACKING for status in log.status) / len(log.status),
