@@ -209,7 +209,7 @@ def _numbers(log: EpisodeLog) -> dict[str, object]:
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     error = error[np.isfinite(error)]
     highest = log.activations.max(axis=1)
-    before_touch = highest[: np.argmax([*log.touched.any(axis=1), True])]
+    before_touch = highest[: np.append(log.touched.any(axis=1), True).argmax()]
     predicted = np.flatnonzero(before_touch > THRESHOLD)
     commanded = np.flatnonzero(log.arm_commanded)
     tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
