@@ -24,11 +24,10 @@ Stamps = tuple[float, float]
 
 def check(frame: StereoFrame, rig: StereoRig, last_s: Stamps) -> None:
     """Raise InputError for stamps that are not after the last ones, or images that do not fit the rig's cameras."""
-    eyes = (
+    for name, new, old, image, camera in (
         ("left", frame.stamp_left_s, last_s[0], frame.left, rig.left),
         ("right", frame.stamp_right_s, last_s[1], frame.right, rig.right),
-    )
-    for name, new, old, image, camera in eyes:
+    ):
         if not old < new < np.inf:
             raise InputError("frame", f"{name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
         expected = camera.height, camera.width, 3

@@ -621,14 +621,14 @@ class CameraTracker:
 
     def detection(self, camera: CameraFrame, detection: ImageDetection) -> Detection2D:
         """The message of an image detection."""
-        shape = detection.outline
+        outline = detection.outline
         return Detection2D(
             camera.stamp_s,
             self.name,
-            shape.center_px,
-            shape.cov_px,
+            outline.center_px,
+            outline.cov_px,
             detection.score,
-            shape.angular_radius_rad,
+            outline.angular_radius_rad,
             detection.box_px,
         )
 

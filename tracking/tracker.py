@@ -365,8 +365,9 @@ class Tracker:
     @staticmethod
     def _followed_boxes(followed: Sequence[_Followed]) -> FollowedBoxes:
         """Boxes of the detected objects in both images."""
-        detected = [item.detections for item in followed]
-        left, right = ([pair[k].box_px for pair in detected if pair[k] is not None] for k in (0, 1))  # type: ignore[union-attr]
+        left, right = (
+            [detection.box_px for item in followed if (detection := item.detections[k]) is not None] for k in (0, 1)
+        )
         return left, right
 
     def _overlaps(self, item: _Followed, scene: _Scene, outlines: tuple[Outline, Outline]) -> bool:
@@ -650,8 +651,7 @@ class Tracker:
         if self.params.mode == "marker" and any(track.belief is not None for track, _, _ in results):
             return
         for k, (tracker, camera) in enumerate(zip(self._cameras, cameras, strict=True)):
-            detected = [detections[k] for _, _, detections in results]
-            boxes = [detection.box_px for detection in detected if detection is not None]
+            boxes = [detection.box_px for _, _, detections in results if (detection := detections[k]) is not None]
             tracker.background.update(camera.image, camera.view, camera.stamp_s, boxes)
 
     def _learn(

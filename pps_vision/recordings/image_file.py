@@ -233,8 +233,9 @@ def decode(file: ImageFile, size: tuple[int, int] | None = None, bits: int = 16)
     height, width = image.shape[:2]
     if size is not None and (width, height) != size:
         return _bad(file, f"is {width}×{height} pixels", f"{size[0]}×{size[1]} like the others")
-    levels = image if image.dtype == np.uint8 else np.minimum(image >> max(bits - _LEVELS, 0), 255)
-    return np.asarray(levels, np.uint8)
+    if image.dtype != np.uint8:
+        image = np.minimum(image >> max(bits - _LEVELS, 0), 255)
+    return np.asarray(image, np.uint8)
 
 
 def only_within(image: Image, roi: tuple[int, int, int, int] | None) -> Image:
