@@ -40,7 +40,10 @@ REPLACEMENTS = {  # for hardware and packages that may be missing, and for long 
     "bench loop --n 20": "bench loop --short --out measured --n 1",
     "encounters --out": "encounters --n 10 --share 0.02 --out",
 }
-LONG = ("render", "session", "reach train", "demo", "bench", "encounters", "batch", "--report", "--device", "--video")
+LONG = (
+    *("render", "session", "reach train", "demo", "bench", "encounters", "batch", "--report", "--device", "--video"),
+    *("rec --one", "rec --smooth", "--reduction", "--also"),  # variants of `track rec`, with tests of their own
+)
 
 
 def is_long(line: str) -> bool:

@@ -86,6 +86,7 @@ def test_own_camera(workdir):
         assert np.median(errors_mm(workdir / name / "trajectory.csv")) < 10
 
 
+@pytest.mark.long
 def test_points_of_another_detector(workdir, capsys):
     run("docs/howto/points.md")
     said = capsys.readouterr().out

@@ -47,8 +47,12 @@ def write(folder: Path, change: Callable[[Camera], Callable[[Image], Image]]) ->
 LENSES = {"rational": RATIONAL, "thin prism": THIN_PRISM, "tilted": TILTED, "fisheye": FISHEYE}
 
 
-@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
-def test_lenses(tmp_path, lens, capsys):
+@pytest.mark.parametrize(
+    "name", ["tilted", "fisheye", *(pytest.param(name, marks=pytest.mark.long) for name in ("rational", "thin prism"))]
+)
+def test_lenses(tmp_path, name, capsys):
+    """A tilted lens has the coefficients of the rational one and the thin prism too."""
+    lens = LENSES[name]
     words = write(tmp_path, lambda camera: seen_through(camera, camera.K, lens))
     words += ["--calib", str(calibration(tmp_path / "calib.yml", film()[0], D1=lens, D2=lens))]
     if len(lens) == 4:

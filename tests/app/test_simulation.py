@@ -29,7 +29,7 @@ from rendering.scene import SceneState
 from rendering.stimuli import Stimulus, make_stimulus
 
 LOOP = Loop(n=1, seed=SEED)
-LONG = [pytest.param(case, marks=pytest.mark.long) for case in ("avoidance off", "own arm")]
+LONG = [pytest.param(case, marks=pytest.mark.long) for case in ("avoidance off", "static", "own arm")]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_every_inner_taxel_has_learned(memory):
     assert (memory.samples[inner, 0] > 0).all()
 
 
-@pytest.mark.parametrize("case", ["avoidance on", "receding", "static", *LONG])
+@pytest.mark.parametrize("case", ["avoidance on", "receding", *LONG])
 def test_episodes(scene, memory, case):
     log = LOOP.episode(scene, memory, case, 0)
     assert log.was_touched == (case == "avoidance off")

@@ -139,32 +139,21 @@ def test_a_row_of_another_form_is_skipped(log, row):
 
 
 @pytest.mark.parametrize(
-    ("stamps", "skipped"),
+    ("stamps", "skipped", "distinct"),
     [
-        ((1, 2, 3, 1.5, 4), [4]),  # a single one goes back
-        ((1, 2, 3, 2.5, 4), [4]),  # of two that contradict each other, the later
-        ((1, 2, 900, 3, 4, 5), [3]),  # one that jumps ahead does not discard what follows
-        ((1, 2, 2, 3), []),  # equal stamps happen in real joint logs
-        ((5, 6, 7, 1, 2), [4, 5]),  # the clock was set back: the longer part
+        ((1, 2, 3, 1.5, 4), [4], False),  # a single one goes back
+        ((1, 2, 3, 2.5, 4), [4], False),  # of two that contradict each other, the later
+        ((1, 2, 900, 3, 4, 5), [3], False),  # one that jumps ahead does not discard what follows
+        ((1, 2, 2, 3), [], False),  # equal stamps happen in real joint logs
+        ((5, 6, 7, 1, 2), [4, 5], False),  # the clock was set back: the longer part
+        ((1, 2, 2, 3), [3], True),  # the first of two that are equal stays
+        ((1, 1, 1), [2, 3], True),
+        ((1, 2, 900, 3, 3, 4), [3, 5], True),
+        ((1, 2, 3, 2, 4), [4], True),
     ],
 )
-def test_stamps_that_go_backwards_are_skipped(log, stamps, skipped):
-    rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None)
-    assert problems == [(ProblemKind.STAMP, line) for line in skipped]
-    assert [line for line, _ in rows] == [line for line in range(1, len(stamps) + 1) if line not in skipped]
-
-
-@pytest.mark.parametrize(
-    ("stamps", "skipped"),
-    [
-        ((1, 2, 2, 3), [3]),  # the first of two that are equal stays
-        ((1, 1, 1), [2, 3]),
-        ((1, 2, 900, 3, 3, 4), [3, 5]),
-        ((1, 2, 3, 2, 4), [4]),
-    ],
-)
-def test_stamps_that_must_differ(log, stamps, skipped):
-    rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None, distinct_stamps=True)
+def test_stamps_that_go_backwards_or_must_differ_are_skipped(log, stamps, skipped, distinct):
+    rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None, distinct_stamps=distinct)
     assert problems == [(ProblemKind.STAMP, line) for line in skipped]
     assert [line for line, _ in rows] == [line for line in range(1, len(stamps) + 1) if line not in skipped]
 

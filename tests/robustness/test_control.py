@@ -54,6 +54,7 @@ def test_a_robot_with_the_stated_latency_is_not_reported(latency_s):
     assert result.modes["avoid"] > 0
 
 
+@pytest.mark.long
 def test_the_attack_finds_limits_that_the_reported_posture_alone_does_not_keep(monkeypatch):
     checked = limits.limit
     monkeypatch.setattr(limits, "limit", lambda *args: checked(*args[:5]))
@@ -62,6 +63,7 @@ def test_the_attack_finds_limits_that_the_reported_posture_alone_does_not_keep(m
     assert np.rad2deg(result.beyond_rad) > 1.0
 
 
+@pytest.mark.long
 def test_the_attack_finds_what_the_arm_and_the_last_stage_prevent(monkeypatch):
     checked = limits.limit
 

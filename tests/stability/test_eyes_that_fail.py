@@ -98,7 +98,7 @@ def met(scene: SimulationScene) -> Met:
     return cache(lambda fault: meet(scene, FAULTS[fault]))
 
 
-LONG = "one eye black", "one eye frozen"
+LONG = "both eyes black", "one eye black", "one eye frozen"
 
 
 @pytest.mark.parametrize(

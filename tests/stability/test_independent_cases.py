@@ -21,11 +21,9 @@ USUAL = (
     "2 cm/s",
     "moves, stops for 2 s, moves on",
     "1 m/s, instant reversal",
-    "rig shakes, declared fixed",
     "flicker and gain drift",  # gain of the learned background
     "grey, in view from the start",  # ghost of an object learned as background
     "head moves, grey",  # background of a moving camera
-    "head moves, 20 ms stale",  # delay of the joints
     "marker, flicker and gain drift",
 )
 FURTHER = (*(case.name for case in CASES if case.name not in USUAL), "hand takes", "turning stick", LARGE.name)

@@ -86,7 +86,7 @@ NEAR_M = 0.06
     [
         ("generic", 7201, 0.1),  # half of it stays in view: its size is not that of the half
         pytest.param("generic", 7202, 0.15, marks=pytest.mark.long),
-        ("marker", 7201, 0.5),  # before pictures with much of its hue
+        pytest.param("marker", 7201, 0.5, marks=pytest.mark.long),  # before pictures with much of its hue
         pytest.param("marker", 7205, 0.2, marks=pytest.mark.long),
     ],
 )

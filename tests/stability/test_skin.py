@@ -69,23 +69,6 @@ def test_whatever_a_tracker_says_activations_are_probabilities(p, v, std):
 MEMORY = learned(trials(12))
 
 
-@pytest.mark.parametrize(
-    ("p", "v", "expects"),
-    [
-        ((0.0, 0.0, 0.05), (0.0, 0.0, -0.1), True),  # coming, half a second away
-        ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), True),  # on the taxel: zero time to contact
-        ((0.0, 0.0, 0.05), (0.0, 0.0, 0.1), False),  # leaving
-        ((0.0, 0.0, 0.05), (0.0, 0.0, 0.0), False),  # standing: it never comes
-        ((0.0, 0.0, 0.05), (0.0, 0.1, 0.0), False),  # passing tangentially, at its nearest
-        ((0.0, 0.0, 0.05), (0.0, 0.0, -1e-9), False),  # so slowly that it never comes
-        ((0.0, 0.0, -0.3), (0.0, 0.0, 0.1), False),  # behind the body
-        ((0.0, 0.0, 0.5), (0.0, 0.0, -0.1), False),  # too far
-    ],
-)
-def test_only_what_comes_is_expected(p, v, expects):
-    assert (activation(MEMORY, *sees(p, v))[0] > 0.05) == expects
-
-
 def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
     """The lowest edge belongs to the first bin, an inner one to the bin above it, the highest to none; samples outside
     the ranges and unknown ones to none."""
@@ -98,28 +81,6 @@ def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
     for at in (d[1], d[-2], np.nextafter(d[-2], 1), np.nextafter(d[1], -1)):
         expected = activation(MEMORY, np.full(4, at), np.full(4, 0.4))
         assert np.all(expected > 0) == (PARAMS.distance_range_m[0] <= at <= PARAMS.distance_range_m[1])
-
-
-def test_duplicated_trials_give_the_same_map():
-    once = learned(trials(12))
-    thrice = learned(3 * trials(12))
-    D, TTC = sees([0.01, 0.0, 0.06], [0.0, 0.0, -0.1])
-    np.testing.assert_allclose(activation(thrice, D, TTC), activation(once, D, TTC))
-
-
-def test_two_stimuli_at_once_are_each_perceived_as_if_alone():
-    p = np.array([[0.0, 0.0, 0.08], [0.09, 0.0, 0.03]])
-    v = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, -0.05]])
-    samples = sees(p, v)
-    alone = [sees(p[k], v[k]) for k in range(2)]
-    np.testing.assert_array_equal(samples, np.stack(alone, axis=1))
-    together = activation(MEMORY, *samples)
-    np.testing.assert_allclose(together, [activation(MEMORY, *sample) for sample in alone])
-    counted = count_samples(PPSMemory.empty(SKIN, MemoryParams()), *samples, np.arange(4) == 3)
-    one_by_one = PPSMemory.empty(SKIN, MemoryParams())
-    for sample in alone:
-        one_by_one = count_samples(one_by_one, *sample, np.arange(4) == 3)
-    np.testing.assert_array_equal(counted.counts, one_by_one.counts)
 
 
 def run(stamps, tracks, touched_at=()):
@@ -144,17 +105,3 @@ def test_a_touch_with_no_track_and_a_track_with_no_touch():
     assert (untouched.memory.counts.sum(), untouched.unseen) == (0, 0)
     samples = run(stamps, approach(), touched_at=(28,))
     assert (samples.memory.counts[1, ..., 0].sum() > 20, samples.unseen) == (True, 0)
-
-
-def test_gaps_and_stale_samples_cost_samples_but_nothing_else():
-    """Half of an approach lost, a frozen stamp, a stamp that is no number: only seen frames are counted."""
-    stamps = 0.05 * np.arange(30)
-    whole = run(stamps, approach(), touched_at=(28,))
-    gapped = run(stamps, [*approach()[:8], *[None] * 10, *approach()[18:]], touched_at=(28,))
-    assert np.all(gapped.memory.counts <= whole.memory.counts)
-    assert 0 < gapped.memory.counts.sum() < whole.memory.counts.sum()
-    broken = stamps.copy()
-    broken[[5, 11, 12]] = broken[4], np.nan, -np.inf
-    stale = run(broken, approach(), touched_at=(28,))
-    assert stale.stale == 3
-    assert 0 < stale.memory.counts.sum() <= whole.memory.counts.sum()

@@ -47,7 +47,7 @@ def faults(film: WideFilm) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "kind", ["90°", "180°", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("150°", "1 m"))]
+    "kind", ["180°", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("90°", "150°", "1 m"))]
 )
 def test_a_ball_between_cameras_far_apart_is_tracked(kind: Kind):
     assert faults(WideFilm(kind, 1, frames=30)) == []

@@ -127,7 +127,7 @@ def track(film: Film, reduction: int) -> list[TrackerStep]:
     return [tracker.step(frame) for frame in film]
 
 
-@pytest.mark.parametrize("reduction", [2, 4])
+@pytest.mark.parametrize("reduction", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_positions_and_pixels_are_those_of_the_whole_images(film, reduction):
     later = list(zip(track(film, reduction), film.truth, strict=True))[20:]
     assert all(step.track.status == Status.TRACKING for step, _ in later)

@@ -123,10 +123,19 @@ def test_many_objects_teach_the_probability_of_contact():
     assert chance[enough].max() - chance[enough].min() > 0.3  # and the chance does vary
 
 
-@pytest.mark.parametrize("changed", [lambda counts: counts + 2**40, lambda counts: 0.3 + 0.0 * counts])
-def test_saved_and_loaded_is_the_same(tmp_path, changed):
-    """Also large counts, and shares of a touch."""
-    memory = random_memory(7, MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75))
+@pytest.mark.parametrize(
+    ("changed", "params"),
+    [
+        (lambda counts: counts + 2**40, MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75)),
+        (
+            lambda counts: 0.3 + 0.0 * counts,
+            MemoryParams(bins=(4, 3, 5), miss_range_m=(-0.1, 0.3), prior_samples=(7.0, 0.5)),
+        ),
+    ],
+)
+def test_saved_and_loaded_is_the_same(tmp_path, changed, params):
+    """Also large counts, shares of a touch, and predicted miss distances."""
+    memory = random_memory(7, params)
     place = np.array([[0.3, 0.0, 0.0, 2.0, 0.1, 0.0, 2.0]])
     body = {"positions_m": np.full((N - 1, 3), 0.1), "offsets_rad": np.array([0.02]), "places": place}
     memory = replace(memory, counts=changed(memory.counts), **body)
@@ -326,12 +335,3 @@ def learn_miss(memory, D, TTC, miss_m):
         events = TaxelEvents(0.05 * k, FOREARMS.taxel_ids, D[k], TTC[k], touched(), np.full(N, miss_m))
         buffer = push(buffer, events)
     return learn(memory, buffer, None)
-
-
-def test_a_memory_that_knows_the_path_is_saved_and_loaded(tmp_path):
-    memory = random_memory(3, MemoryParams(bins=(4, 3, 5), miss_range_m=(-0.1, 0.3), prior_samples=(7.0, 0.5)))
-    save_memory(tmp_path / "m.npz", memory)
-    again = load_memory(tmp_path / "m.npz")
-    assert again.params == memory.params
-    np.testing.assert_array_equal(again.counts, memory.counts)
-    np.testing.assert_array_equal(again.samples, memory.counts.sum(axis=(1, 2, 3)))
