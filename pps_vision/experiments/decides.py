@@ -134,10 +134,10 @@ def _films(study: "Decides", k: int, part: str, cases: Sequence[str], **options:
     unit: dict[str, dict[str, float]] = {"": {}, part: {}}
     for case in (case for case in (*CASES, *NEW_CASES) if case.name in cases):
         film = Film(case.scene(k), study.seed + k, study.data)
-        for name, switched in zip(unit, ({}, options), strict=True):
-            params = replace(case.tracker(film.hue_deg), **switched)
-            scores = score.measure_film(film, params, each=case.each)[score.OURS]
-            unit[name][f"{case.name}: right (%)"] = scores["right_percent"]
+        params = case.tracker(film.hue_deg)
+        scores = score.measure_film(film, params, each=case.each, variants={part: replace(params, **options)})
+        for name, own in zip(unit, scores.values(), strict=True):
+            unit[name][f"{case.name}: right (%)"] = own["right_percent"]
     return unit
 
 

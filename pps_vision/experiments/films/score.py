@@ -1,6 +1,6 @@
 """Trackers and baselines on films and recordings, and scores of their tracks against the truth."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -83,14 +83,23 @@ def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
     }
 
 
-def measure_film(film: Film, params: TrackerParams, baselines: bool = False, each: bool = False) -> dict[str, Scores]:
-    """Track a film with our tracker, which gets its rig alone, and with the baselines; return scores by tracker.
+def measure_film(
+    film: Film,
+    params: TrackerParams,
+    baselines: bool = False,
+    each: bool = False,
+    variants: Mapping[str, TrackerParams] | None = None,
+) -> dict[str, Scores]:
+    """Track a film with our tracker, which gets its rig alone, its variants and the baselines; return scores by
+    tracker.
 
     They are those of the first object; of two equal balls of either, or with `each` of the worse one. A baseline gets
     the true boxes of the first frame that shows the whole object to both eyes.
     """
-    tracker = Tracker(params, film.rig, np.random.default_rng(film.seed))
-    steps: dict[str, Step] = {OURS: tracker.step}
+    ours = {OURS: params, **(variants or {})}
+    steps: dict[str, Step] = {
+        name: Tracker(own, film.rig, np.random.default_rng(film.seed)).step for name, own in ours.items()
+    }
     if baselines:
         first, boxes = film.first_boxes
         start = (film.rig, float(film.stamps_s[first]), boxes)
@@ -107,7 +116,7 @@ def measure_film(film: Film, params: TrackerParams, baselines: bool = False, eac
             ms[name].append(step_ms)
     scores = {}
     for name in steps:
-        judged = film.truths if name == OURS and film.scene.second_ball else film.truths[:1]
+        judged = film.truths if name in ours and film.scene.second_ball else film.truths[:1]
         scores[name] = score_of_film(tracks[name], judged, film.awaited_s, each)
         scores[name]["ms_per_pair"] = float(np.median(ms[name]))
         scores[name]["false_percent"] = _false_percent([row[:1] for row in tracks[name]], film.truths)
