@@ -20,7 +20,7 @@ class Encounters(PartsStudy):
         "share": 0.02,
     }
     PARTS: ClassVar[Mapping[str, Part]] = {
-        "controllers": Part(controllers.run, controllers.chart, controllers.tables),
+        "controllers": Part(controllers.run, table=controllers.tables),
         "learning": Part(learning.run, learning.chart, learning.table),
         "activation": Part(activation.run, table=activation.table),
         "unknown": Part(unknown.run, table=unknown.tables),

@@ -3,23 +3,21 @@
 import hashlib
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from math import ceil
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, get_args
 
 import numpy as np
-from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from pps_vision.app.encounters.benchmark import Rates
 from pps_vision.app.encounters.controllers import ControllerParams
-from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, SPEED_M_S, Condition, EncounterScene, draw
+from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
     BASELINES,
     NAMES,
-    NONE,
     ONE,
     OURS,
     REACHING,
@@ -34,7 +32,6 @@ from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import learn
 from pps_vision.app.intervals import percent_of
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.study import NOISE_SIGMA, interval, quartiles
 from pps_vision.experiments.tables import Table, estimate, judged
 
@@ -42,7 +39,6 @@ SLOW_M_S = 0.15  # largest speed of the objects that approached R's robot
 MIN_SELF_DISTANCE_MM = 20.0  # self-collision distance that no encounter may come below
 _HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
 _LOGARITHMIC = "gain"  # parameter drawn logarithmically
-_BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _SHARES: dict[Condition, float] = {
     **dict.fromkeys(HAZARDS, 1.0),
     **dict.fromkeys(HARMLESS, 0.06),
@@ -50,10 +46,9 @@ _SHARES: dict[Condition, float] = {
     "graze": 0.2,
     "reach": 0.1,
 }
-_CONTROLLERS = {
+_COLUMNS = {
     "stop, ≤ 15 cm/s": "stop, slow",
     "press, through": "press and through",
-    "15–30 cm/s": "fast",
     "harmless: no command (%)": "still, all",
 }
 _IS_MET: dict[str, Callable[[float, float], bool]] = {"≥ ": operator.ge, "> ": operator.gt, "": operator.eq}
@@ -81,7 +76,7 @@ def unfinished_folder(study: Any, part: str) -> Path:
 
 
 def run(study: Any) -> dict[str, Any]:
-    """Return rates by condition, speed and controller, and paired differences from ours."""
+    """Return rates by controller, and paired differences from ours."""
     numbers = {condition: ceil(share * study.n) for condition, share in _SHARES.items()}
     folder = unfinished_folder(study, "controllers")
     rows = run_suite(folder, numbers, study.seed, NAMES, study.workers, study.share)
@@ -89,7 +84,7 @@ def run(study: Any) -> dict[str, Any]:
 
 
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
-    """Return the numbers of tables and chart from a row for each encounter and controller."""
+    """Return the numbers of the tables from a row for each encounter and controller."""
     rows = [row | {"untouched": not row["touched"], "still": not row["commands"]} for row in rows]
     by_name = {name: [row for row in rows if row["controller"] == name] for name in names}
     faults = [row for row in rows if row["faults"] or not row["self_distance_m"] * 1000 >= MIN_SELF_DISTANCE_MM]
@@ -105,23 +100,16 @@ def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
-    hazards = _of_condition(rows, *HAZARDS)
-    slow_stop = [row for row in hazards if row["condition"] == "stop" and row["speed_m_s"] <= SLOW_M_S]
-    hard = _of_condition(rows, "press", "through")
-    equal_n = sum(row["condition"] == "stop" for row in hazards)
-    fast = [row for row in hazards if row["speed_m_s"] > SLOW_M_S and row["number"] < equal_n]
+    slow_stop = [row for row in _of_condition(rows, "stop") if row["speed_m_s"] <= SLOW_M_S]
+    rates = Rates.of(rows)
     return {
+        "press and through": rates.hard,
+        "press and through, ours above": _ours_above(_of_condition(rows, "press", "through"), ours),
+        "still, all": rates.harmless,
+        "still": {c: rate(_of_condition(rows, c), "still") for c in HARMLESS},
         "stop, slow": rate(slow_stop, "untouched"),
         "stop, slow, distance_mm": quartiles([1000 * row["distance_m"] for row in slow_stop]),
         "stop, slow, lead_s": quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
-        "graze": rate(_of_condition(rows, "graze"), "untouched"),
-        "by speed": {c: _by_speed(hazards, c) for c in HAZARDS},
-        "press and through": rate(hard, "untouched"),
-        "press and through, ours above": _ours_above(hard, ours),
-        "fast": rate(fast, "untouched"),
-        "fast, ours above": _ours_above(fast, ours),
-        "still": {c: rate(_of_condition(rows, c), "still") for c in HARMLESS},
-        "still, all": rate(_of_condition(rows, *HARMLESS), "still"),
     }
 
 
@@ -142,36 +130,16 @@ def _ours_above(rows: Rows, ours: Rows) -> list[float]:
     return interval([[100.0 * (row["touched"] - touched[row["condition"], row["number"]])] for row in rows])
 
 
-def _by_speed(rows: Rows, condition: Condition) -> list[list[float]]:
-    rows = _of_condition(rows, condition)
-    bands = ([row for row in rows if low <= row["speed_m_s"] < high] for low, high in pairwise(_BANDS_M_S))
-    return [rate(band, "untouched") for band in bands]
-
-
 def _of_condition(rows: Rows, *conditions: Condition) -> Rows:
     return [row for row in rows if row["condition"] in conditions]
 
 
-def chart(numbers: dict[str, Any]) -> Figure:
-    """Draw the share not touched against speed, by controller and condition."""
-    conditions = tuple(numbers["controllers"][OURS]["by speed"])
-    figure, axes = panels(len(conditions))
-    middle_cm_s = 50 * (_BANDS_M_S[1:] + _BANDS_M_S[:-1])
-    for axis, condition in zip(axes, conditions, strict=True):
-        series = {name: cell["by speed"][condition] for name, cell in numbers["controllers"].items() if name != NONE}
-        curves(axis, middle_cm_s, series, "speed (cm/s)", "not touched (%)")
-        axis.set_title(condition, fontsize=9)
-        axis.set_ylim(-2, 102)
-    axes[0].legend(fontsize=7)
-    return figure
-
-
 def tables(numbers: dict[str, Any]) -> dict[str, Table]:
     rows = [
-        [name, *(estimate(cell[key]) for key in _CONTROLLERS.values())] for name, cell in numbers["controllers"].items()
+        [name, *(estimate(cell[key]) for key in _COLUMNS.values())] for name, cell in numbers["controllers"].items()
     ]
     return {
-        "": Table(["not touched (%)", *_CONTROLLERS], rows),
+        "": Table(["not touched (%)", *_COLUMNS], rows),
         "goals": Table(["ours", "goal", "measured"], _goals(numbers)),
     }
 
@@ -191,7 +159,6 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
         ("press, through: points above true positions", "≥ ", -3, above[TRUE]),
         ("points above distance only", "≥ ", 15, above["distance only"]),
         (f"points above the best baseline ({best})", "> ", 0, above[best]),
-        ("15–30 cm/s: points above true positions", "≥ ", -5, cells[TRUE]["fast, ours above"]),
         ("harmless: no command (%)", "≥ ", 99, ours["still, all"]),
         ("reached by the part aimed at (%)", "≥ ", 98, reaching[OURS]["reachable: by the part aimed at"]),
         ("out of reach, attempted (%)", "", 0, reaching[OURS]["out of reach: attempted"]),
