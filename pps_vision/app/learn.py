@@ -12,6 +12,7 @@ from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
 from learning.pps.tool import with_tool
 from pps_vision.app.pipeline import Pipeline, PipelineParams
+from pps_vision.app.progress import progress
 from pps_vision.app.track import tracker_for, tracker_params
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -66,31 +67,37 @@ def learn(
     robot = robot or icub_setup()
     before = PPSMemory.empty(robot.skin) if into is None else into
     opened = [r if isinstance(r, Recording) else open_recording(r, robot=robot) for r in recordings]
-    memory, touches = _learn_all(opened, before, mode, seed, robot)
-    corrected, _ = with_body(before, touches, robot)
-    return memory if corrected is before else _learn_all(opened, corrected, mode, seed, robot)[0]
-
-
-def _learn_all(
-    recordings: Sequence[Recording], memory: PPSMemory, mode: Mode, seed: int, robot: RobotSetup
-) -> tuple[PPSMemory, list[TouchTrial]]:
-    touches: list[TouchTrial] = []
-    for recording in recordings:
+    memory = before
+    used = []
+    for recording in opened:
         learned = learn_from(recording, memory, mode, seed, robot)
         memory = learned.memory
-        touches += learned.touches
-    return memory, touches
+        used.append((recording, learned.touches))
+    return learn_again(before, memory, used, mode, seed, robot)[0]
 
 
-def with_body(memory: PPSMemory, touches: Sequence[TouchTrial], setup: RobotSetup) -> tuple[PPSMemory, LearnedBody]:
-    """The memory with what `touches`, measured with its body, teach about it; itself where that is nothing clear."""
-    n_parts = len(setup.skin.parts)
-    body = learned_body(setup.robot, setup.rig, Skin(memory.skin_of(setup.skin).parts[:n_parts]), touches)
-    memory = with_tool(memory, setup.skin, body.beyond)
-    if not body.is_corrected:
+def learn_again(
+    before: PPSMemory,
+    memory: PPSMemory,
+    used: Sequence[tuple[Recording, list[TouchTrial]]],
+    mode: Mode,
+    seed: int,
+    robot: RobotSetup,
+) -> tuple[PPSMemory, LearnedBody]:
+    """The `memory` that `used` recordings have made of the one `before`, or where their touches clearly teach about the
+    body the one that they make with it corrected; and what they teach.  Arguments and errors as in `learn`."""
+    touches = [touch for _, touches in used for touch in touches]
+    skin = Skin(before.skin_of(robot.skin).parts[: len(robot.skin.parts)])
+    body = learned_body(robot.robot, robot.rig, skin, touches)
+    corrected = with_tool(before, robot.skin, body.beyond)
+    if body.is_corrected:
+        offsets_rad = body.offsets_rad + (before.offsets_rad if len(before.offsets_rad) else 0.0)
+        corrected = replace(corrected, offsets_rad=offsets_rad, positions_m=body.positions_m)
+    if corrected is before:
         return memory, body
-    before = memory.offsets_rad if len(memory.offsets_rad) else np.zeros(setup.robot.n_joints)
-    return replace(memory, offsets_rad=before + body.offsets_rad, positions_m=body.positions_m), body
+    for recording, _ in progress(used, desc="learn again", unit="recording"):
+        corrected = learn_from(recording, corrected, mode, seed, robot).memory
+    return corrected, body
 
 
 def learn_from(recording: Recording, memory: PPSMemory, mode: Mode, seed: int, robot: RobotSetup) -> Learned:

@@ -33,9 +33,8 @@ class Learn(RobotOptions, RecordingOptions):
     def run(self) -> None:
         """Learn from one recording after another."""
         from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
-        from pps_vision.app.learn import learn_from, with_body
+        from pps_vision.app.learn import learn_again, learn_from
         from pps_vision.app.pipeline import check_memory
-        from pps_vision.app.progress import progress
         from pps_vision.recordings.atomic_write import whole_file
 
         setup = self.setup()
@@ -60,15 +59,10 @@ class Learn(RobotOptions, RecordingOptions):
             initial_memory = memory
             n_used, bugs = self.use_each("learn", use, self.joints, setup)
             if not self.keep_body:
-                touches = [touch for _, touches in used for touch in touches]
-                corrected, body = with_body(initial_memory, touches, setup)
+                memory, body = learn_again(initial_memory, memory, used, self.mode, self.seed, setup)
                 print(body)
-                if len(places := corrected.places):
+                if len(places := memory.places):
                     print(f"tool: {len(places)} places beyond the skin, from {places[:, 6].sum():.0f} touches")
-                if corrected is not initial_memory:
-                    memory = corrected
-                    for recording, _ in progress(used, desc="learn again", unit="recording"):
-                        memory = learn_from(recording, memory, self.mode, self.seed, setup).memory
             save_memory(partial, memory)
         if memory is initial_memory:
             print("nothing learned: no recording has a touch by a tracked object", file=sys.stderr)
