@@ -151,11 +151,14 @@ def test_every_recording_ends_as_a_row(tmp_path, calib, fails_in_part):
     out = tmp_path / "out"
     (out / "c.mp4").mkdir(parents=True)
     (out / "c.mp4" / "summary.json").write_text("{}")
-    fails_in_part(tmp_path / "in" / "*", "--calib", calib, "--parquet", "--report", "--out", out, "--workers", "2")
+    words = [tmp_path / "in" / "*", "--calib", calib, "--parquet", "--report", "--out", out]
+    fails_in_part(*words, "--workers", "2")
     rows = {name: row for _, (name, *row) in read_table(out / "batch.csv", ["name", "status", "reason"], exact=True)}
     assert set(rows) == set(names)
     assert "summary.json: " in rows["c.mp4"][1]
     assert (out / "batch.csv").read_bytes().count(b"'=1+1") == 1
+    (out / "report.html").unlink()
+    fails_in_part(*words, "--collect")
     assert (out / "report.html").is_file()
 
 
@@ -266,7 +269,7 @@ def test_shards_that_are_collected_equal_one_process(tmp_path, calib, fails_in_p
     for name in "acd":
         write_video(tmp_path / f"{name}.mp4", [k / 20 for k in range(4)])
     (tmp_path / "b.mp4").write_bytes(b"no video")
-    words = [tmp_path / "*.mp4", "--calib", calib, "--report", "--out"]
+    words = [tmp_path / "*.mp4", "--calib", calib, "--out"]
     out = tmp_path / "out"
     fails_in_part(*words, tmp_path / "alone")
     main(["batch", *map(str, words), str(out), "--shard", "1/2"])  # a, c
@@ -277,7 +280,6 @@ def test_shards_that_are_collected_equal_one_process(tmp_path, calib, fails_in_p
     fails_in_part(*words, out, "--collect")
     assert rows_without_times(out) == rows_without_times(tmp_path / "alone")
     assert results(out) == results(tmp_path / "alone")
-    assert (out / "report.html").exists()
     for shard in ("0/2", "3/2", "1", "1/2/3"):
         assert f"--shard {shard}; expected I/N with I from 1 to N" in refused("batch", *words, out, "--shard", shard)
     assert "--shard with --collect" in refused("batch", *words, out, "--shard", "1/2", "--collect")

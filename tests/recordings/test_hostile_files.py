@@ -141,9 +141,9 @@ def test_a_calibration_of_many_numbers_is_read_soon(tmp_path):
     matrix = "{}: !!opencv-matrix\n  rows: {}\n  cols: {}\n  dt: d\n  data: {}\n"
     K = matrix.format("K1", 3, 3, [9.0, 0, 4, 0, 9, 3, 0, 0, 1])
     more = matrix.format("R", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]) + matrix.format("T", 3, 1, [-0.1, 0, 0])
-    corners = matrix.format("image_points", 1, 200_000, ["0.25"] * 200_000).replace("'", "")
+    corners = matrix.format("image_points", 1, 50_000, ["0.25"] * 50_000).replace("'", "")
     (tmp_path / "a.yml").write_text(f"%YAML:1.0\n---\n{K}{K.replace('K1', 'K2')}{more}{corners}")
-    with at_most(20):
+    with at_most(10):
         assert read_stereo_calibration([tmp_path / "a.yml"], (8, 6))[2][0, 3] == pytest.approx(0.1)
 
 
