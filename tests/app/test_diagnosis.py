@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -117,6 +118,7 @@ def drawn(
     return ["--left", folder / "L*.png", "--right", folder / "R*.png", "--fps", 20, "--calib", folder / "c.yml"]
 
 
+@cache
 def texture(blur_px: float = 4.0) -> np.ndarray:
     noise = np.random.default_rng(0).integers(0, 255, (240, 320 + 200, 3), np.uint8)
     smooth = cv2.GaussianBlur(noise, (0, 0), blur_px)
@@ -251,7 +253,7 @@ def test_the_frames_of_the_diagnosis_are_not_read_again(crossing, tmp_path, monk
 @pytest.fixture(scope="module")
 def crossing() -> tuple[StereoRig, list[StereoFrame]]:
     """A ball that crosses the view obliquely, 30 cm/s, 60 cm away."""
-    film = Film(FilmScene(width=320, height=240, seconds=2.0, motion="straight"), seed=11)
+    film = Film(FilmScene(width=320, height=240, seconds=1.6, motion="straight"), seed=11)
     return film.rig, list(film)
 
 
