@@ -141,7 +141,8 @@ class SimulationStep:
 
 @dataclass(frozen=True)
 class EpisodeLog:
-    """An episode as arrays: (T,), (T, 3) in the root frame, or (T, n) for the skin's n taxels."""
+    """An episode as arrays: (T,), (T, 3) in the root frame, or (T, n) for the skin's n taxels; activations also of the
+    memory's places of a tool, which come last."""
 
     title: str
     taxel_ids: tuple[str, ...]
