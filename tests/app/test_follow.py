@@ -66,8 +66,7 @@ def box(shown: Film, ball: int, side: str, first: int = 0) -> list[str]:
     return [f"{value:.0f}" for value in (x - radius_px, y - radius_px, 2 * radius_px + 1, 2 * radius_px + 1)]
 
 
-@pytest.mark.parametrize("ball", [0, 1])
-@pytest.mark.parametrize("start_s", [0.0, 0.4])
+@pytest.mark.parametrize(("ball", "start_s"), [(0, 0.0), (1, 0.4)])
 def test_boxes_in_the_first_images(balls, tmp_path, ball, start_s):
     shown = balls[0]
     first = round(FPS * start_s)

@@ -29,7 +29,10 @@ def turned(quarters: int) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize(("quarters", "said"), [(1, "90° anticlockwise"), (2, "180°"), (3, "90° clockwise")])
+@pytest.mark.parametrize(
+    ("quarters", "said"),
+    [(1, "90° anticlockwise"), (2, "180°"), pytest.param(3, "90° clockwise", marks=pytest.mark.long)],
+)
 def test_images_are_turned_as_the_header_says(tmp_path, capsys, quarters, said):
     shown, words = write_videos(tmp_path, **turned(quarters))
     assert track_error_mm(words, shown, tmp_path / "out") < RIGHT_MM
@@ -162,7 +165,9 @@ def test_files_of_one_camera_continue_each_other(tmp_path):
     assert [number for number, _ in recording.numbered()] == [*range(40)]
 
 
-@pytest.mark.parametrize(("suffix", "options"), [("mts", ()), ("3gp", ()), ("h264", ("--fps", "25"))])
+@pytest.mark.parametrize(
+    ("suffix", "options"), [("mts", ()), pytest.param("3gp", (), marks=pytest.mark.long), ("h264", ("--fps", "25"))]
+)
 def test_files_of_cameras(tmp_path, refused, suffix, options):
     shown, words = write_videos(tmp_path, suffix)
     start_s = 0.0 if options else _first_stamp(words)
