@@ -7,8 +7,8 @@ image, so that
     e(t, τ) = β₀ + β₁ u + β₂ v + noise        ∂e/∂τ = s(t), the rate across the epipolar lines
 
 is solved by Gauss–Newton from the best delay of a search.  Its standard error counts noise that is correlated in time
-(Newey and West 1987).  Where s hardly varies, or no more than noise lets it, the delay is unobservable: nothing moves
-across the epipolar lines, or at a constant rate.
+(a jackknife over parts of the recording).  Where s hardly varies, or no more than noise lets it, the delay is
+unobservable: nothing moves across the epipolar lines, or at a constant rate.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ _ITERATIONS = 8
 _SPAN_FRAMES = 1.5  # half the span of a rate
 _TO_STD = 1.4826  # times a normal distribution's median absolute deviation
 _VALLEYS = 4  # delays from which the best is refined
-_BANDWIDTH = 0.1  # bandwidth of the noise's correlation, as a share of the images
+_JACKKNIFE = 8  # parts, one of which is left out
 _UNKNOWN_PX = 1000.0
 _MOST_DRIFT = 4.0  # standard deviations
 _MOST_PARTS = 8  # whose delays are compared
@@ -266,14 +266,14 @@ def _stds(X: Array, noise: Array) -> tuple[Array, float]:
     """Standard errors (k,) of least squares X β = y, all β but the first ± 1 beforehand, and the mean square of the
     part of the first regressor that the others do not explain.
 
-    The larger of those for white noise, and for noise whose neighbouring rows are correlated (Newey and West 1987),
-    widened by the critical values of its bandwidth (Kiefer and Vogelsang 2005).
+    The larger of those for white noise, and for noise that is correlated in time (a jackknife that leaves out one of
+    successive parts, Künsch 1989).
     """
-    lags = max(int(np.ceil(_BANDWIDTH * len(X))), 2)
-    sums = np.cumsum(np.pad(X * noise[:, None], ((lags, lags), (0, 0))), axis=0)
-    windows = sums[lags:] - sums[:-lags]  # their squares have Bartlett's weights
     var = float(np.mean(noise**2)) * len(X) / max(len(X) - X.shape[1], 1)
-    bread = np.linalg.pinv(X.T @ X + var * np.diag([0.0, *np.ones(X.shape[1] - 1)]), hermitian=True)
-    wider = 1 + (2.9694 * _BANDWIDTH + 0.4160 * _BANDWIDTH**2 - 0.5324 * _BANDWIDTH**3) / 1.9600
-    correlated = wider**2 * np.diag(bread @ (windows.T @ windows / lags) @ bread)
-    return np.sqrt(np.maximum(correlated, var * np.diag(bread))), 1 / max(len(X) * float(bread[0, 0]), 1e-300)
+    prior = var * np.diag([0.0, *np.ones(X.shape[1] - 1)])
+    cov = np.linalg.pinv(X.T @ X + prior, hermitian=True)
+    of_part = np.arange(len(X)) * _JACKKNIFE // len(X)
+    others = [of_part != k for k in range(_JACKKNIFE)]
+    without = [np.linalg.pinv(X[kept].T @ X[kept] + prior, hermitian=True) @ X[kept].T @ noise[kept] for kept in others]
+    correlated = (_JACKKNIFE - 1) * np.var(without, axis=0)
+    return np.sqrt(np.maximum(correlated, var * np.diag(cov))), 1 / max(len(X) * float(cov[0, 0]), 1e-300)

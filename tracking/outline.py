@@ -89,7 +89,7 @@ class Outline:
         area_px: Area.
         is_partial: A part of the object is hidden or cut off by the image's border.
         harmonics: Second and third of the edge (cos, sin, cos, sin) over the radius.
-        non_circularity: Relative excess of the second moment over a disc's.
+        non_circularity: Relative excess of the second moment over a disc's, of the pixels that are covered by half.
         is_cut: The image's border cuts it off.
         is_edge: It is partial, and its visible edge was fitted.
         hidden_px: Standard deviation of the centre's coordinates by what of the object may be hidden beyond it.
@@ -702,7 +702,7 @@ def harmonics(
     """Return the second and third harmonic of an outline's edge and its non-circularity, as `Outline` has them.
 
     They are computed in the tangent plane of `axis`, the mean direction, in which a ball's image is a disc.  An edge at
-    r(1 + ε cos kθ) has the moment ∫ρᵏ cos kθ dA = ε π r^(k + 2).
+    r(1 + ε cos kθ) has the moment ∫ρᵏ cos kθ dA = ε π r^(k + 2).  Blur hardly moves where a pixel is covered by half.
 
     Args:
         alpha, weights, left, top: As for `moments`.
@@ -718,7 +718,7 @@ def harmonics(
     fx = q * ez
     fy = r * ex - p * ez
     fz = -q * ex
-    c2 = s2 = c3 = s3 = second = 0.0
+    c2 = s2 = c3 = s3 = area = second = 0.0
     for row in range(len(alpha)):
         for column in range(alpha.shape[1]):
             if alpha[row, column] == 0:
@@ -734,7 +734,10 @@ def harmonics(
             s2 += w * 2 * x * y
             c3 += w * x * (x * x - 3 * y * y)
             s3 += w * y * (3 * x * x - y * y)
-            second += w * (x * x + y * y)
+            if alpha[row, column] >= 0.5:
+                area += d
+                second += d * (x * x + y * y)
     square = omega * omega / math.pi  # π r⁴
     cube = square * math.sqrt(omega / math.pi)
-    return (c2 / square, s2 / square, c3 / cube, s3 / cube), 2 * second / square - 1
+    excess = 2 * math.pi * second / area**2 - 1 if area else 0.0
+    return (c2 / square, s2 / square, c3 / cube, s3 / cube), excess

@@ -26,10 +26,10 @@ _OUTLINE_RATE = 0.2  # at which the outlines' variance follows a pair; 0.1 and 0
 # see the same edge.  Chosen on independent films (seeds 7000, 7001) and rendered recordings (300), judged on others
 # (7002, 7003, 301).
 _TO_FIRST = 2.5
-# Non-circularity times squared radius (px²) of a ball's image that is blurred by σ = 1 px.  With √2 px, 264 starts in
-# simulation (seeds 6101, 6102) have an NEES of the position of 3.5 instead of 2.9: a small face of a cube passes for a
-# blurred ball.
-_BLURRED = 4.0
+# Error of the centre by the object's shading, which both eyes share.  Chosen on independent films (seeds 8202, 8203).
+_SHADED_PX = 0.02
+# Non-circularity times squared radius (px²) of a ball whose edge errs, as before a background of its colour.
+_ROUGH = 4.0
 _SQUARE = math.pi / 3 - 1  # non-circularity of a square
 # Standard deviation of the depth of a non-ball's contour from its centre, as a share of the radius, and of its distance
 # across the line of sight, as a share of that.  Chosen on 63 starts in simulation (seed 6001), judged on 200 others.
@@ -174,10 +174,11 @@ class Association:
         line = sight(view.centers, p_root)
         distance2 = float(line @ line)
         focal2 = view.left.camera.focal_px**2
-        blur = _BLURRED / (left.angular_radius_rad * right.angular_radius_rad * focal2)
-        flatness = (0.5 * (left.non_circularity + right.non_circularity) - blur) / _SQUARE
+        rough = _ROUGH / (left.angular_radius_rad * right.angular_radius_rad * focal2)
+        flatness = (0.5 * (left.non_circularity + right.non_circularity) - rough) / _SQUARE
         flat_var = min(max(flatness, 0.0), 1.0) * (_CONTOUR * radius_m) ** 2
-        angle_var = max(self.shared_var_px2, 0.0) / focal2 + _OBLIQUE**2 * flat_var / distance2
+        shared_px2 = _SHADED_PX**2 + max(self.shared_var_px2, 0.0)
+        angle_var = shared_px2 / focal2 + _OBLIQUE**2 * flat_var / distance2
         cov: Array = angle_var * distance2 * np.eye(3) + (flat_var / distance2 - angle_var) * np.outer(line, line)
         return cov
 

@@ -167,9 +167,9 @@ def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts():
     )
     result = association.observe(VIEW, *outlines, 0.0)
     calm = replace(association, mean_outline_var_px2=0.01).observe(VIEW, *outlines, 0.0)
-    np.testing.assert_allclose(calm.correlated_cov_root, 0, atol=1e-15)
-    np.testing.assert_allclose(result.correlated_cov_root, calm.cov_root, rtol=1e-9)
-    np.testing.assert_allclose(result.cov_root, 2 * calm.cov_root, rtol=1e-9)
+    white = calm.cov_root - calm.correlated_cov_root
+    assert np.trace(calm.correlated_cov_root) < 0.01 * np.trace(white)
+    np.testing.assert_allclose(result.correlated_cov_root - calm.correlated_cov_root, white, rtol=1e-9)
 
 
 def test_differences_of_both_outlines_that_stay_are_a_correlated_error(rng):
@@ -192,8 +192,8 @@ def test_differences_of_both_outlines_that_stay_are_a_correlated_error(rng):
     assert correlated[False] < 0.4
 
 
-def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat():
-    """A blur by σ = 1 px adds 2σ² to the mean square of R²/2: 4/R² of it, here of 12 px."""
+def test_only_what_is_less_round_than_a_ball_with_a_rough_edge_may_be_flat():
+    """Up to 4 px² over the squared radius, here of 12 px."""
     association = Association.untrained(StereoParams(unknown_error=1e-9), 320)
     ball = [replace(exact_outline(eye), angular_radius_rad=12 / CAMERA.focal_px) for eye in (VIEW.left, VIEW.right)]
     stated = []
