@@ -253,7 +253,7 @@ def test_the_frames_of_the_diagnosis_are_not_read_again(crossing, tmp_path, monk
 @pytest.fixture(scope="module")
 def crossing() -> tuple[StereoRig, list[StereoFrame]]:
     """A ball that crosses the view obliquely, 30 cm/s, 60 cm away."""
-    film = Film(FilmScene(width=320, height=240, seconds=1.6, motion="straight"), seed=11)
+    film = Film(FilmScene(width=320, height=240, seconds=2.0, motion="straight"), seed=11)
     return film.rig, list(film)
 
 

@@ -12,9 +12,11 @@ import av
 import cv2
 import numpy as np
 import pytest
+from data import shared_data
 from filmed import SCENE, calibration, film, track_error_mm, write_video, write_videos
 
 from pps_vision.app.cli import main
+from pps_vision.experiments.films.caster import PHOTOS
 from pps_vision.recordings.open import open_recording
 
 RIGHT_MM = 3.0
@@ -79,6 +81,7 @@ def test_fields_of_an_interlaced_video_have_stamps_of_their_own(tmp_path, capsys
 
 
 def test_interlaced_images_are_told_where_the_file_does_not_say_so(tmp_path, capsys):
+    shared_data(PHOTOS[0])  # procedural walls show no combed rows
     shown, sides = film(scene=replace(SCENE, fps=50.0))
     words = ["--calib", calibration(tmp_path / "calib.yml", shown)]
     for side, images in zip(("left", "right"), sides, strict=True):
