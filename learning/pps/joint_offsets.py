@@ -17,7 +17,7 @@ from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.geometry.triangulation import midpoint
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart
-from pps_vision.types import Array, Mask
+from pps_vision.types import Array, Mask, Track3D
 
 # Standard deviations: prior of an encoder's offset, which must explain errors of links and cameras too (R's several
 # centimetres), and noise of a taxel's own position and of the triangulated one, each axis.
@@ -41,6 +41,12 @@ class TouchTrial:
     velocity_covs: Array  # (T, 3, 3) m²/s²
     radius_m: Array  # (T,)
     touched: Mask  # (n,) taxels of the skin that were touched at the end
+
+    @classmethod
+    def at_touch(cls, track: Track3D, joints_rad: Array, touched: Mask) -> "TouchTrial":
+        """The touch alone, by a known object, at joints (k,)."""
+        state = track.position[None], track.velocity[None], track.cov[None, 3:6, 3:6], np.array([track.radius_m])
+        return cls(np.array([track.stamp_s]), joints_rad[None], *state, touched)
 
 
 @dataclass(frozen=True)

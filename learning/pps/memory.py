@@ -109,7 +109,7 @@ class PPSMemory:
             raise ValueError(f"counts {extremes}: expected finite ones from 0 to 2^53")
         if len(set(self.taxel_ids)) < n:
             raise ValueError(f"{n} taxels, {len(set(self.taxel_ids))} different names: expected each taxel once")
-        own = n - len(self.places)
+        own = self.n_own
         if self.places.shape[1:] != (7,) or own < 0 or not np.isin(self.part_index[own:], self.part_index[:own]).all():
             raise ValueError(f"places {self.places.shape}: expected 7 numbers of each, on body parts with taxels")
         if not (np.abs(self.places) < _LARGEST).all() or not self.places[:, 3:].any(axis=1).all():
@@ -133,6 +133,11 @@ class PPSMemory:
         memory = cls.empty(skin, params or MemoryParams())
         return replace(memory, counts=memory.counts + np.array([1, 0]))
 
+    @property
+    def n_own(self) -> int:
+        """Number of the skin's own taxels, before the places beyond it."""
+        return len(self.taxel_ids) - len(self.places)
+
     def skin_of(self, skin: Skin) -> Skin:
         """The skin with the taxels where they were learned to be, and the places beyond it as further taxels."""
         parts = list(skin.parts)
@@ -140,7 +145,7 @@ class PPSMemory:
             positions = [self.positions_m[skin.part_index == k] for k in range(len(skin.parts))]
             parts = [replace(part, positions_m=at) for part, at in zip(skin.parts, positions, strict=True)]
         for k, place in enumerate(self.places):
-            of = skin.parts[self.part_index[len(self.part_index) - len(self.places) + k]]
+            of = skin.parts[self.part_index[self.n_own + k]]
             point, normal = place[None, :3] / place[6], place[None, 3:6] / np.linalg.norm(place[3:6])
             parts.append(SkinPart(f"{of.name}_tool", of.frame, (k,), point, normal, of.margin))
         return Skin(tuple(parts))

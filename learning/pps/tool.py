@@ -55,7 +55,7 @@ def with_tool(memory: PPSMemory, skin: Skin, touches: Sequence[ToolTouch]) -> PP
     A new place has no samples, so that a touch is expected as its body part expects it.
     """
     known = len(memory.places)
-    parts = memory.part_index[len(memory.part_index) - known :].tolist()
+    parts = memory.part_index[memory.n_own :].tolist()
     places = list(memory.places)
     for touch in touches:
         total = np.concatenate([touch.point, touch.towards, [1.0]])
@@ -84,7 +84,7 @@ def with_tool(memory: PPSMemory, skin: Skin, touches: Sequence[ToolTouch]) -> PP
 def attributed(memory: PPSMemory, events: TaxelEvents) -> TaxelEvents:
     """The events with a touch that is far from the taxels that feel it as one of the tool's places that are near; a
     memory without a tool takes it to be the taxels'."""
-    n = len(memory.taxel_ids) - len(memory.places)
+    n = memory.n_own
     felt = np.flatnonzero(events.touched[:n])
     if not len(memory.places) or not len(felt):
         return events

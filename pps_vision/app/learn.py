@@ -114,8 +114,7 @@ def learn_from(recording: Recording, memory: PPSMemory, mode: Mode, seed: int, r
         step = pipeline.step(frame, touched)
         track = step.tracking.track
         if touched.any() and not is_counted and track.is_known:
-            state = track.position[None], track.velocity[None], track.cov[None, 3:6, 3:6], np.array([track.radius_m])
-            touches.append(TouchTrial(np.array([frame.stamp_s]), step.posture.q_rad[None], *state, touched))
+            touches.append(TouchTrial.at_touch(track, step.posture.q_rad, touched))
         is_counted = bool(touched.any()) and (is_counted or track.is_known)
     after = pipeline.finish()
     return Learned(after, int(after.counts.sum() - memory.counts.sum()), pipeline.rejected, touches)

@@ -501,7 +501,7 @@ def highest_by_track(tracks: Sequence[Track3D], by_track: Array) -> dict[int, fl
 def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline", robot: Robot | None = None) -> None:
     """InputError, naming the source, unless the memory has exactly the skin's taxels and any places beyond it, and any
     offsets are of the robot's joints."""
-    own = len(memory.taxel_ids) - len(memory.places)
+    own = memory.n_own
     if memory.taxel_ids[:own] != skin.taxel_ids or not np.array_equal(memory.part_index[:own], skin.part_index):
         sizes = f"memory has {own} taxels but the skin has {len(skin.taxel_ids)}"
         raise InputError(source, f"{sizes}; expected a memory of this skin")

@@ -125,9 +125,7 @@ def calibrate(trials: Iterable[Trial], robot: MiscalibratedRobot, rng: np.random
         taxels, _ = skin.at(true.at(encounter.q_rad))
         touched = touched_taxels(taxels, encounter.motion(seen.stamp_s)[0], encounter.radius_m)
         if seen.is_known and touched.any():
-            joints = (encounter.q_rad + reading)[None]
-            state = seen.position[None], seen.velocity[None], seen.cov[None, 3:6, 3:6], np.array([seen.radius_m])
-            observed.append(TouchTrial(np.array([seen.stamp_s]), joints, *state, touched))
+            observed.append(TouchTrial.at_touch(seen, encounter.q_rad + reading, touched))
     return robot.calibrated_where_verified(observed)
 
 

@@ -212,9 +212,7 @@ def learned(subject: Subject, true: EncounterScene, trials: Sequence[Trial]) -> 
         if (first := next((events for events in perceived if events.touched.any()), None)) is None:
             continue
         track = next(track for track in trial.tracks if track.stamp_s == first.stamp_s)
-        state = track.position[None], track.velocity[None], track.cov[None, 3:6, 3:6], np.array([track.radius_m])
-        touched = first.touched[: len(skin.taxel_ids)]
-        end = TouchTrial(np.array([first.stamp_s]), trial.encounter.q_rad[None], *state, touched)
+        end = TouchTrial.at_touch(track, trial.encounter.q_rad, first.touched[: len(skin.taxel_ids)])
         if touch := touch_beyond(bare().robot, bare().rig, skin, end, np.zeros(bare().robot.n_joints)):
             beyond.append(touch)
     memory = with_tool(memory, skin, beyond)
