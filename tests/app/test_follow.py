@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from data import HAS_PHOTOGRAPHS
 from filmed import SIZE, calibration, errors_mm
 
 from pps_vision.app.cli import main
@@ -102,7 +103,7 @@ def test_a_part_of_the_images(balls, tmp_path, refused):
     x, y = np.floor(px.min(axis=0) - 20).astype(int)
     w, h = np.ceil(px.max(axis=0) + 20).astype(int) - (x, y)
     errors = errors_of(balls, ["--one", "--roi", *map(str, (x, y, w, h))], tmp_path / "out", 0)
-    assert len(errors) >= 40
+    assert len(errors) > (40 if HAS_PHOTOGRAPHS else 39)
     assert np.median(errors) < 5
     line = refused("track", *options, "--roi", 300, 0, 100, 100, "--out", tmp_path / "none")
     assert "roi 300 0 100 100; expected X Y W H within (320, 240) pixels" in line

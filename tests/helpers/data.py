@@ -8,6 +8,8 @@ import pytest
 SEED = int(os.environ.get("PPS_VISION_SEED", "2016"))  # seed of the tests that measure: any other must do as well
 ARM7 = Path(__file__).parents[1] / "arm7" / "robot.toml"
 DATA = Path(os.environ.get("PPS_VISION_DATA", Path(__file__).parents[3] / "shared" / "data"))
+HAS_PHOTOGRAPHS = (DATA / "rubberwhale").exists()
+"""Without them films have procedural walls, before which some limits are wider."""
 
 
 def shared_data(*parts: str) -> Path:

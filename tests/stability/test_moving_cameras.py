@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from data import SEED
+from data import HAS_PHOTOGRAPHS, SEED
 
 from pps_vision.experiments.films.recordings import tracker_params
 from pps_vision.experiments.films.scenes import Film, FilmScene
@@ -53,7 +53,7 @@ def filmed(name: str, mode: Mode) -> tuple[dict[str, float], list[float], Tracke
 def test_a_ball_is_tracked_and_the_ellipsoid_holds_it(name, mode):
     scores, _, _ = filmed(name, mode)
     assert scores["right_percent"] > 95
-    assert scores["false_percent"] <= 3  # two of its first frames
+    assert scores["false_percent"] <= (1 if HAS_PHOTOGRAPHS else 3)  # of its first frames
     assert scores["median_mm"] < 1000 * WITHIN_M[name]
     assert scores["covered_percent"] > 75
 
@@ -84,7 +84,8 @@ NEAR_M = 0.06
 @pytest.mark.parametrize(
     ("mode", "seed", "within_s"),
     [
-        ("generic", 7201, 0.2),  # half of it stays in view: its size is not that of the half
+        # half of it stays in view: its size is not that of the half
+        ("generic", 7201, 0.1 if HAS_PHOTOGRAPHS else 0.2),
         pytest.param("generic", 7202, 0.15, marks=pytest.mark.long),
         pytest.param("marker", 7201, 0.5, marks=pytest.mark.long),  # before pictures with much of its hue
         pytest.param("marker", 7205, 0.2, marks=pytest.mark.long),
