@@ -16,15 +16,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import StereoView
+from pps_vision.geometry.masks import Box, BoxPx
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
-from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
 from tracking.camera_pose import OwnBody
-from tracking.foreground import Background, Foreground
+from tracking.foreground import HIDING, SOLID, Background, Foreground, foreground_around
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
-from tracking.masks import Box, BoxPx
 from tracking.motion_trigger import Flow2D, MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline, fit_outline, fit_visible_disc
 from tracking.stereo import Association, CameraFrame, CameraFrames
@@ -224,7 +224,7 @@ class Acquisition:
             if whole is not None:
                 whole = _completed(camera.image, whole, self._optics[eye], foreground)
                 candidates.append(whole)
-            is_ragged = whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < masks.SOLID
+            is_ragged = whole is None or whole.outline.is_partial or masks.solidity(whole.mask) < SOLID
             if is_ragged and not (whole and whole.by_color and not whole.is_cut):
                 candidates += vivid_parts(camera.image, region, self._optics[eye], foreground)
         if eye == 0 and not background.rests(camera.view):  # flow confirms that a colour region moves by itself
@@ -428,7 +428,7 @@ def _disc_around(image: Image, mask: Mask, changed: Mask, box: Box, optics: Opti
     outline = fit_outline(image, mask, box, optics)
     if outline is None or outline.is_partial:
         return None
-    is_hidden = masks.foreground_around(mask, changed) > masks.HIDING
+    is_hidden = foreground_around(mask, changed) > HIDING
     if outline.is_disc and not is_hidden:
         return outline
     circle = _circle_along(mask, _MIN_HIDDEN_RIM if is_hidden else _MIN_RIM)

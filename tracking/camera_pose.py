@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View, reduced_image
+from pps_vision.geometry.masks import Box
 from pps_vision.geometry.se3 import transform
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask, StereoFrame
-from tracking.masks import Box
 
 _WIDTH_PX = 320  # images are registered at about this width
 _MAX_POINTS = 50  # corners of a reference image

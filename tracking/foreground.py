@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.masks import Box, BoxPx
 from pps_vision.types import Array, Image, Mask
-from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
 from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum, color_difference
-from tracking.masks import Box, BoxPx
 
 _SAMPLES = 20  # per row and column, of brightness, noise and distance
 _EDGE_PX = 4  # within which smoothing mixes colours
@@ -32,6 +32,9 @@ _COMMON = 0.3  # share of colours that an object and its ghost have in common, a
 _MIN_OWN = 1 / 6  # of what moves with an object: a ball in a hand is a fifth, a piece of its ghost a ninth
 _RAGGED = 0.05  # width of parts that colours of the surroundings leave, relative to the root of the area
 _AROUND = 0.35  # width of these surroundings, relative to the root of the ghost's area
+SOLID = 0.9  # solidity below which a moving region may be an object and its holder
+HIDING = 0.3  # foreground around an object from which it may hide a part
+_AROUND_PX = (3, 6)
 _INVERSE_DISTANCES = np.linspace(0, 2, 11)  # static scene, 1/m
 
 Pixels = NDArray[np.uint8]  # (h, w, 3)
@@ -352,7 +355,7 @@ class Foreground:
         touching = np.isin(labels, np.unique(np.asarray(labels)[colored & differs])) & differs
         if not touching.any():
             return False
-        if np.count_nonzero(masks.hull(touching) & colored) < masks.SOLID * np.count_nonzero(colored):
+        if np.count_nonzero(masks.hull(touching) & colored) < SOLID * np.count_nonzero(colored):
             return False
         whole = masks.filled(touching | colored)
         own, ghost = self.background.own_and_ghost(self.image, self.view, whole, box)
@@ -363,7 +366,7 @@ class Foreground:
         """Whether a colour region (h, w) is the object of the foreground `moved` (h, w): both are nearly equal, or the
         foreground is not solid, such as an arm that holds an object."""
         overlap = np.count_nonzero(colored & moved) / np.count_nonzero(colored | moved)
-        return bool(overlap > self.background.params.min_overlap or masks.solidity(moved) < masks.SOLID)
+        return bool(overlap > self.background.params.min_overlap or masks.solidity(moved) < SOLID)
 
     def moved_mask(self, seed: Mask, box: Box) -> tuple[Mask, bool] | None:
         """Mask (h, w) of the object that moved onto the `seed` (h, w) in `box`, and whether a part of it may be hidden.
@@ -399,7 +402,7 @@ class Foreground:
         is_whole = covered / ratio < uncovered < ratio * covered
         if is_whole and rests:
             return mask, False
-        if masks.solidity(mask) < masks.SOLID:
+        if masks.solidity(mask) < SOLID:
             return None
         if rests:
             is_cut = mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any()
@@ -413,3 +416,9 @@ def smoothed(image: Image, box: Box) -> Pixels:
     left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
     smooth = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
     return np.ascontiguousarray(smooth[y0 - top : y1 - top, x0 - left : x1 - left])
+
+
+def foreground_around(mask: Mask, foreground: Mask) -> float:
+    """Share of what surrounds an object's mask (h, w), beyond the reach of smoothing, that is foreground."""
+    around = masks.dilated(mask, _AROUND_PX[1]) & ~masks.dilated(mask, _AROUND_PX[0])
+    return float(foreground[around].mean()) if around.any() else 0.0

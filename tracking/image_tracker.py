@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.compiled import Vector
+from pps_vision.geometry.masks import Box, BoxPx
 from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
-from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram, share
-from tracking.foreground import Background, ForegroundParams
+from tracking.foreground import HIDING, Background, ForegroundParams, foreground_around
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, colors_of, find_markers
-from tracking.masks import Box, BoxPx
 from tracking.outline import (
     Optics,
     Outline,
@@ -252,14 +252,14 @@ class ImageTracker:
         outline = fit_outline(image, mask, roi, self.optics)
         if outline is None or outline.is_partial:
             return None
-        around = masks.foreground_around(mask, examined.covered)
+        around = foreground_around(mask, examined.covered)
         if target.silhouette is None:
-            if around > masks.HIDING:
+            if around > HIDING:
                 return None
             outline = self._completed(image, examined, outline)
         elif around > _FREE:
             hiding = masks.opened(examined.covered, _THIN_PX)
-            outline = beside_foreground(outline, masks.foreground_around(mask, hiding))
+            outline = beside_foreground(outline, foreground_around(mask, hiding))
         ratio = outline.angular_radius_rad / target.angle_rad
         is_free = examined.covered[mask].mean() > 0.5 and around < _FREE
         may_be_smaller = is_free if target.silhouette else outline.is_disc and (is_free or not target.is_size_known)

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import StereoView
+from pps_vision.geometry.masks import Box
 from pps_vision.types import Array, Image, Mask
-from tracking import masks
 from tracking.camera_pose import color_difference
 from tracking.foreground import Background
-from tracking.masks import Box
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
 

@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import Camera, StereoView, View, reduced_image
+from pps_vision.geometry.masks import Box, BoxPx
 from pps_vision.types import Array, Image, Mask
-from tracking import masks
 from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum
-from tracking.masks import Box, BoxPx
 
 Grey = NDArray[np.uint8]  # (H, W)
 _JITTER_S = 0.005  # of stamps

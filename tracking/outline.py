@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import Camera, solid_angles
 from pps_vision.geometry.compiled import Vector
+from pps_vision.geometry.masks import Box
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
-from tracking import masks
-from tracking.masks import Box
 
 _SHADE_STD = 0.4  # relative standard deviation of the rim's brightness from that of the object just inside it
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import View
+from pps_vision.geometry.masks import Box
 from pps_vision.jit import njit
 from pps_vision.types import Array, Mask
-from tracking import masks
-from tracking.masks import Box
 
 Map = NDArray[np.float32]
 _INSIDE = 150  # points of a template within the object, about

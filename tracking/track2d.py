@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
+from pps_vision.geometry import masks
 from pps_vision.geometry.camera import Camera
+from pps_vision.geometry.masks import BoxPx
 from pps_vision.types import Array, Image
-from tracking import masks
 from tracking.image_tracker import MIN_SCORE, ImageTracker
-from tracking.masks import BoxPx
 from tracking.outline import Optics
 from tracking.particle_filter import BESIDE_PX, Evidence, ParticleFilterParams, disc, posterior, scores
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image, sight
+from pps_vision.geometry.masks import BoxPx
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import FollowedBy, Mode, frame_checks, kalman
@@ -23,7 +24,6 @@ from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import SIZE_FRAMES, CameraState, CameraTracker, Examined, ImageDetection, Prior
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
-from tracking.masks import BoxPx
 from tracking.motion_trigger import TriggerParams, velocity
 from tracking.outline import Optics, Outline, outline_in_box
 from tracking.particle_filter import Located, ParticleFilterParams, Prediction, Silhouette, locate

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 from pps_vision.app.results import ClockNumbers
+from pps_vision.app.stamp_delay import ClockParams, Delay, Interpolator, PointPath, estimate_delay
 from pps_vision.geometry.camera import View, reduced_image
 from pps_vision.recordings.recording import Pair, Recording, pair_by_stamp
 from pps_vision.types import Array, Image
 from tracking.camera_pose import APART_S, GAP_S, ROOM_M, JointClock, Reference, channel_maximum
-from tracking.clock import ClockParams, Delay, Interpolator, PointPath, estimate_delay
 
 _BACKGROUND = 25  # pairs, spread over the recording, whose median is the background of fixed cameras
 _DIFFERS = 5.0  # times the median change of a pixel from the background, and as many grey levels more, is an object

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track_statistics import CameraStatistics
 from pps_vision.errors import InputError
+from pps_vision.geometry.masks import BoxPx
 from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
@@ -20,7 +21,6 @@ from pps_vision.types import Array, StereoFrame, Track3D
 from tracking import DEFAULT_OBJECTS, DEFAULT_ORDER, FollowedBy, Mode
 from tracking.acquisition import SearchCounts, Stages
 from tracking.kalman import KalmanParams
-from tracking.masks import BoxPx
 from tracking.smoother import smoothed_steps
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 

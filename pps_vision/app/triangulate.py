@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.app.clock import numbers
+from pps_vision.app.points import (
+    Pairs,
+    PointParams,
+    estimate_noise,
+    follow_points,
+    reprojection_nis,
+    triangulate_points,
+)
 from pps_vision.app.results import Reprojection, TrackNumbers, TrackSummary
+from pps_vision.app.stamp_delay import ClockParams, Interpolator, PointPath, estimate_delay
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import TrackArrays, track_arrays
 from pps_vision.errors import InputError
@@ -24,9 +33,7 @@ from pps_vision.recordings.times import read_times
 from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
 from pps_vision.types import Array, Detection2D, Status, Track3D
 from tracking import DEFAULT_ORDER
-from tracking.clock import ClockParams, Interpolator, PointPath, estimate_delay
 from tracking.kalman import KalmanParams
-from tracking.points import Pairs, PointParams, estimate_noise, follow_points, reprojection_nis, triangulate_points
 from tracking.smoother import FilterStep, smooth
 from tracking.tracker import full_state
 

@@ -5,11 +5,11 @@ import colorsys
 import numpy as np
 import pytest
 
+from pps_vision.geometry.masks import Box
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Mask
 from tracking.acquisition import segment
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
-from tracking.masks import Box
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics
 

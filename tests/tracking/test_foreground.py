@@ -7,11 +7,11 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import View
+from pps_vision.geometry.masks import closed_component, opened
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Image, Mask
 from tracking.foreground import Background, ForegroundParams
-from tracking.masks import closed_component, opened
 
 VIEW = View(LEFT_EYE, transform())
 PATCH = np.s_[100:130, 150:190]

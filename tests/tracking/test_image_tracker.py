@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pps_vision.geometry.masks import Box
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
 from tracking.image_tracker import Foreground, ImageDetection, ImageTracker, SegmentedBy
-from tracking.masks import Box
 from tracking.outline import Optics
 
 BLUE = (30.0, 60.0, 210.0)

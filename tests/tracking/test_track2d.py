@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from data import SEED
 
+from pps_vision.geometry.masks import BoxPx
 from pps_vision.types import Image
-from tracking.masks import BoxPx
 from tracking.track2d import ScoredTracker
 
 N = 40

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.app.stamp_delay import ClockParams, Delay, PointPath, estimate_delay
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_severities, mean, median
 from pps_vision.experiments.tables import Table, estimate
@@ -18,7 +19,6 @@ from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array
-from tracking.clock import ClockParams, Delay, PointPath, estimate_delay
 
 _CAMERA = Camera(640, 480, 500, 500, 320, 240, (-0.1, 0.02, 0.0, 0.0, 0.0))
 _VIEW = StereoRig.fixed(_CAMERA, _CAMERA, transform(None, np.array([0.12, 0.0, 0.0]))).view()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import median_filter
 
+from pps_vision.app.points import PointParams
 from pps_vision.app.track import TrackArrays
 from pps_vision.app.triangulate import TriangulatedPoints
 from pps_vision.experiments.charts import cells_chart
@@ -25,7 +26,6 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.recordings.point_tables import PointTable
 from pps_vision.recordings.tables import CHI2_95
 from pps_vision.types import Array
-from tracking.points import PointParams
 
 DEFAULT = "smoothed"
 KINDS = ("Gaussian", "outliers", "heavy tails", "outliers, heavy tails", "likelihood tells", "likelihood lies")

@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from pps_vision.app.points import Pairs, epipolar_residuals
 from pps_vision.errors import expect_positive
 from pps_vision.geometry.camera import StereoView
 from pps_vision.types import Array, Mask
-from tracking.points import Pairs, epipolar_residuals
 
 _ITERATIONS = 8
 _SPAN_FRAMES = 1.5  # half the span of a rate

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from pps_vision.geometry import masks
 from pps_vision.types import Mask
-from tracking import masks
 
 
 def rectangle(x0: int, y0: int, x1: int, y1: int, shape: tuple[int, int] = (60, 80)) -> Mask:

@@ -12,9 +12,6 @@ from pps_vision.types import Array, Image, Mask
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-SOLID = 0.9  # solidity below which a moving region may be an object and its holder
-_AROUND_PX = (3, 6)
-HIDING = 0.3  # foreground around an object from which it may hide a part
 _SMALL_HOLE = 0.01  # share of the mask; smaller holes are noise
 
 
@@ -27,12 +24,6 @@ def square(radius: int) -> NDArray[np.uint8]:
 def dilated(mask: Mask, radius: int) -> Mask:
     """The mask dilated by `radius` px to all sides."""
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(radius)), dtype=np.uint8).view(bool)
-
-
-def foreground_around(mask: Mask, foreground: Mask) -> float:
-    """Share of what surrounds an object's mask (h, w), beyond the reach of smoothing, that is foreground."""
-    around = dilated(mask, _AROUND_PX[1]) & ~dilated(mask, _AROUND_PX[0])
-    return float(foreground[around].mean()) if around.any() else 0.0
 
 
 def closed(mask: Mask, element: NDArray[np.uint8]) -> Mask:
