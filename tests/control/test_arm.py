@@ -125,50 +125,6 @@ def test_from_any_start_also_outside_limits_there_are_rates_that_lead_back(robot
         assert np.all(beyond[1][arm] <= np.maximum(beyond[0][arm] - DT * 60 * DEG, 0.0) + 1e-6)
 
 
-def beside_the_shoulder(robot: Robot, at_m: float) -> tuple[ArmParams, Array, int, Array, Array]:
-    """Parameters that let only the shoulder's pitch turn, a posture at rest, this joint, and a point of the upper arm
-    `at_m` beside its axis with the direction in which it turns."""
-    q = home(robot)
-    (pitch,) = robot.indices(("left_shoulder_pitch",))
-    posture = robot.at(q)
-    J = posture.jacobian("left_upper_arm")[:, pitch]
-    T = posture.T_root("left_upper_arm")
-    axis = J[3:]
-    moves = J[:3]
-    foot = T[:3, 3] + np.cross(axis, moves)  # foot of the frame's origin on the axis
-    across = np.cross(axis, [0.0, 0.0, 1.0])
-    across /= np.linalg.norm(across)
-    point = T[:3, :3].T @ (foot + at_m * across - T[:3, 3])
-    return ArmParams(resting=6), q, pitch, point, np.cross(axis, across)
-
-
-def test_a_point_as_far_from_an_axis_as_the_damping_moves_at_half_its_speed(robot):
-    """Damped least squares: r v / (r² + d²) with r = d = 3 mm."""
-    params, q, pitch, point, along = beside_the_shoulder(robot, 0.003)
-    dq = rates(robot, q, MovingPoint("left_upper_arm", point, 0.001 * along), params=params)
-    assert dq[pitch] == pytest.approx(0.5 * 0.001 / 0.003, rel=1e-4)
-
-
-def test_points_that_disagree_count_by_their_weights(robot):
-    """One point asked for two speeds: three parts of the one, one of the other."""
-    params, q, pitch, point, along = beside_the_shoulder(robot, 0.2)
-    posture = robot.at(q)
-    constraints = arm_constraints(params, posture, "left", REST)
-    fast, slow = (MovingPoint("left_upper_arm", point, v * along, w) for v, w in ((0.04, 3.0), (0.0, 1.0)))
-    dq = arm_velocity(params, posture, constraints, [fast, slow])
-    assert dq[pitch] == pytest.approx(0.03 / 0.2, rel=1e-3)
-
-
-@pytest.mark.parametrize(("free_across", "share"), [(False, 0.5), (True, 2.0)])
-def test_a_point_that_is_free_across_moves_along_at_full_speed(robot, free_across, share):
-    """Asked to move 60° off the only way that it can: at half the speed, or at twice it, so that none is across."""
-    params, q, pitch, point, along = beside_the_shoulder(robot, 0.2)
-    axis = robot.at(q).jacobian("left_upper_arm")[3:, pitch]
-    velocity = 0.02 * (0.5 * along + np.sqrt(0.75) * axis)
-    dq = rates(robot, q, MovingPoint("left_upper_arm", point, velocity, 1.0, free_across), params=params)
-    assert 0.2 * dq[pitch] == pytest.approx(share * 0.02, rel=2e-3)
-
-
 @pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])
 def test_a_velocity_that_is_not_finite_is_refused(robot, velocity):
     with pytest.raises(ValueError, match="expected three finite numbers"):

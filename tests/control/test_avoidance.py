@@ -16,14 +16,12 @@ from control.avoidance import (
     clearance_rows,
     control_point,
     predicted_distances,
-    return_home,
     step,
 )
 from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_RAD, home
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
 from pps_vision.types import Array, Track3D
 
@@ -35,7 +33,6 @@ AT_ONCE = replace(PARAMS, confirmation_s=0.0)
 FOREARM = icub_skin(("left_forearm",))
 BOTH_PARTS = icub_skin(("left_forearm", "left_palm"))
 AT_REST = track_at((-0.5, 0.0, 0.3), radius_m=BALL_M)
-NO_ROWS = np.empty((0, 23)), np.empty(0)
 ON = np.eye(12)[FOREARM.index("left_forearm:27")]
 OFF = 0 * ON
 
@@ -168,24 +165,6 @@ def test_the_return_ends_at_home_or_after_six_seconds(robot, elapsed_s, off_deg,
     q[robot.indices(("left_elbow",))] += off_deg * DEG
     _, response = step(PARAMS, ArmState("return", 100.0), arm_input(robot, q, stamp_s=100.0 + elapsed_s))
     assert response.mode == mode
-
-
-def test_the_way_home_takes_three_times_the_angle_left_per_second_after_easing_in(robot):
-    """A degree from home, where no speed limit counts; slower where a link may not come nearer to the object."""
-    q = home(robot)
-    (elbow,) = robot.indices(("left_elbow",))
-    q[elbow] += 1 * DEG
-    arm = arm_input(robot, q)
-    for elapsed_s, share in ((0.0, 0.0), (0.15, 0.5), (0.3, 1.0), (2.0, 1.0)):
-        dq = return_home(PARAMS, arm, elapsed_s, NO_ROWS)
-        assert dq[elbow] == pytest.approx(-3 * DEG * share)
-        assert not np.delete(dq, elbow).any()
-    rows = np.zeros((2, robot.n_joints))
-    rows[:, elbow] = -1.0, 1.0
-    dq = return_home(PARAMS, arm, 1.0, (rows, np.array([1.5 * DEG, 0.0])))
-    assert dq[elbow] == pytest.approx(-1.5 * DEG)
-    q[robot.indices(("left_wrist_prosupination", "left_wrist_pitch"))] += (80 * DEG, -50 * DEG)  # moves no palm
-    assert np.abs(return_home(PARAMS, arm_input(robot, q), 1.0, NO_ROWS)).max() == pytest.approx(60 * DEG)
 
 
 def test_a_joint_stops_on_paths_limit_within_the_holding_time(robot):
@@ -436,31 +415,6 @@ def test_the_arm_moves_aside_where_withdrawal_leaves_less_than_five_centimetres(
         ({"escape_clearance_m": 0.0}, False),
     ):
         assert (escape_of(robot, 1, speed_m_s, 0.25, **change) is not None) == expected
-
-
-def test_an_escape_that_the_body_slows_is_judged_by_what_is_left(robot):
-    """Where the body blocks the best direction, mostly another one is taken."""
-    blocked = list[Array]()
-    escapes = 0
-    others = 0
-
-    class Blocking(SelfCollision):
-        def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
-            return 0.0 if any(np.allclose(change_rad, change, atol=1e-9) for change in blocked) else 1.0
-
-    bodies = Blocking(robot)
-    points, normals = FOREARM.at(robot.at(home(robot)))
-    for taxel in range(12):
-        track = track_at(points[taxel] + 0.15 * normals[taxel], -0.3 * normals[taxel], radius_m=BALL_M)
-        arm = arm_input(robot, activations=np.eye(12)[taxel], track=track, self_collision=bodies)
-        free, response = step(AT_ONCE, ArmState(), arm)
-        if free.escape_rad_s is None:
-            continue
-        blocked.append(arm.hold_s * response.command.dq_rad_s)
-        state, _ = step(AT_ONCE, ArmState(), arm)
-        escapes += 1
-        others += state.escape_rad_s is not None and not np.allclose(state.escape_rad_s, free.escape_rad_s)
-    assert others > 0.5 * escapes > 0
 
 
 def test_fewer_balls_that_fly_through_touch_where_taxels_may_leave_their_path(robot):

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from control.arm import ArmParams, MovingPoint
-from control.avoidance import ArmInput, ArmMotion, ArmState, Response
+from control.arm import MovingPoint
+from control.avoidance import ArmInput, ArmState, Response
 from control.limits import MAX_HOLD_S, LimitParams, limit
-from control.reaching import ReachingParams, first_touch, other_parts, step, target_taxel
+from control.reaching import ReachingParams, other_parts, step, target_taxel
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD, home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
-from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, icub_skin
 from pps_vision.types import Array, Track3D
 
 DT = 0.05
@@ -23,7 +23,6 @@ BALL_M = 0.035
 SKIN = icub_skin(("left_forearm", "left_palm"))
 PARAMS = ReachingParams(HOME_ARM_RAD)
 AT_ONCE = replace(PARAMS, confirmation_s=0.0)
-NO_ROWS = np.empty((0, 23)), np.empty(0)
 
 
 def felt_by(*taxels: str, probability: float = 0.9) -> Array:
@@ -191,38 +190,6 @@ def test_the_other_parts_nearest_taxels_keep_clear(robot):
         assert near.distance_m == pytest.approx(0.01 - (BALL_M if np.isfinite(radius_m) else 0.0))
 
 
-def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot, rng):
-    """Gaps by the speeds at which they close, by finite differences; all taxels are moved by the same joint rates."""
-    q = home(robot)
-    posture = robot.at(q)
-    target = SKIN.index("left_forearm:3")
-    positions, normals = SKIN.at(posture)
-    side = [i for i in np.flatnonzero(SKIN.part_index == 0) if normals[i] @ normals[target] > 0]
-    others = 0
-
-    class SameRates(ArmMotion):
-        def rates(self, points: tuple[MovingPoint, ...], arm_params: ArmParams | None = None) -> Array:
-            return dq
-
-    for _ in range(20):
-        at = positions[target] + 0.1 * normals[target] + rng.uniform(-0.03, 0.03, 3)
-        dq = np.zeros(robot.n_joints)
-        dq[robot.indices(robot.names.arm("left"))] = rng.uniform(-0.3, 0.3, 7)
-        gaps, later = (
-            np.linalg.norm(SKIN.at(robot.at(q + s * dq))[0][side] - at, axis=1) - BALL_M - TOUCH_RADIUS_M
-            for s in (0.0, 1e-6)
-        )
-        closing = (gaps - later) / 1e-6
-        if closing.max() < 1e-3:
-            continue
-        best = side[int(np.where(closing > 0, gaps / closing, np.inf).argmin())]
-        arm = ArmInput(0.0, posture, SKIN, felt_by(), ball(at))
-        touch = first_touch(SameRates(PARAMS, arm, NO_ROWS), PARAMS.arm, target)
-        np.testing.assert_allclose(posture.point(touch.point.frame, touch.point.point), positions[best], atol=1e-9)
-        others += best != side[int(gaps.argmin())]
-    assert others > 3
-
-
 # Joints (degrees) of a robot whose right forearm is 3.6 cm from its chest, and where a ball ends that comes to it.
 BESIDE_CHEST_DEG = (0, 6, -1, 0, 15, 0, 20, 0, 0, 0, -40, -7, 22, -35, 4, -4, -37, 9, -13, 58, -41, -1, 14)
 BALL_ENDS = np.array([-0.157, 0.031, -0.046])
@@ -246,33 +213,6 @@ def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot, damping_m,
         assert bodies.distance_m(q) > LimitParams().clearance_m
         gaps.append(np.linalg.norm(skin.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)
     assert (min(gaps) < TOUCH_RADIUS_M) == touches
-
-
-@pytest.mark.parametrize(("shares", "chosen"), [((1.0, 1.0), 1), ((1.0, 0.5), 0), ((0.5, 1.0), 1)])
-def test_an_arm_reaches_with_the_damping_that_touches_first(robot, shares, chosen):
-    """With one joint, a taxel at r from its axis, and dampings d of 3 cm and 3 mm: rates as 1/(r² + d²), slowed by the
-    share that the last stage lets through."""
-    changes = list[Array]()
-
-    class Watched(SelfCollision):
-        def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
-            assert clearance_m == LimitParams().clearance_m
-            changes.append(change_rad)
-            return shares[len(changes) - 1]
-
-    posture = robot.at(home(robot))
-    part = SKIN.parts[0]
-    (pitch,) = robot.indices(("left_shoulder_pitch",))
-    skin = Skin((SkinPart("forearm", part.frame, (0,), part.positions_m[:1], part.normals[:1]),))
-    moves = posture.jacobian(part.frame, part.positions_m[0])[:3, pitch]
-    at = skin.at(posture)[0][0] + 0.2 * moves / np.linalg.norm(moves)
-    params = replace(AT_ONCE, arm=ArmParams(resting=6))
-    arm = ArmInput(0.0, posture, skin, np.ones(1), ball(at), hold_s=0.4, self_collision=Watched(robot))
-    _, response = step(params, ArmState(), arm, is_reachable=lambda taxel: True)
-    rates = np.array(changes)[:, pitch] / 0.4
-    r2 = moves @ moves
-    np.testing.assert_allclose(rates, 0.1 * np.sqrt(r2) / (r2 + np.array([0.03, 0.003]) ** 2), rtol=1e-3)
-    assert response.command.dq_rad_s[pitch] == pytest.approx(rates[chosen], rel=1e-6)
 
 
 def test_a_damping_of_zero_is_refused():

@@ -94,38 +94,3 @@ def test_a_search_that_covers_nothing_is_refused(spacing):
         SearchParams(spacing_rad=spacing)
     with pytest.raises(ValueError, match="search 'spiral'"):
         SearchParams("spiral")
-
-
-def test_the_covering_search_goes_to_the_nearest_of_twelve_gazes_then_again_at_another_vergence(robot):
-    """110° of yaw are three times 40° or less, 120° of pitch and tilt four times 30°; the robot is put at each goal."""
-    q = home(robot)
-    rng = np.random.default_rng(0)
-    state = SearchState(gaze_of(robot.at(q)))
-    goals = []
-    for _ in range(26):
-        gaze = gaze_of(robot.at(q))
-        left = np.array([*state.unvisited]) if len(state.unvisited) else None
-        state, _ = step(SearchParams(), state, robot.at(q), DT, rng)
-        if left is not None:
-            away = np.abs(left - gaze)[:, :3].max(axis=1)
-            assert np.abs(state.goal - gaze)[:3].max() == pytest.approx(away.min())
-        goals.append(state.goal)
-        q = set_gaze(robot, q, *state.goal[:3], version=0.0, vergence=state.goal[3])
-    yaw, pitch, tilt, vergence = np.rad2deg(goals).T
-    np.testing.assert_allclose(vergence, [20] * 12 + [60] * 12 + [20] * 2)
-    for visit in (slice(0, 12), slice(12, 24)):
-        grid = {(round(a, 3), round(b, 3)) for a, b in zip(yaw[visit], (pitch + tilt)[visit], strict=True)}
-        assert grid == {(a, b) for a in (-36.667, 0.0, 36.667) for b in (-60.0, -30.0, 0.0, 30.0)}
-    np.testing.assert_allclose(pitch, np.clip(pitch + tilt, -40, 30))
-
-
-@pytest.mark.parametrize(("away_deg", "rate"), [(0.9, None), (1.1, 8.8), (2.0, 16.0), (10.0, 30.0)])
-def test_a_goal_is_neared_at_eight_times_the_angle_left_until_a_degree_is(robot, away_deg, rate):
-    """At 30° per second at most; then there is another goal."""
-    posture = robot.at(home(robot))
-    goal = gaze_of(posture) + np.array([away_deg * DEG, 0.0, 0.0, 0.0])
-    state = SearchState(gaze_of(posture), goal)
-    after, command = step(RANDOM, state, posture, DT, np.random.default_rng(0))
-    assert np.array_equal(after.goal, goal) == (rate is not None)
-    if rate is not None:
-        assert command.dq_rad_s[robot.indices(("neck_yaw",))[0]] == pytest.approx(rate * DEG)

@@ -6,14 +6,13 @@ from data import SEED
 
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.inverse_kinematics import IKParams, IKSolution
+from pps_vision.robot.inverse_kinematics import IKParams
 from pps_vision.robot.self_motion import (
     DirectionCoverage,
     FarFromLimits,
     Manipulability,
     TwoStageParams,
     WalkParams,
-    best_of_starts,
     covered_directions,
     two_stage,
     walk,
@@ -151,20 +150,3 @@ def test_what_does_not_converge_is_not_called_reachable():
     solutions = two_stage(CHAIN.positions, points, starts, ARM_LOWER, ARM_UPPER, EFFORT, hasty)
     assert solutions.reachable.sum() == (solutions.error <= 1e-4).sum() < 20
     assert np.isfinite(solutions.error).all()
-
-
-def test_the_best_of_what_stages_give_by_hand():
-    """Three starts: the first target is reached by two of them, the second by none; the third by the last."""
-    starts = np.arange(9.0).reshape(3, 3, 1)
-    errors = np.array([[0.05, 3.0, 2.0], [0.01, 1.0, 4.0], [0.03, 2.0, 0.06]])
-    stage = iter([IKSolution(q, error, error < 0.1) for q, error in zip(starts + 0.5, errors, strict=True)])
-    quality = {0.5: 0.2, 3.5: 0.1, 6.5: 0.3, 8.5: -5.0}
-
-    def improve(targets, q):
-        return q + 100 * targets, np.array([quality[angle] for angle in q[:, 0]])
-
-    solutions = best_of_starts(lambda targets, start: next(stage), improve, np.array([[1.0], [2.0], [3.0]]), starts)
-    np.testing.assert_allclose(solutions.q_rad[:, 0], [106.5, 4.5, 308.5])
-    np.testing.assert_allclose(solutions.error, [0.01, 1.0, 0.06])
-    np.testing.assert_array_equal(solutions.reachable, [True, False, True])
-    np.testing.assert_allclose(solutions.quality, [0.3, np.nan, -5.0])

@@ -16,10 +16,10 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Image, StereoFrame
 from tracking.acquisition import Acquisition, Candidate, SearchCounts, segment
 from tracking.foreground import Background, Foreground, ForegroundParams
-from tracking.marker import MarkerParams, find_markers, is_nearer_than_surroundings, moved_markers
+from tracking.marker import MarkerParams, is_nearer_than_surroundings
 from tracking.motion_trigger import Region2D, TriggerParams
 from tracking.outline import Optics, Outline
-from tracking.stereo import Association, CameraFrame, StereoParams, camera_frames
+from tracking.stereo import Association, StereoParams, camera_frames
 
 DT = 0.05
 
@@ -151,35 +151,6 @@ def test_what_moves_as_a_whole_before_a_background(learned, earlier_discs, curre
         assert len(x) == pytest.approx(np.pi * r * r, rel=0.2)
 
 
-@pytest.mark.parametrize(
-    ("edge", "learned", "earlier_discs", "current_discs", "seed_px", "left", "is_detected"),
-    [
-        (100, [], [(96, 120, 20)], [(104, 120, 20)], 112, 80, True),  # it comes from behind what ends at 100
-        (100, [], [(104, 120, 20)], [(104, 120, 20)], 112, 80, False),  # it rests there
-        (100, [(96, 120, 20)], [(100, 120, 20)], [(112, 120, 20)], 112, 80, False),  # it overlaps where it stood
-        (0, [], [], [(20, 120, 20)], 20, 0, False),  # it enters over the image's border
-        (0, [], [], [(40, 120, 20)], 40, 0, True),  # it appears inside
-        (0, [], [], [(40, 120, 20)], 40, 30, False),  # across the border of the searched region
-    ],
-)
-def test_what_comes_from_behind_something_emerges(
-    edge, learned, earlier_discs, current_discs, seed_px, left, is_detected, rng, view
-):
-    background = learned_from(lambda: faint(rng, edge, *learned), view.left)
-    seed = np.zeros((80, 80), bool)
-    seed[35:45, seed_px - left - 5 : seed_px - left + 5] = True
-    box = (left, 80, left + 80, 160)
-    earlier, current = (faint(rng, edge, *discs) for discs in (earlier_discs, current_discs))
-    moved = Foreground(background, current, view.left, (earlier, view.left)).moved_mask(seed, box)
-    assert (moved is not None) == is_detected
-    if moved is not None:
-        mask, is_part = moved
-        assert is_part  # it has not uncovered anything
-        u, v, r = current_discs[0]
-        y, x = np.mgrid[80:160, left : left + 80]
-        assert np.mean(mask == (((x - u) ** 2 + (y - v) ** 2 < r * r) & (x >= edge))) > 0.97
-
-
 def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(search, view):
     """A grey ball of 20 px comes from behind something that hides it from the left eye only."""
     rng = np.random.default_rng(4)
@@ -241,24 +212,6 @@ def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whol
 
 
 @pytest.mark.parametrize(
-    ("box", "is_taken"),
-    [
-        ((150, 30, 170, 50), True),
-        ((0, 200, 320, 240), False),
-        ((100, 30, 180, 50), False),
-        ((150, 30, 190, 50), True),  # no more than twice as long as wide
-        ((150, 30, 192, 50), False),
-        *(((x, y, x + 20, y + 20), False) for x, y in ((0, 30), (30, 0), (300, 30), (30, 220))),  # at each border
-        *(((x, y, x + 20, y + 20), True) for x, y in ((1, 30), (30, 1), (299, 30), (30, 219))),
-    ],
-)
-def test_a_marker_is_compact_and_whole(box, is_taken, search):
-    """A square is a marker; a meadow that the image cuts and a bar are none, before eyes that move."""
-    search.find_marker(green(box), green(box))
-    assert (search.counts["candidates_left"], search.counts["candidates_right"]) == (is_taken, is_taken)
-
-
-@pytest.mark.parametrize(
     ("side", "shift", "refused"),
     [(20, 0, None), (23, 0, None), (26, 0, "rejected by size"), (16, 0, "rejected by size"), (20, 60, "epipolar")],
 )
@@ -313,27 +266,6 @@ def test_what_has_another_colour_in_the_other_eye_is_another_object(right_color,
     assert counts["motion_left"] == counts["motion_right"] == 3
     assert counts["candidates_left"] == counts["candidates_right"] == 3
     assert (counts["rejected by colour"] > 0) == (not is_one)
-
-
-def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig, view):
-    """Detected in the image, or given as outlines; in front of a wall of its hue, by the foreground."""
-    optics = Optics(rig.left)
-    params = MarkerParams()
-    resting = (60, 60, 80, 80)
-    background = learned_from(lambda: green(resting), view.left)
-    camera = CameraFrame(green(resting, (150, 100, 170, 120)), view.left, 1.0, None)
-    outlines = find_markers(params, camera.image, optics)
-    assert len(outlines) == 2
-    wall = green((0, 0, 320, 240), color=(60, 140, 75))
-    before_wall = wall.copy()
-    before_wall[100:120, 150:170] = (25, 170, 40)
-    for changes, learned in (
-        ({}, background),
-        ({"outlines": outlines}, background),
-        ({"image": before_wall}, learned_from(lambda: wall, view.left)),
-    ):
-        (marker,) = moved_markers(params, camera._replace(**changes), optics, learned)
-        np.testing.assert_allclose(marker.center_px, [159.5, 109.5], atol=0.4)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,4 @@
-"""Colours of an object: their bins, its model, whether two objects are one, and where colours segment none."""
-
-import colorsys
+"""Whether two objects are one by colours and size, and where colours segment none."""
 
 import numpy as np
 import pytest
@@ -9,37 +7,9 @@ from pps_vision.geometry.masks import Box
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Mask
 from tracking.acquisition import segment
-from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
+from tracking.appearance import N_BINS, ColorModel, is_same_object
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics
-
-
-def test_bins_are_hue_and_saturation_or_value(rng):
-    image = rng.integers(0, 256, (40, 40, 3), dtype=np.uint8)
-    bins = color_bins(image)
-    agree = 0
-    for rgb, got in zip(image.reshape(-1, 3), bins.ravel(), strict=True):
-        h, s, v = colorsys.rgb_to_hsv(*((rgb // 4 * 4 + 2) / 255))
-        grey = s < 40 / 255 or v < 25 / 255
-        agree += got == (100 + min(int(v * 10), 9) if grey else 10 * int(h * 10) + min(int(s * 10), 9))
-    assert agree > 0.96 * bins.size  # the rest lies on the edges, where 8-bit hues round
-
-
-def test_a_color_only_the_object_has_is_the_object():
-    red, blue = (color_bins(np.full((8, 8, 3), color, np.uint8)) for color in ((200, 0, 0), (0, 0, 200)))
-    model = ColorModel(histogram(red), histogram(blue))
-    table = model.table()
-    assert len(table) == N_BINS
-    assert table[red[0, 0]] > 0.9
-    assert table[blue[0, 0]] == 0
-    assert model.similarity(model.object) == pytest.approx(1)
-    assert model.similarity(model.background) == 0
-    half = model.blend(ColorModel(model.background, model.object), 0.5, 0.25)
-    assert half.similarity(model.object) == pytest.approx(np.sqrt(0.5))
-    np.testing.assert_allclose(half.background, 0.75 * model.background + 0.25 * model.object)
-    rare = ColorModel(0.999 * model.object + 0.001 * model.background, np.zeros(N_BINS))
-    assert rare.table()[blue[0, 0]] < 0.5  # one pixel in a thousand of the object, none elsewhere
-    assert histogram(np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)).sum() == pytest.approx(1)
 
 
 def model(share: float) -> ColorModel:

@@ -3,6 +3,7 @@ frame by frame.
 """
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -122,6 +123,7 @@ def film() -> Film:
     return Film(scene, SEED, Path("no photographs"))
 
 
+@cache
 def track(film: Film, reduction: int) -> list[TrackerStep]:
     tracker = Tracker(TrackerParams(reduction=reduction), film.rig, np.random.default_rng(SEED))
     return [tracker.step(frame) for frame in film]

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from pps_vision.geometry.camera import View
-from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
 from tracking.appearance import ColorModel
 from tracking.foreground import ForegroundParams
-from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, Prior
+from tracking.image_tracker import CameraState, CameraTracker, Prior
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams
-from tracking.outline import Optics, Outline
+from tracking.outline import Optics
 from tracking.particle_filter import Located
 from tracking.stereo import CameraFrame
 
@@ -48,15 +47,6 @@ def seen_from(image: Image, view: View = VIEW, stamp_s: float = 1.0) -> CameraFr
     return CameraFrame(image, view, stamp_s, None)
 
 
-def of_size(size_px: float, center_px: tuple[float, float] = (150.0, 110.0)) -> Outline:
-    """The outline of a disc."""
-    x, y = center_px
-    box = (x - size_px / 2, y - size_px / 2, size_px, size_px)
-    angle = 0.5 * size_px / LEFT_EYE.focal_px
-    area = np.pi / 4 * size_px**2
-    return Outline(np.array([x, y]), 0.01 * np.eye(2), angle, 1e-6, box, area, False)
-
-
 def at(position: Array, velocity: Array | None = None) -> Belief:
     mean = np.array([position, np.zeros(3) if velocity is None else velocity])
     return Belief(0.0, mean, 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
@@ -72,37 +62,6 @@ def known(tracker: CameraTracker, image: Image, by_background: bool = False) -> 
     return CameraState(target, by_background=by_background)
 
 
-@pytest.mark.parametrize("stamp_s", [0.0, 0.1])
-def test_where_an_object_appears_and_how_large(stamp_s):
-    """At its own stamp; the offset from the projected track is kept."""
-    center = np.array([0.02, 0.0, 0.01])
-    view = View(LEFT_EYE, transform(translation=center))
-    place = np.array([0.06, 0.03, 0.4])
-    velocity = np.array([0.1, 0.0, -0.2])
-    camera = CameraFrame(np.zeros((240, 320, 3), np.uint8), view, stamp_s, None)
-    state = CameraState(offset_px=(3.0, -2.0))
-    belief = at(place, velocity)
-    prior = camera_tracker().predict(state, camera, belief, belief.cov, 0.03)
-    p = place + stamp_s * velocity
-    np.testing.assert_allclose(prior.center_px, view.project(p) + state.offset_px, atol=1e-6)
-    assert prior.distance_m == pytest.approx(np.linalg.norm(p - center))
-    assert np.sin(prior.angle_rad) == pytest.approx(0.03 / prior.distance_m)
-    assert prior.size_px == pytest.approx(2 * prior.angle_rad * LEFT_EYE.focal_px)
-
-
-@pytest.mark.parametrize(
-    ("std_m", "std_px"),
-    [((0.02, 0.0), 10.0), ((0.0, 0.01), 5.0), ((0.03, 0.04), 25.0), ((0.001, 0.0), 0.7), ((0.1, 0.0), 40.0)],
-)
-def test_a_place_is_as_uncertain_as_the_track_across_the_line_of_sight(std_m, std_px, rng):
-    """As many times 2 mm away as the focal length has pixels: 2 mm are a pixel; 0.7 px at least, 40 at most."""
-    p = np.array([0.0, 0.0, 2 * 1e-3 * LEFT_EYE.focal_px])
-    cov = np.diag([std_m[0] ** 2, std_m[1] ** 2, 1.0])
-    prior = camera_tracker().predict(CameraState(), seen_from(picture(rng)), at(p), cov, 0.03)
-    np.testing.assert_allclose(prior.center_px, VIEW.project(p))
-    assert prior.std_px == pytest.approx(std_px, rel=0.02)
-
-
 @pytest.mark.parametrize(("u", "is_seen"), [(-14.0, True), (-16.0, False), (333.0, True), (335.5, False)])
 def test_an_object_is_in_view_if_a_part_of_it_is(u, is_seen, rng):
     """A disc of 30 px, at most half of it beyond the image's border; the border is at -0.5 and 319.5 px."""
@@ -114,25 +73,6 @@ def test_an_object_is_in_view_if_a_part_of_it_is(u, is_seen, rng):
         assert (prior is not None) == is_seen
 
 
-@pytest.mark.parametrize(
-    ("off_px", "size_px", "is_it"),
-    [
-        *((off_px, 36.0, True) for off_px in ((0.0, 0.0), (25.0, 0.0), (0.0, -25.0))),
-        *((off_px, 36.0, False) for off_px in ((27.0, 0.0), (0.0, -27.0))),
-        ((0.0, 0.0), 36.7, True),
-        *(((0.0, 0.0), size_px, False) for size_px in (37.4, 34.6)),
-    ],
-)
-def test_an_outline_computed_beforehand_is_near_and_as_large_as_expected(off_px, size_px, is_it, rng):
-    """Its centre within the object's radius, two standard deviations and 4 px: 26 px; its size within 3 %."""
-    outline = of_size(size_px, (150.0 + off_px[0], 110.0 + off_px[1]))
-    camera = seen_from(picture(rng))._replace(outlines=[outline])
-    _, detection, _ = camera_tracker().quick(CameraState(), camera, prior_at(150, 110, 2.0))
-    assert detection == (ImageDetection(outline, outline.box_px, 1.0) if is_it else None)
-    by_background = CameraState(by_background=True)  # outlines are by colours
-    assert camera_tracker().quick(by_background, camera, prior_at(150, 110, 2.0))[1] is None
-
-
 def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng):
     """Within the object's size, four standard deviations and 3 px: 59 px."""
     tracker = camera_tracker(MarkerParams())
@@ -142,15 +82,6 @@ def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng):
         assert np.linalg.norm(detection.outline.center_px - [expected, 110]) < 0.1
     for x in (40.0, 120.0):
         assert tracker.quick(CameraState(), camera, prior_at(x, 205))[1:] == (None, False)
-
-
-@pytest.mark.parametrize(("share", "fits"), [(1.0, True), (1.09, True), (1.15, False), (0.67, True), (0.58, False)])
-def test_a_marker_of_quite_another_area_is_not_it(share, fits, rng):
-    """Up to a quarter more and down to two fifths."""
-    camera = seen_from(picture(rng, (disc(150, 110, 18 * share), GREEN)))
-    _, detection, _ = camera_tracker(MarkerParams()).quick(CameraState(), camera, prior_at(150, 110))
-    assert (detection is not None) == fits
-    assert not fits or detection.score == pytest.approx(min(share, 1 / share) ** 2, abs=0.03)
 
 
 @pytest.mark.parametrize(("share", "tell_it"), [(0.0, True), (0.55, True), (0.7, False)])

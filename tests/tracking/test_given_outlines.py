@@ -11,7 +11,6 @@ from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array, Status, StereoFrame, Track3D
 from tracking.camera_pose import CameraPoses
 from tracking.image_tracker import ImageDetection
-from tracking.kalman import KalmanParams
 from tracking.outline import Outline
 from tracking.smoother import smoothed_steps
 from tracking.stereo import StereoParams
@@ -110,23 +109,6 @@ def test_what_errs_alike_in_every_frame_does_not_average_out():
     ratio = np.diag(last.track.cov)[:3] / np.diag(last.observation.cov_root)
     assert ((ratio > 0.5) & (ratio < 1)).all()
     assert last.track.radius_var_m2 == last.observation.radius_var_m2
-
-
-def test_a_size_that_changes_is_followed():
-    shapes = [both()] * 100 + [both(radius_m=1.1 * RADIUS_M)] * 100
-    assert abs(tracks(shapes)[-1].radius_m / RADIUS_M - 1.1) < 0.01
-
-
-def test_an_outline_that_shows_more_of_the_object_is_no_motion():
-    """Of an object at rest the outlines in both eyes grow by 3 mm in the third frame, and their middle is 3 mm aside:
-    the velocity that is stated holds that of the object, which it would not if the radius had stayed."""
-    aside = P + 0.003 * LOOKING[:, 0]
-    chi2 = []
-    for radius_m in (RADIUS_M + 0.003, RADIUS_M):
-        results = tracks([both()] * 2 + [both(aside, radius_m=radius_m)] * 8)[2:]
-        chi2.append(max(t.velocity @ np.linalg.solve(t.cov[3:6, 3:6], t.velocity) for t in results))
-        assert np.linalg.norm(results[-1].position - aside) < 0.001
-    assert chi2[0] < 8 < 16 < chi2[1]
 
 
 def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew():
@@ -241,12 +223,3 @@ def test_the_covariance_off_the_axes_is_that_of_sampled_errors(error, rng):
     standard_error = np.sqrt((np.outer(variance, variance) + analytic**2) / (n - 1))
     assert (np.abs(analytic) > 3 * standard_error).all()  # every entry is tested
     np.testing.assert_array_less(np.abs(sampled - analytic), 5 * standard_error)
-
-
-def test_a_derivative_that_is_not_modelled_is_zero():
-    """Filter of order 2: acceleration and jerk are 0."""
-    track = tracks([both()] * 6, TrackerParams(kalman=KalmanParams.of_order(2)))[-1]
-    assert np.linalg.eigvalsh(track.cov[:6, :6]).min() > 0
-    assert (np.diag(track.cov, -3)[:3] > 0).all()  # of position and velocity
-    for unknown in (track.cov[6:], track.cov[:, 6:], track.mean[2:]):
-        assert not unknown.any()

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -111,18 +110,6 @@ def test_what_is_hidden_in_part_is_not_whole(scene):
     assert whole == [True] * 8 + [False] * 6 + [True]
 
 
-def test_the_sides_of_its_box_follow_by_three_tenths_an_image(scene):
-    """In the logarithm: a square of 32 px that becomes 40 px high."""
-    images = [np.full((240, 320, 3), 120, np.uint8) for _ in range(2)]
-    for image, half in zip(images, (16, 20), strict=True):
-        image[110 - half : 110 + half, 134:166] = BLUE
-    scene.start(images[0], (134, 94, 32, 32))
-    detection = scene.step(images[1], 149.5, 109.5)
-    np.testing.assert_allclose(detection.box_px[2:], (32, 32 * 1.25**0.3), rtol=0.01)
-    center = np.add(detection.box_px[:2], np.subtract(detection.box_px[2:], 1) / 2)
-    np.testing.assert_allclose(center, (149.5, 109.5), atol=0.1)
-
-
 @pytest.mark.parametrize("is_background_known", [False, True])
 def test_a_hoop_has_a_hole_where_its_background_shows(is_background_known, scene):
     hoop = scene.discs((150, 110, 25))
@@ -133,34 +120,6 @@ def test_a_hoop_has_a_hole_where_its_background_shows(is_background_known, scene
     scene.target = replace(scene.target, angle_rad=angle_rad, shape=(51 / angle_rad, 51 / angle_rad))
     detection = scene.step(hoop, 150, 110, differs=_is_blue if is_background_known else None)
     assert detection.outline.area_px == pytest.approx(area_px, rel=0.05)
-
-
-def test_a_gap_of_a_twentieth_of_an_object_before_its_own_colour_is_closed(scene):
-    """A disc of 40 px before a bar of the same colour, 7 px wide; a wider bar parts it."""
-    image = scene.discs((150, 110, 40))
-    for width, is_whole in ((7, True), (12, False)):
-        scene.start(image, (110, 70, 81, 81))
-        detection = scene.step(image, 150, 110, differs=partial(_is_blue_beside, width))
-        assert (detection is not None) == is_whole
-
-
-def _is_blue_beside(width: int, image: Image, box: Box) -> Mask:
-    differs = _is_blue(image, box).copy()
-    differs[:, 155 - box[0] : 155 - box[0] + width] = False
-    return differs
-
-
-def test_background_between_its_arms_is_no_part_of_an_object(scene):
-    """Twelve arms around a disc, with gaps of up to a ninth of its size."""
-    angle = np.arctan2(V - 110, U - 150)
-    radius = np.hypot(U - 150, V - 110)
-    star = (radius < 25) | ((radius < 40) & (np.abs((12 * angle / (2 * np.pi)) % 1 - 0.5) < 0.25))
-    image = scene.discs()
-    image[star] = BLUE
-    scene.start(scene.discs((150, 110, 40)), (110, 70, 81, 81))
-    scene.target = replace(scene.target, angle_rad=angle_of(2 * np.sqrt(np.count_nonzero(star) / np.pi)))
-    detection = scene.step(image, 150, 110, differs=_is_blue)
-    assert detection.outline.area_px == pytest.approx(np.count_nonzero(star), rel=0.03)
 
 
 @pytest.mark.parametrize(("radius", "is_whole"), [(6, True), (14, False)])
@@ -174,12 +133,6 @@ def test_a_small_thing_that_touches_it_is_no_other_object(radius, is_whole, scen
 
 def _is_blue(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
     return np.asarray(image[box[1] : box[3], box[0] : box[2], 0] < 75)
-
-
-def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(scene):
-    outline = scene.step(scene.discs((150, 110, 18), bar=True), 150, 110).outline
-    assert np.linalg.norm(outline.center_px - [150, 110]) < 0.5
-    assert outline.area_px == pytest.approx(np.pi * 18**2, rel=0.03)
 
 
 def test_outside_the_image_nothing_is_searched(scene):
@@ -236,11 +189,3 @@ def test_evidence_tells_the_object_from_background_and_from_what_is_before_it(sc
         examined = scene.eye.examine(scene.target, image, center, 60.0, foreground, "colour")
         scene.target = scene.eye.learn_rivals(scene.target, examined, center)
     assert -0.5 < scene.evidence(image, _is_no_grey)[at["object"]] < 0.5
-
-
-def test_a_long_object_is_followed_over_its_whole_length(scene):
-    images = [np.full((240, 320, 3), 120, np.uint8) for _ in range(2)]
-    for image, x in zip(images, (100, 106), strict=True):
-        image[105:115, x : x + 80] = BLUE
-    scene.start(images[0], (100, 105, 80, 10))
-    np.testing.assert_allclose(scene.step(images[1], 145.5, 109.5).outline.box_px, (106, 105, 80, 10), atol=1)

@@ -1,12 +1,11 @@
-"""Compiled functions against the same in whole arrays of doubles: filters of SciPy, least squares and sums of NumPy."""
+"""Compiled coverage against the same in whole arrays of doubles: filters of SciPy, least squares of NumPy."""
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
-from tracking.outline import UNIT, Optics, covered, moments
+from tracking.outline import UNIT, covered
 
 
 def _textbook(image: Image, mask: Mask, band: int) -> tuple[Array, Array]:
@@ -65,33 +64,3 @@ def test_coverage_is_the_textbooks(kind, band, rng):
     assert 0 < np.count_nonzero(variance) < mask.size
     np.testing.assert_allclose(alpha, true_alpha, atol=1e-6)
     np.testing.assert_allclose(variance, true_variance, rtol=1e-6)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_moments_are_sums_over_all_pixels(kind, rng):
-    image, mask = _scene(kind, rng)
-    alpha, variance = covered(image, mask, 2)
-    left = 200
-    top = 50
-    region = np.s_[top : top + mask.shape[0], left : left + mask.shape[1]]
-    bearing = LEFT_EYE.bearing_map()[region]
-    solid_angle = LEFT_EYE.solid_angle_map()[region]
-    result = moments(alpha, variance, Optics(LEFT_EYE).weights, left, top)
-    direction = np.einsum("vu,vu,vuk", alpha.astype(float), solid_angle, bearing)
-    omega = float(np.sum(solid_angle * alpha, dtype=float))
-    np.testing.assert_allclose(result.direction, direction, rtol=1e-7)
-    assert result.omega == pytest.approx(omega, rel=1e-7)
-    weights = solid_angle[..., None] * np.concatenate([bearing, np.ones((*mask.shape, 1))], axis=-1)
-    cov = np.einsum("vu,vui,vuj", variance.astype(float), weights, weights)
-    np.testing.assert_allclose(result.cov, cov, rtol=1e-6)
-    assert result.area == pytest.approx(alpha.sum(dtype=float))
-    rows, columns = np.nonzero(alpha > 0.5)
-    assert result.box == (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
-
-
-def test_where_nothing_tells_the_colours_apart_the_mask_decides():
-    """A plain image: a pixel at the edge is off by what any edge through it would make of it, 1/12."""
-    _, mask = _scene("disc", np.random.default_rng(0))
-    alpha, variance = covered(np.full((*mask.shape, 3), 120, np.uint8), mask, 2)
-    np.testing.assert_array_equal(alpha, mask)
-    np.testing.assert_allclose(variance[variance > 0], 1 / 12, rtol=1e-6)

@@ -96,37 +96,6 @@ def moving(x: float, y: float, w: int, h: int, level: float, px: float = 5.0, fr
     return [[(x + px * max(k - 4, 0), y, w, h, level)] for k in range(frames)]
 
 
-def test_only_the_central_part_is_looked_at():
-    lower = [[(280 - 5 * max(k - 4, 0), 231, 30, 9, 200.0)] for k in range(8)]
-    right = [[(309, 100 + 5 * max(k - 4, 0), 11, 30, 200.0)] for k in range(8)]
-    for film in (lower, right):
-        assert not any(triggered(GATE, film))
-        assert any(triggered(replace(GATE, central=1.0), film))
-    # of what begins at the border, the rest
-    for patch, corner in (((0, 100, 40, 30, 200.0), (12, 100)), ((100, 0, 30, 40, 200.0), (100, 10))):
-        (region,) = triggered(GATE, [[]] * 5 + [[patch]])[-1]
-        assert np.min(np.subtract(region.box_px[:2], corner)) >= -2
-
-
-def test_what_is_too_small_is_no_region():
-    film = moving(100, 100, 5, 5, 200.0)
-    assert any(triggered(GATE, film))
-    assert not any(triggered(replace(GATE, min_area_px=150), film))
-    assert not any(triggered(GATE, moving(100, 100, 1, 1, 160.0)))
-    beside = [[]] * 5 + [[(100, 100, 20, 20, 200.0), (135, 110, 2, 2, 150.0)]]
-    assert [len(triggered(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
-
-
-def test_parts_of_one_object_are_joined_and_the_strongest_comes_first():
-    parts = [[]] * 5 + [[(100, 100, 20, 10, 130.0), (100, 116, 20, 10, 130.0), (200, 60, 12, 12, 200.0)]]
-    regions = triggered(GATE, parts)[-1]
-    assert len(regions) == 2
-    assert regions[0].evidence >= regions[1].evidence > 0
-    assert len(triggered(replace(GATE, join_px=1), parts)[-1]) == 3
-    bright = [[]] * 5 + [[(100, 60, 12, 12, 110.0), (200, 100, 12, 12, 200.0)]]
-    assert [region.box_px[0] > 150 for region in triggered(GATE, bright)[-1]] == [True, False]
-
-
 def test_a_slow_object_is_found_in_the_turns_of_the_long_interval():
     slow = moving(100, 100, 20, 20, 200.0, 0.14, 20)
     regions = triggered(GATE, slow)
@@ -217,13 +186,6 @@ def test_a_plain_object_is_confirmed_though_little_of_it_has_a_match():
     assert np.mean(is_detected) > 0.7
 
 
-def test_what_moves_too_fast_for_flow_is_found_without_it():
-    trigger = MotionTrigger(TriggerParams(), LEFT_EYE)
-    for k, image in enumerate(square_at([60] * 5 + [150], 16)):
-        regions = trigger.step(image, FIXED, DT * k)
-    assert [region.flow for region in regions if region.box_px[0] > 120] == [None]
-
-
 @pytest.mark.parametrize(
     ("name", "refused", "taken"),
     [
@@ -237,20 +199,6 @@ def test_what_moves_too_fast_for_flow_is_found_without_it():
 )
 def test_parameters_outside_their_range_are_refused(name, refused, taken):
     check_range(TriggerParams, name, refused, taken, lambda value: f"{name}={value}.*rising positive intervals")
-
-
-@pytest.mark.parametrize(("px", "flow", "does"), [(0, True, False), (3, True, True), (0, False, True)])
-def test_a_mask_moves_if_most_of_its_points_do_or_flow_is_off(px, flow, does):
-    trigger = MotionTrigger(TriggerParams(flow=flow), LEFT_EYE)
-    for k, image in enumerate(square_at([100 + px * k for k in range(4)], 24)):
-        trigger.remember(image, FIXED, DT * k)
-    mask = np.zeros((60, 60), bool)
-    mask[20:44, 20 + 3 * px : 44 + 3 * px] = True
-    assert trigger.moves(mask, (80, 80, 140, 140)) == does
-    if flow:
-        around = np.zeros((60, 60), bool)
-        around[2:14, 2:50] = True
-        assert not trigger.moves(around, (80, 80, 140, 140))
 
 
 # The residual of a plane at a known distance, seen through a pinhole by an eye that shifts.

@@ -69,7 +69,7 @@ def misjudged_mm(robot: MiscalibratedRobot, offsets_rad: Array, positions_m: Arr
     return 1000 * float(np.sqrt(np.mean(np.sum(np.square(off), axis=-1))))
 
 
-@pytest.mark.parametrize(("taxels_m", "encoders_deg"), [(0.03, 0.0), (0.0, 2.5), (0.02, 1.5)])
+@pytest.mark.parametrize(("taxels_m", "encoders_deg"), [(0.03, 0.0), (0.02, 1.5)])
 def test_touches_correct_taxels_and_encoders_that_are_off(taxels_m, encoders_deg):
     robot = robot_off_by(taxels_m, encoders_deg)
     body = learned_body(robot.model, robot.rig, robot.skin, [seen for _, seen in touches_of(robot, 80, SEED)])

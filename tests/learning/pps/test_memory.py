@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import softmax
-from scipy.stats import norm
 
 from learning.pps.buffer import EventBuffer, push, resample
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples, learn, load_memory, save_memory
-from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.errors import InputError
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import TaxelEvents
@@ -77,50 +75,6 @@ def test_outside_the_ranges_the_activation_is_0():
         assert not activation(memory, *at).any()
     for at in ((-0.1, 1), (0.2, 1), (0.1, 0), (0.1, 3)):
         np.testing.assert_allclose(activation(memory, *at), 0.5)
-
-
-def test_many_objects_teach_the_probability_of_contact():
-    """Objects move straight down on a flat skin, landing with σ 5 cm about the middle taxel; one counts as
-    touched when the object lands within 2 cm of it.  The middle taxel is never nearer than 5 cm to
-    another, so P(touch | D, TTC) follows from geometry: D² = h² + r², TTC = D²/(h·speed), with r the
-    distance from where it lands."""
-    rng = np.random.default_rng(6)
-    skin = replace(FOREARMS, parts=FOREARMS.parts[:1])
-    x = np.array([[0.05 * i, 0.05 * j, 0.0] for i in (-1, 0, 1) for j in range(-1, 3)])  # twelve taxels on a grid
-    up = np.tile([0.0, 0.0, 1.0], (12, 1))
-    middle = 4 + 1
-    params = MemoryParams(distance_range_m=(0.0, 0.2), bins=(4, 4))
-    memory = PPSMemory.empty(skin, params)
-    trials = 4000
-    landing = rng.normal(0, 0.05, (trials, 2))
-    speed = 0.08
-    height = speed * np.arange(0.025, 2.5, 0.05)
-    p = np.concatenate([np.broadcast_to(landing[:, None], (trials, 50, 2)), np.tile(height, (trials, 1))[..., None]], 2)
-    D, TTC = perceive(ReceptiveField(), x, up, p, [0.0, 0.0, -speed])
-    hits = np.linalg.norm(x[None, :, :2] - landing[:, None], axis=2) <= 0.02
-    for hit in np.unique(hits[hits.any(axis=1)], axis=0):  # objects that hit the same taxels count together
-        alike = (hits == hit).all(axis=1)
-        memory = count_samples(memory, D[alike].reshape(-1, 12), TTC[alike].reshape(-1, 12), hit)
-    # R eq. 3 by numerical integration over (r, h), given that some taxel was touched
-    grid = np.linspace(-0.25, 0.25, 501)
-    X, Y = np.meshgrid(grid, grid, indexing="ij")
-    weight = norm.pdf(X, scale=0.05) * norm.pdf(Y, scale=0.05)
-    learned = (np.hypot(X[..., None] - x[:, 0], Y[..., None] - x[:, 1]) <= 0.02).any(axis=2)
-    r = np.hypot(X, Y)
-    expected = np.zeros((2, 4, 4))
-    for h in height:
-        distance = np.hypot(r, h)
-        ttc = distance**2 / (h * speed)
-        inside = learned & (distance < 0.2) & (ttc < 3) & (r <= 0.07 + h * np.tan(np.arccos(0.75)))
-        i = (distance / 0.05).astype(int)
-        j = (ttc / 0.75).astype(int)
-        np.add.at(expected, (np.where(r[inside] <= 0.02, 0, 1), i[inside], j[inside]), weight[inside])
-    total = memory.counts[middle].sum(axis=-1)
-    enough = total > 500
-    chance = expected[0] / np.maximum(expected.sum(axis=0), 1e-12)
-    assert enough.sum() >= 5
-    np.testing.assert_allclose(memory.frequency[middle][enough], chance[enough], atol=0.05)
-    assert chance[enough].max() - chance[enough].min() > 0.3  # and the chance does vary
 
 
 @pytest.mark.parametrize(
@@ -221,23 +175,6 @@ def test_a_single_bin_may_stand_for_all_times():
     for ttc_s, n in ((3.0, 0), (np.nextafter(3.0, 0), 1)):  # its upper limit does not count
         memory = count_samples(upto_3_s, np.full((1, N), 0.1), np.full((1, N), ttc_s), touched(0))
         assert memory.counts[0, ..., 0].sum() == n
-
-
-def test_counts_of_up_to_two_to_the_53_are_whole():
-    memory = random_memory()
-    huge = replace(memory, counts=np.full(memory.counts.shape, 2**53 - 5))
-    counted = count_samples(huge, np.full((5, N), 0.1), np.ones((5, N)), touched(0))
-    assert (counted.counts.max(), counted.counts.dtype) == (2**53, np.int64)
-    np.testing.assert_allclose(activation(counted, 0.07, 1.3), 0.5)
-    twice = (memory.taxel_ids[1], *memory.taxel_ids[1:])
-    for changes, message in (
-        ({"counts": np.full(memory.counts.shape, 2**53 + 1)}, "expected finite ones from 0 to 2"),
-        ({"counts": memory.counts[:, :7]}, "for 24 taxels"),
-        ({"part_index": memory.part_index[1:]}, "for 24 taxels"),
-        ({"taxel_ids": twice}, "24 taxels, 23 different names"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            replace(memory, **changes)
 
 
 def test_a_buffer_or_distances_of_another_skin_are_refused():

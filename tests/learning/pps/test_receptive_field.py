@@ -109,20 +109,6 @@ def test_moving_everything_together_changes_nothing(seed):
     np.testing.assert_allclose(after, still, rtol=1e-6, atol=1e-9)
 
 
-def test_all_times_at_once_equal_one_at_a_time():
-    rng = np.random.default_rng(3)
-    x = rng.uniform(-0.1, 0.1, (5, 4, 3))
-    n = np.tile(UP, (5, 4, 1))
-    p = rng.uniform(-0.1, 0.1, (5, 3))
-    v = rng.normal(size=(5, 3))
-    cov = np.eye(3) * np.array([1e-4, 1e2, 1e-4, 1e2, 1e2])[:, None, None]  # where it is 100, speeds are noise
-    together = perceive(FIELD, x, n, p, v, cov_v=cov)
-    assert together[0].shape == (5, 4)
-    assert np.isinf(together[1]).any(axis=1).tolist() == [False, False, False, True, False]
-    for t in range(5):
-        np.testing.assert_array_equal(perceive(FIELD, x[t], n[t], p[t], v[t], cov_v=cov[t]), [a[t] for a in together])
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

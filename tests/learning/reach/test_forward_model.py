@@ -10,7 +10,6 @@ from learning.reach.babbling import Babbled, babble, gaze_at_hand
 from learning.reach.forward_model import RevoluteArm
 from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
-from learning.reach.residual import fit_residual
 from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
@@ -169,60 +168,6 @@ def test_too_few_samples_and_another_arm_are_refused(model):
         RevoluteArm().forward(np.zeros((1, 4)))
     with pytest.raises(ValueError, match=r"shape \(2, 3\): expected \(N, 4\)"):
         model.forward(np.zeros((2, 3)))
-
-
-N = 500
-
-
-def wave(x):
-    return np.stack([np.sin(2 * x[:, 0]), np.cos(x[:, 1]) * x[:, 0], x[:, 1] ** 2 - 0.3], axis=1)
-
-
-@pytest.fixture(scope="module")
-def x():
-    return np.random.default_rng(1).uniform(-1, 1, (N, 2))
-
-
-@pytest.fixture(scope="module")
-def learned(x):
-    """A tenth of the samples is of something else."""
-    rng = np.random.default_rng(2)
-    y = wave(x) + 0.01 * rng.standard_normal((N, 3))
-    y[rng.random(N) < 0.1] += 20 * rng.standard_normal(3)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(residual, "_N_TUNE", 150)  # for the time of the test
-        return fit_residual(x, y, np.tile(np.eye(3), (N, 1, 1)))
-
-
-def test_a_smooth_function_is_learned_from_samples_with_noise_and_outliers(learned):
-    at = np.random.default_rng(3).uniform(-0.9, 0.9, (200, 2))
-    assert np.sqrt(np.mean((learned(at)[0] - wave(at)) ** 2)) < 0.01
-
-
-def test_noise_is_no_evidence_and_few_samples_are_not_enough(x):
-    identity = np.tile(np.eye(3), (N, 1, 1))
-    for seed in range(3):
-        assert fit_residual(x, np.random.default_rng(seed).standard_normal((N, 3)), identity) is None
-    assert fit_residual(x[:300], wave(x[:300]), identity[:300]) is None
-
-
-def test_what_holds_for_a_part_of_the_measurement_only_is_no_evidence(x):
-    """The first half is bent one way, the second the other: a process of one predicts the other worse than 0."""
-    turned = np.where(np.arange(N) < N / 2, 1.0, -1.0)[:, None] * wave(x)
-    assert fit_residual(x, turned, np.tile(np.eye(3), (N, 1, 1))) is None
-
-
-def test_samples_count_by_the_precision_with_which_angles_tell_of_them():
-    """Half of the samples are seen from so near that an angle's noise is a hundredth of the others' in space."""
-    rng = np.random.default_rng(6)
-    x = rng.uniform(-1, 1, (N, 2))
-    scale = np.where(np.arange(N) % 2, 10.0, 0.1)[:, None]
-    y = wave(x) + 0.05 * scale * rng.standard_normal((N, 3))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(residual, "_N_TUNE", 150)
-        learned = fit_residual(x, y, np.eye(3) / scale[:, :, None])
-    at = rng.uniform(-0.9, 0.9, (200, 2))
-    assert np.sqrt(np.mean((learned(at)[0] - wave(at)) ** 2)) < 0.004
 
 
 def test_what_is_fixated_is_the_hand(babbled):

@@ -47,29 +47,6 @@ def test_a_lattice_is_the_coarsest_with_steps_no_longer_than_asked(spacing):
     assert np.all(extent / (steps - 1) > spacing)
 
 
-def test_points_lie_at_equal_steps_between_the_limits():
-    lattice = Lattice(LIMITS, (3, 4, 5))
-    points = isotropic(lattice.gaze_rad).reshape(3, 4, 5, 3)
-    np.testing.assert_allclose(lattice.gaze_rad[[0, -1]], [LIMITS.lower, LIMITS.upper])
-    for axis in range(3):
-        steps = np.diff(points[..., axis], axis=axis)
-        np.testing.assert_allclose(steps, steps.flat[0])
-
-
-def test_interpolation_is_exact_for_what_is_linear_in_each_coordinate():
-    """Also at the limits themselves."""
-
-    def values(gaze):
-        a, b, c = isotropic(gaze).T
-        return np.stack([1 + a - 2 * b + 3 * c + a * b * c, a * c - b])
-
-    lattice = Lattice(LIMITS, (3, 4, 5))
-    corners = np.array(np.meshgrid(*zip(LIMITS.lower, LIMITS.upper, strict=True))).reshape(3, -1).T
-    gaze = np.concatenate([random_gaze(500), corners])
-    fields = values(lattice.gaze_rad).reshape(2, *lattice.shape)
-    np.testing.assert_allclose(lattice.interpolate(fields, gaze), values(gaze), atol=1e-12)
-
-
 def test_a_degree_is_between_0_and_1_and_reachable_is_what_is_more_likely_than_not():
     learned = reachable_map(lambda at: 0.1 * at[:, 0])
     beyond = replace(learned, optimality=1.4 + 0 * learned.optimality, error_m=0.3 + 0 * learned.error_m)
@@ -224,39 +201,3 @@ def test_nodes_are_met_and_between_them_it_follows_a_smooth_function():
     np.testing.assert_allclose(spline(nodes[:50]), np.sin(3 * nodes[:50]).sum(axis=1), atol=1e-9)
     assert np.sqrt(np.mean((spline(queries) - np.sin(3 * queries).sum(axis=1)) ** 2)) < 3e-3
     assert spline(np.zeros((0, 3))).shape == (0,)
-
-
-def test_of_repeated_nodes_the_first_counts_and_repeated_queries_are_answered_alike():
-    nodes = random_gaze(100)
-    values = isotropic(nodes) @ [1.0, 2.0, 3.0]
-    repeated = GazeSpline(np.concatenate([nodes, nodes]), np.concatenate([values, -values]))
-    queries = np.repeat(random_gaze(5, 1), 3, axis=0)
-    np.testing.assert_allclose(repeated(queries), isotropic(queries) @ [1.0, 2.0, 3.0], atol=1e-6)
-
-
-def test_nodes_on_a_plane_say_nothing_across():
-    nodes = random_gaze(100) * [1, 1, 0] + [0, 0, 0.5]
-    spline = GazeSpline(nodes, 1 + nodes[:, 0])
-    queries = random_gaze(50, 1) * 0.5 + [0, 0, 0.2]
-    on = queries * [1, 1, 0] + [0, 0, 0.5]
-    np.testing.assert_allclose(spline(on), 1 + on[:, 0], atol=0.05)
-    across = np.array([0, 0, 0.1])
-    above = isotropic(on) + across
-    below = isotropic(on) - across
-    up, down = (spline(np.c_[at[:, :2], 2 * np.arctan(np.exp(at[:, 2]))]) for at in (above, below))
-    np.testing.assert_allclose(up, down, atol=1e-9)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3])
-def test_fewer_than_four_nodes(n):
-    nodes = random_gaze(n)
-    values = np.arange(2.0, 2.0 + n)
-    spline = GazeSpline(nodes, values)
-    np.testing.assert_allclose(spline(nodes), values, atol=1e-9)
-    assert np.isfinite(spline(random_gaze(20, 1))).all()
-    assert GazeSpline(nodes[:1], values[:1])(random_gaze(5, 1)) == pytest.approx(np.full(5, 2.0))
-
-
-def test_no_nodes_are_refused():
-    with pytest.raises(ValueError, match="no gaze postures"):
-        GazeSpline(random_gaze(0), np.zeros(0))

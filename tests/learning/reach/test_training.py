@@ -47,21 +47,6 @@ def test_all_labels_are_spent_round_by_round():
     assert learned.softness == pytest.approx(0.5 * PARAMS.lattice**2, rel=0.05)  # all answers as predicted
 
 
-def test_rounds_grow_with_the_labels_and_spend_all_of_them():
-    """Each round revisits all labels, so that rounds of one size would cost with the square of the labels."""
-    rng = np.random.default_rng(SEED)
-    calls = []
-    more = []
-    params = replace(PARAMS, n_labels=1003, round_labels=10)
-    first = learned_from(counted(calls), "right", rng, params)
-    assert calls[:16] == [10] * 16
-    assert calls[1:-1] == [max(10, sum(calls[:k]) // 16) for k in range(1, len(calls) - 1)]
-    assert sum(calls) == 1003
-    assert len(calls) < 60
-    learned_from(counted(more), "right", rng, replace(params, n_labels=100), into=first)
-    assert more == [1003 // 16, 100 - 1003 // 16]
-
-
 def test_training_ends_when_the_expected_error_is_small_enough():
     calls = []
     learned = learned_from(counted(calls), "right", np.random.default_rng(SEED), replace(PARAMS, max_error=0.9))
@@ -136,49 +121,6 @@ def test_a_test_that_fails_leaves_less_risk_to_the_next():
     assert 1 - (0.05 / 4) ** (1 / 334) - 1e-9 <= learned.error_bound <= 0.03
 
 
-def test_a_share_of_the_later_labels_is_deep_inside_and_spread_out():
-    learned = learned_from(plane, "right", np.random.default_rng(SEED), replace(PARAMS, inside_share=0.25))
-    later = learned.labels.gaze_rad[200:]
-    deep = later[later[:, 0] < -PARAMS.border_band[1] - 0.02]  # the spline's border is not exactly at 0
-    assert 90 <= len(deep) <= 110
-    assert deep[:, 0].min() < -0.8
-    assert len(np.unique(later, axis=0)) == len(later)
-
-
-def test_solutions_start_from_the_nearest_posture_and_the_one_most_unlike_it():
-    robot = load_icub()
-    rng = np.random.default_rng(SEED)
-    oracle = ReachOracle(robot, "right", replace(PARAMS, n_babble=2000), rng)
-    hands = oracle.forward(oracle.babbled)[0]
-    points = hands[:5] + 0.01
-    near, unlike = oracle.starts(points)
-    for k, point in enumerate(points):
-        order = np.argsort(np.linalg.norm(hands - point, axis=1))[:16]
-        np.testing.assert_array_equal(near[k], oracle.babbled[order[0]])
-        away = np.linalg.norm(oracle.babbled[order] - near[k], axis=1)
-        np.testing.assert_array_equal(unlike[k], oracle.babbled[order[away.argmax()]])
-    tried = oracle.babbled[:100]
-    own = replace(HandModel.of(robot, oracle.forward), tried=tried)
-    assert ReachOracle(robot, "right", PARAMS, rng, own).babbled is tried
-
-
-def test_the_border_is_known_within_the_limits_that_are_asked_for():
-    """Points that nothing within the limits fixates are no border points."""
-    narrow = GazeLimits(yaw_rad=(-0.3, 0.3))
-    rng = np.random.default_rng(SEED)
-    gaze = rng.uniform(narrow.lower, narrow.upper, (150, 3))
-    wide, few = (
-        ReachOracle(load_icub(), "right", replace(PARAMS, gaze_limits=limits, n_babble=2000), np.random.default_rng(1))
-        for limits in (LIMITS, narrow)
-    )
-    border = wide.label(gaze).border_rad
-    within = few.label(gaze).border_rad
-    found_within = np.isfinite(within[:, 0])
-    assert np.all(np.abs(within[found_within, 0]) <= 0.3)
-    np.testing.assert_array_equal(found_within, np.abs(border[:, 0]) <= 0.3)
-    assert 0 < found_within.sum() < np.isfinite(border[:, 0]).sum()
-
-
 def oracle_of(place, tried=None):
     """One whose gaze and points are the same numbers, and whose hand is at `place` of joints 1 and 2 and at joint 3."""
 
@@ -207,15 +149,6 @@ def test_labels_of_a_hand_in_a_box_by_hand():
     np.testing.assert_allclose(labels.border_rad[~inside], nearest[~inside], atol=1e-3)
     assert np.isnan(labels.border_rad[inside]).all()
     assert np.isnan(labels.optimality[~inside]).all()
-
-
-def test_what_lies_in_a_gap_of_a_forward_model_has_no_answer():
-    """The hand leaps by 0.4 m as joint 1 passes 0: from either side it would still come nearer."""
-    oracle = oracle_of(lambda a, b: ((a + 0.4 * (a > 0), b), (1 + 0 * a, 1 + 0 * b)))
-    labels = oracle.label(np.array([[-0.1, 0.5, 0.2], [0.15, 0.5, 0.2], [0.45, 0.5, 0.2]]))
-    assert labels.reachable.tolist() == [True, False, True]
-    assert labels.answered.tolist() == [True, False, True]
-    assert np.isnan(labels.border_rad).all()
 
 
 def test_what_one_of_sixteen_near_postures_reaches_is_reachable():
