@@ -41,8 +41,28 @@ REPLACEMENTS = {  # for hardware and packages that may be missing, and for long 
     "encounters --out": "encounters --n 10 --share 0.02 --out",
 }
 LONG = (
-    *("render", "session", "reach train", "demo", "bench", "encounters", "batch", "--report", "--device", "--video"),
-    *("rec --one", "rec --smooth", "--reduction", "--also"),  # variants of `track rec`, with tests of their own
+    *(
+        "render",
+        "session",
+        "clock",
+        "joints",
+        "learn",
+        "reach train",
+        "demo",
+        "bench",
+        "encounters",
+        "batch",
+        "--report",
+        "--device",
+        "--video",
+    ),
+    *(
+        "rec --one",
+        "rec --smooth",
+        "--reduction",
+        "--also",
+        "--map",
+    ),  # variants of `track rec`, with tests of their own
 )
 
 

@@ -12,7 +12,7 @@ from pps_vision.app.cli import main
 def approach(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A ball that approaches taxel 3 of the left forearm, touches it, and withdraws."""
     out = tmp_path_factory.mktemp("recordings") / "approach"
-    words = "--stimulus ball --motion approach --target left_forearm:3 --speed 0.12 --seconds 3 --noise 2 --seed 11"
+    words = "--stimulus ball --motion approach --target left_forearm:3 --speed 0.12 --seconds 2.4 --noise 2 --seed 11"
     main(["render", *words.split(), "--out", str(out)])
     return out
 

@@ -1,12 +1,10 @@
-"""Memory and work while a long recording is tracked do not grow with the number of its pairs."""
+"""Memory while a long recording is tracked does not grow with the number of its pairs."""
 
 import gc
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from types import FrameType
 
-import numpy as np
 import pytest
 
 import pps_vision as pv
@@ -55,25 +53,3 @@ def test_memory_does_not_grow(options, approach, tmp_path, monkeypatch):
     growth = min(recording.held[LOOPS // 2 :]) - min(recording.held[: LOOPS // 2])
     assert growth < 5 * PAIRS * LOOPS // 2  # a track that is kept takes 5, all of a step 50
     assert len((tmp_path / "out" / "trajectory.csv").read_text().splitlines()) == 1 + len(recording)
-
-
-@pytest.mark.long
-def test_work_does_not_grow(approach):
-    """Number of function calls in each loop but the first; times would depend on the machine."""
-    calls = 0
-    by_loop = []
-
-    def count(frame: FrameType, event: str, arg: object) -> None:
-        nonlocal calls
-        calls += event in ("call", "c_call")
-
-    profiler = sys.getprofile()
-    sys.setprofile(count)
-    try:
-        for k, _ in enumerate(pv.track(Looped.of(pv.open_recording(approach))), start=1):
-            if k % PAIRS == 0:
-                by_loop.append(calls)
-    finally:
-        sys.setprofile(profiler)
-    calls_of_loop = np.diff(by_loop)
-    assert calls_of_loop[-1] == pytest.approx(calls_of_loop[0], rel=0.1)

@@ -64,7 +64,7 @@ def test_tracking_writes_what_it_promises(tracked):
     files = {p.name for p in tracked.iterdir()}
     assert files == {"detections.csv", "overlay.mp4", "summary.json", "trajectory.csv"}
     film = cv2.VideoCapture(str(tracked / "overlay.mp4"))
-    assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == 60
+    assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == 48
     summary = json.loads((tracked / "summary.json").read_text())
     assert {"q25_ms", "median_ms", "q75_ms"} <= set(summary["ms_per_pair"]["total"])
     assert summary["skipped"] == dict.fromkeys(summary["skipped"], 0)
@@ -207,12 +207,12 @@ def test_the_eyes_follow_the_object_while_the_head_sways(fps):
 
 def test_in_batches_the_path_is_the_same(tmp_path):
     recording = tmp_path / "recording"
-    words = "--stimulus marker --motion circle --seconds 1 --noise 2 --seed 3"
+    words = "--stimulus marker --motion circle --seconds 0.6 --noise 2 --seed 3"
     main(["render", *words.split(), "--out", str(recording)])
     for name, device in (("alone", []), ("batches", ["--device", "cpu"])):
         main(["track", str(recording), "--mode", "marker", *device, "--out", str(tmp_path / name)])
         total = json.loads((tmp_path / name / "summary.json").read_text())["ms_per_pair"]["total"]
-        assert total["runs"] == 20
+        assert total["runs"] == 12
     paths = [table(tmp_path / name / "trajectory.csv") for name in ("alone", "batches")]
     alone, batches = ([[float(x or "nan") for x in path[c]] for c in ("x_m", "y_m", "z_m")] for path in paths)
     assert np.isfinite(alone)[:, 4:].all()

@@ -20,7 +20,7 @@ from pps_vision.experiments.severity.inputs import RigFilm
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array
 
-N = 30
+N = 20
 
 
 @pytest.fixture(scope="module")

@@ -263,7 +263,7 @@ def late(tmp_path: Path, delay_s: float, seed: int, still: bool = False) -> tupl
 
 
 def test_a_late_camera_is_found_and_corrected(tmp_path, calib, capsys):
-    for seed, delay_s in enumerate((0.137, -0.42, 0.005)):
+    for seed, delay_s in enumerate((0.137, -0.42)):
         files, truth = late(tmp_path, delay_s, seed)
         run = pv.triangulate(*files, calib=calib, clock="auto")
         assert run.clock.is_late

@@ -177,33 +177,6 @@ def test_a_study_that_fails_stops_no_other(folder, monkeypatch, capsys):
     assert re.findall(r"^! .*", capsys.readouterr().out, re.M) == ["! 'Fails' object has no attribute 'nothing'"]
 
 
-@pytest.mark.parametrize(
-    ("file", "text", "message"),
-    [
-        ("fake.json", '{"study": "fake", "half": 1}', "fake.json: not the results of this version .KeyError: 'third'"),
-        ("parts.json", '{"first": {"cells": []}}', "parts.json: not the results of this version"),
-        ("parts.json", '{"first": 3}', "parts.json: not the results of this version"),
-        ("parts.json", "[]", "parts.json: a list; expected"),
-        ("parts.json", '{"first": ', "parts.json: Expecting value.*; expected the JSON"),
-    ],
-)
-def test_results_of_another_version_are_refused_in_one_line(folder, file, text, message):
-    """Those of another study, and of a part that does not run; what runs is written, and replaces older results."""
-    results = folder / "elsewhere" / "results"
-    results.mkdir(parents=True)
-    (results / file).write_text(text)
-    with pytest.raises(InputError, match=message):
-        bench.bench(["fake_more"], out=folder / "elsewhere")
-    assert (results / "fake_more.json").is_file()
-    with pytest.raises(InputError, match=message):
-        bench.bench([file.removesuffix(".json")], out=folder / "elsewhere", redraw=True)
-    if text.startswith('{"study'):
-        bench.bench(["fake"], out=folder / "elsewhere")
-    elif text.startswith('{"first"'):
-        with pytest.raises(InputError, match=message):
-            bench.bench(["parts"], {"parts": ("plain",)}, out=folder / "elsewhere")
-
-
 def test_of_all_studies_those_with_an_option_take_it(folder):
     bench.bench(["all"], {"share": 0.5})
     assert result(folder, "fake")["parameters"] == {"seed": 0, "workers": 1, "share": 0.5}

@@ -7,13 +7,11 @@ import pytest
 
 from control.fixation import gaze_at
 from pps_vision.experiments.films.ray_cast_eyes import RayCastEyes
-from pps_vision.experiments.films.recordings import moving
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
 from rendering.shapes import board, sphere
 from rendering.stimuli import BLUE, make_stimulus
-from tracking.tracker import Tracker, TrackerParams
 
 pytestmark = pytest.mark.long
 FACING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -46,12 +44,3 @@ def test_both_sources_show_the_same_state_at_the_same_pixels():
     hidden = SceneState(q, p, props=(PropPose(p + np.array([0.06, 0.0, 0.0]), rotation=FACING),))
     assert not ours.truth(hidden, 0.0).visible_left
     assert np.isnan(ours.truth(SceneState(q), 0.0).left_px).all()
-
-
-def test_the_tracker_follows_what_the_independent_eyes_saw():
-    """A recording by either source, through the same studies' function; truth and tracker agree to a millimetre."""
-    film = moving("ball", "circle", 3, 1.5, "independent")
-    tracker = Tracker(TrackerParams(), film.rig, np.random.default_rng(0), film.own_body)
-    tracks = [tracker.step(frame).track for frame in film.frames]
-    error = [np.linalg.norm(t.position - p) for t, p in zip(tracks, film.position, strict=True)]
-    assert np.median(error[12:]) < 0.003

@@ -30,7 +30,7 @@ def test_a_calibration_that_hardly_fits():
     files = [folder / f"calibration_{name}_final.xml" for name in ("left", "right", "stereo")]
     rig = StereoRig.fixed(*read_stereo_calibration(files, (640, 480), CalibrationOptions(unit_m=0.0254)))
     every = list(open_stereo_images([str(folder / "1L*.jpg")], [str(folder / "1R*.jpg")], fps=30.0))
-    frames = [frame for frame in every[::7] if isinstance(frame, StereoFrame)]
+    frames = [frame for frame in every[::20] if isinstance(frame, StereoFrame)]
     (text,) = faults_by_points(frames, rig)
     assert text.startswith("another calibration: ")
     assert 5 < float(text.split("only within ")[1].split()[0]) < 15

@@ -16,7 +16,7 @@ def _overlaps(tracker: BoxTracker, film: BoxedFilm) -> Array:
     return np.nan_to_num(np.diagonal(overlaps(boxes, np.array(film.boxes[1:]))))
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_colours_follow_the_ball_over_the_whole_film(seed):
     film = REAL["vot_ball1"](shared_data("vot_ball1"))
     tracker = ColorTracker(film.images[0], film.boxes[0], ParticleFilterParams(), np.random.default_rng(seed))
@@ -39,7 +39,9 @@ def test_csrt_follows_a_person_whose_colours_are_those_of_the_street(name):
     assert _overlaps(colors, film).mean() < csrt - 0.05
 
 
-@pytest.mark.parametrize("name", list(REAL))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "vot_ball1")) for name in REAL]
+)
 def test_the_score_says_whether_csrt_has_lost_the_object(name):
     """Started on the object, or put onto the background at the farther side of the image after a third of the film."""
     film = REAL[name](shared_data(name))

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from pps_vision.geometry.se3 import rotation_to
 from rendering.eyes import Eyes
 from rendering.scene import PropPose, SceneState
 from rendering.sensor import Sensor
-from rendering.shapes import Part, board
-from rendering.stimuli import GREEN, Stimulus, make_stimulus
+from rendering.shapes import board
+from rendering.stimuli import make_stimulus
 
 PLACE = np.array([-0.36, -0.06, 0.12])
 ASIDE = np.array([-0.34, 0.06, 0.14])
@@ -55,21 +54,3 @@ def test_props_that_are_not_placed_are_not_there(robot, rig, q):
         assert np.array_equal(eyes.render(state, 0.0).left, bare)
         with pytest.raises(ValueError, match="places 2 props; there are 1"):
             eyes.render(SceneState(q, PLACE, props=(None, None)), 0.0)
-
-
-def test_a_patch_is_as_large_as_it_is_turned(robot, rig, q):
-    """Seen face on its pixels span the solid angle of a disc; at 60° half of it; from its edge next to none."""
-    eye = rig.view(q).left
-    facing = rotation_to(eye.center - PLACE)
-    whole = np.pi * 0.015**2 / np.sum((eye.center - PLACE) ** 2)
-    level = None
-    disc = Part(trimesh.creation.cylinder(0.015, 0.001, sections=48), GREEN)
-    with Eyes(robot, rig, Stimulus("marker", 0.015, (disc,))) as eyes:
-        for turned, share in ((0.0, 1.0), (60.0, 0.5), (90.0, 0.0)):
-            c = np.cos(np.deg2rad(turned))
-            s = np.sin(np.deg2rad(turned))
-            rotation = facing @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-            image = eyes.render(SceneState(q, PLACE, rotation=rotation), 0.0).left.astype(int)
-            green = image[..., 1] - image[..., ::2].max(axis=2)
-            level = level or green.max() / 2  # a pixel counts where half of it is green
-            assert eye.camera.solid_angle_map()[green > level].sum() / whole == pytest.approx(share, abs=0.06)

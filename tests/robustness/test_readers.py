@@ -141,7 +141,7 @@ def time_out(signum: int, frame: FrameType | None) -> None:
     raise TimeoutError
 
 
-@pytest.mark.parametrize("n", [12, pytest.param(500, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n", [6, pytest.param(500, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", READERS)
 def test_a_mutated_file_is_read_or_refused(name, n):
     ends = list(read_mutants(READERS[name], n))

@@ -84,12 +84,3 @@ def blurred(fine: Footage, every: int, frames_open: int) -> Footage:
         return replace(stereo_frame, left=mean([s.left for s in shots]), right=mean([s.right for s in shots]))
 
     return d.each_frame(d.picked(fine, k), k.tolist(), blur)
-
-
-def jittered(fine: Footage, every: int, std_s: float, rng: np.random.Generator) -> Footage:
-    """Noise on the stamps, which still rise, and the joints of the wrong stamps."""
-    stamps_s = d.at_rate(fine, every).stamps_s
-    half_s = 0.45 * float(np.median(np.diff(stamps_s)))
-    off_s = np.clip(std_s * rng.standard_normal(len(stamps_s)), -half_s, half_s)
-    stale = d.stale_joints(fine, every, -off_s)
-    return d.each_frame(stale, stamps_s + off_s, lambda f, t: replace(f, stamp_left_s=t, stamp_right_s=t))

@@ -8,10 +8,9 @@ from data import SEED
 
 from learning.reach.babbling import Babbled, babble
 from learning.reach.forward_model import RevoluteArm
-from learning.reach.labels import HandModel, Labels, ReachOracle
-from learning.reach.lattice import isotropic
+from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
-from learning.reach.training import learned_from, train_reachable_map
+from learning.reach.training import train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
@@ -99,48 +98,6 @@ def test_an_elbow_read_wrongly_shifts_what_is_told_and_no_more():
     babbled = babble(ROBOT, "right", 2500, rng())
     off = Babbled(babbled.arm_rad + np.deg2rad([0, 0, 0, 1.0]), babbled.gaze_rad, babbled.n_tried)
     assert told_wrongly(off) < 0.03
-
-
-def ball_distance(gaze, center, radius):
-    """Signed distance, in the map's isotropic coordinates, to a sphere in them: analytic; and its nearest point."""
-    away = isotropic(gaze) - center
-    distances = np.linalg.norm(away, axis=1)
-    at = center + away / distances[:, None] * radius
-    at[:, 2] = 2 * np.arctan(np.exp(at[:, 2]))
-    return distances - radius, at
-
-
-CENTER = isotropic(np.array([0.1, 0.0, 0.9]))
-HOLE = 0.3
-OUTER = 0.65
-
-
-def shell(gaze):
-    """Labels of an arm that reaches a ball of gaze postures but for a ball in its middle."""
-    hole, at_hole = ball_distance(gaze, CENTER, HOLE)
-    outer, at_outer = ball_distance(gaze, CENTER, OUTER)
-    inside = (hole >= 0) & (outer <= 0)
-    border = np.where((hole < 0)[:, None], at_hole, at_outer)
-    error_m = np.where(inside, 1e-6, np.maximum(-hole, outer))
-    return Labels(gaze, inside, error_m, np.where(inside, 0.5, np.nan), np.where(inside[:, None], np.nan, border))
-
-
-def test_a_hole_in_what_is_reached_stays_a_hole():
-    learned = learned_from(shell, "right", rng(), replace(SMALL, n_labels=900, round_labels=300, lattice=0.06))
-    gaze = np.random.default_rng(SEED + 4).uniform(LIMITS.lower, LIMITS.upper, (20_000, 3))
-    said = learned.query(gaze)
-    hole = ball_distance(gaze, CENTER, HOLE)[0]
-    outer = ball_distance(gaze, CENTER, OUTER)[0]
-    assert np.isfinite([said.probability, said.degree]).all()
-    assert (hole < -0.1).sum() > 50
-    assert not said.reachable[hole < -0.1].any()
-    assert said.reachable[(hole > 0.1) & (outer < -0.1)].all()
-    wrong = np.mean(said.reachable != shell(gaze).reachable)
-    sure = np.minimum(said.probability, 1 - said.probability) < 0.01
-    surely_wrong = np.mean((said.reachable != shell(gaze).reachable)[sure])
-    print(f"shell: {100 * wrong:.2f} % misjudged, {100 * surely_wrong:.2f} % of the sure ones")
-    assert wrong < 0.02
-    assert surely_wrong < 0.005  # 99 % sure is what they say they are
 
 
 @pytest.mark.parametrize("joint", [2, 3])

@@ -136,6 +136,7 @@ def test_params_that_make_no_sense(changes, message):
         MapParams(**changes)
 
 
+@pytest.mark.long
 def test_it_stops_when_sure_enough_and_goes_on_when_asked():
     """Half the error asked for takes more labels; going on from a map is as good as having learned it at once."""
     rough = MapParams(n_labels=3000, round_labels=300, n_babble=10_000, max_error=0.04, lattice=0.1)
