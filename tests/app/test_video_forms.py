@@ -85,7 +85,7 @@ def test_fields_of_an_interlaced_video_have_stamps_of_their_own(tmp_path, capsys
 
 def test_interlaced_images_are_told_where_the_file_does_not_say_so(tmp_path, capsys):
     shared_data(PHOTOS[0])  # procedural walls show no combed rows
-    shown, sides = film(scene=replace(SCENE, fps=50.0, seconds=1.6))
+    shown, sides = film(scene=replace(SCENE, fps=50.0))
     words = ["--calib", calibration(tmp_path / "calib.yml", shown)]
     for side, images in zip(("left", "right"), sides, strict=True):
         woven = [image.copy() for image in images[::2]]
@@ -162,13 +162,13 @@ def test_files_of_one_camera_continue_each_other(tmp_path):
     words = ["--calib", calibration(tmp_path / "calib.yml", shown)]
     for side, images in zip(("left", "right"), sides, strict=True):
         names = [
-            write_video(tmp_path / f"{side}{k}.mp4", part) for k, part in enumerate((images[:15], images[15:]), start=9)
+            write_video(tmp_path / f"{side}{k}.mp4", part) for k, part in enumerate((images[:20], images[20:]), start=9)
         ]
         words += [f"--{side}", *names] if side == "left" else ["--right", tmp_path / "right*.mp4"]
     assert track_error_mm(words, shown, tmp_path / "out") < RIGHT_MM
     recording = open_recording(left=words[3:5], right=words[6])
-    np.testing.assert_allclose([left.stamp_s for left, _ in recording.pairs], np.arange(30) / 25, atol=1e-6)
-    assert [number for number, _ in recording.numbered()] == [*range(30)]
+    np.testing.assert_allclose([left.stamp_s for left, _ in recording.pairs], np.arange(40) / 25, atol=1e-6)
+    assert [number for number, _ in recording.numbered()] == [*range(40)]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pps_vision.geometry.se3 import inverse
 from pps_vision.types import Array, Image
 
 SIZE = (320, 240)
-SCENE = FilmScene(width=SIZE[0], height=SIZE[1], seconds=1.2, fps=25.0, start="moving")
+SCENE = FilmScene(width=SIZE[0], height=SIZE[1], seconds=1.6, fps=25.0, start="moving")
 
 
 @cache
