@@ -21,7 +21,7 @@ from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.masks import Box, BoxPx
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
-from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
+from tracking.appearance import N_BINS, SEPARABLE, ColorModel, color_bins, histogram
 from tracking.camera_pose import OwnBody
 from tracking.foreground import HIDING, SOLID, Background, Foreground, foreground_around
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
@@ -51,7 +51,6 @@ _MIN_HIDDEN_RIM = 0.35  # the same where something may hide a part
 _MOST_HIDDEN = 0.75  # largest radius of the circle, relative to the visible part
 _TRIPLES = 24  # from which circles are drawn
 _MARGIN = 1.0  # around a motion region, relative to its size
-_MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of region and surroundings above which no object stands out
 _ROUNDS = 4  # largest number of alternating estimates of colours and mask
 _GROWN_PX = 10_000  # pixels that grow to an object
 _MIN_AREA_PX = 16  # area of an object
@@ -509,7 +508,7 @@ def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel 
     mask: Mask = some_seed
     for _ in range(_ROUNDS):
         model = _model(some_bins, mask)
-        if model.similarity(model.background) > _MAX_LIKENESS:
+        if model.similarity(model.background) > SEPARABLE:
             return None, None
         grown = _grown(some_bins, some_seed, model)
         if grown is None:

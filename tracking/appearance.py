@@ -14,7 +14,7 @@ from pps_vision.types import Array, Image, Mask
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (R's histogram)
 _GREY_SATURATION = 40  # of 255; below it the hue is noise
 _DARK_VALUE = 25  # the same
-_BITS = 6  # used bits of each channel; the lower ones are mostly pixel noise
+SEPARABLE = 0.8  # Bhattacharyya coefficient of object and surroundings up to which colours separate them
 _SAME_SIMILARITY = 0.85  # least Bhattacharyya coefficient of the colours of one object before and after a gap
 _SAME_RADIUS_RATIO = 1.25  # largest ratio of its radii
 _NEVER_SEEN = 4e-3  # share of a histogram that a colour must have to count as seen
@@ -29,8 +29,8 @@ def all_colors(bits: int) -> Image:
 
 @cache
 def _bin_table() -> NDArray[np.uint8]:
-    """(262144,) histogram bin of every colour R6G6B6."""
-    h, s, v = cv2.split(cv2.cvtColor(all_colors(_BITS), cv2.COLOR_RGB2HSV_FULL).astype(int))
+    """(262144,) histogram bin of every colour R6G6B6; lower bits are mostly pixel noise."""
+    h, s, v = cv2.split(cv2.cvtColor(all_colors(6), cv2.COLOR_RGB2HSV_FULL).astype(int))
     colored = 10 * (h * 10 // 256) + s * 10 // 256
     table: NDArray[np.uint8] = np.where((s < _GREY_SATURATION) | (v < _DARK_VALUE), 100 + v * 10 // 256, colored)
     return table.astype(np.uint8).ravel()

@@ -29,35 +29,31 @@ _APART_PX = 16  # distance between corners
 _QUALITY = 0.02  # strength of a corner relative to the strongest
 _MIN_POINTS = 12  # number of corners that must agree
 _MIN_SHARE = 0.5  # the same, as a share of the corners in view
-_WINDOW_PX = 11  # Lucas–Kanade
-_LEVELS = 3
-_SAME_GAIN = 0.02  # of two images' brightness
+_MEAN_PX = 31  # side of the square whose mean is taken off
+_WINDOW_PX = 13  # of Lucas–Kanade
 _ROUNDS = 12  # maximum number of reweightings
 _CUT_PX = (0.3, 1.5)  # smallest and largest scale of the robust weights
 _PATCHES = (4, 8)  # pixels to each side of a corner that tell whether the image has moved: more where it is blurred
 _NOISE = 3.0  # grey levels of the noise of a corner's shift, which must stay below `_STILL_PX`
-_STILL_PX = 0.1  # median shift along either axis of corners at rest
+_STILL_PX = 0.1  # median shift along either axis of corners at rest; a smaller rotation is none
 _STILL_SPREAD_PX = 0.3  # median length of their shift
 
 Grey = NDArray[np.uint8]
 ROOM_M = 1.2
 """Assumed distance of the static scene."""
-_NO_MAP = np.empty(0, np.float32)  # remap's second map, when the first holds both coordinates
 _STEP = 8  # px between the nodes at which the warp is computed; between them it is smooth
 _FAR_PX = np.float32(-1e4)  # pixel of a direction that the image does not contain
 _STILL = 1e-5  # rad and m: far less than a hundredth of a pixel
 ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
-_REST_PX = 0.1  # a smaller rotation is none
 _SAME_PX = 0.5  # largest difference of both cameras' rotations
-_JITTER_MEMORY_S = 1.0  # averaging time of the rotation rate and of the jitter of joints
+_MEMORY_S = 1.0  # averaging time of the rotation rate and of the joints' jitter; a sure delay is measured after it
 _RENEWED_S = 0.5  # a reference that does not match for this long is replaced
 APART_S = 0.12  # time between the two images of a measurement of the delay
 GAP_S = 0.25  # longest time between frames for a joint velocity
 _DELAY_MEMORY_S = 10.0  # averaging time of the delay
 _NOISE_PX = 0.05  # noise of a rotation between two images, per axis
 _SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise is worth
-_SURE_PX = 0.03  # a delay whose error shifts the image by less is measured every `_SELDOM_S`
-_SELDOM_S = 1.0
+_SURE_PX = 0.03  # a delay whose error shifts the image by less is sure
 OwnBody = Callable[[Array, View], Mask]
 """Joints (rad) and the view of a camera → mask (H, W) of the robot's own body."""
 Joints = tuple[Array, Array]  # (n,) rad, at the left and the right image
@@ -134,34 +130,16 @@ class Reference:
         return Misalignment(*fit[:3])
 
     def _reduced(self, image: Image) -> Grey:
-        return np.asarray(cv2.cvtColor(reduced_image(image, self._scale), cv2.COLOR_RGB2GRAY), np.uint8)
+        """The grey image without its local mean: Lucas–Kanade assumes constant brightness."""
+        grey = cv2.cvtColor(reduced_image(image, self._scale), cv2.COLOR_RGB2GRAY)
+        mean = cv2.blur(grey, (_MEAN_PX, _MEAN_PX))
+        return np.asarray(cv2.addWeighted(grey, 1, mean, -1, 128), np.uint8)
 
     def _follow(self, grey: Grey, points: NDArray[np.float32], start: NDArray[np.float32]) -> tuple[NDArray[Any], Mask]:
-        """Positions of the corners `points` (n, 1, 2) in another image, near `start`; mask of the tracked corners.
-
-        Lucas–Kanade assumes constant brightness: if the gain has changed, the search is repeated in a corrected image.
-        """
-        positions, is_tracked = self._lucas_kanade(grey, points, start)
-        reference_grey, current_grey = (cv2.blur(image, (_WINDOW_PX, _WINDOW_PX)) for image in (self._grey, grey))
-        rows, columns = np.rint(points[is_tracked, 0]).astype(int).T[::-1]
-        there_rows, there_columns = np.rint(positions[is_tracked]).astype(int).T[::-1]
-        gain = (
-            np.median((reference_grey[rows, columns] + 1.0) / (current_grey[there_rows, there_columns] + 1.0))
-            if is_tracked.any()
-            else 1.0
-        )
-        if abs(gain - 1) < _SAME_GAIN:
-            return positions, is_tracked
-        return self._lucas_kanade(np.asarray(cv2.convertScaleAbs(grey, alpha=float(gain)), np.uint8), points, start)
-
-    def _lucas_kanade(
-        self, grey: Grey, points: NDArray[np.float32], start: NDArray[np.float32]
-    ) -> tuple[NDArray[Any], Mask]:
+        """Positions of the corners `points` (n, 1, 2) in another image, near `start`; mask of the tracked corners."""
+        window = (_WINDOW_PX, _WINDOW_PX)
         positions, is_tracked, _ = cv2.calcOpticalFlowPyrLK(
-            *(self._grey, grey, points, start.copy()),
-            winSize=(_WINDOW_PX, _WINDOW_PX),
-            maxLevel=_LEVELS - 1,
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+            self._grey, grey, points, start.copy(), winSize=window, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
         )
         return positions[:, 0], (is_tracked[:, 0] > 0) & self._in_view(positions[:, 0])
 
@@ -234,41 +212,25 @@ def _fitted_rotation(
     Returns w, its covariance (3, 3), its change if `shift` (3,) moves all points, and the number of inliers.  `cut` is
     the smallest and the largest scale (rad) of the Geman–McClure weights.
     """
-    n = len(bearings)
     w = guess.copy()
-    length = np.empty(n)
-    weight = np.empty(n)
-    middle = np.zeros(3)
-    A = np.empty((3, 3))
-    pulled = np.empty(3)
-    moved = np.empty(3)
     scale = cut[0]
     for k in range(_ROUNDS):
         p = bearings @ _turn(w)
-        for i in range(3):
-            middle[i] = np.median(measured[:, i] - p[:, i]) if k == 0 else 0.0
-        for i in range(n):
-            length[i] = math.sqrt(((measured[i] - p[i] - middle) ** 2).sum())
+        off = measured - p
+        middle = np.array([np.median(off[:, i]) if k == 0 else 0.0 for i in range(3)])
+        length = np.sqrt(((off - middle) ** 2).sum(axis=1))
         scale = min(max(2.5 * np.median(length), cut[0]), cut[1])
-        A[:] = 0.0
-        pulled[:] = 0.0
-        moved[:] = 0.0
-        for i in range(n):
-            weight[i] = 1 / (1 + (length[i] / scale) ** 2) ** 2
-            A += weight[i] * (np.eye(3) - np.outer(p[i], p[i]))
-            pulled += weight[i] * np.cross(measured[i], p[i])
-            moved += weight[i] * np.cross(shift, p[i])
-        step = np.linalg.solve(A, pulled)
+        weight = 1 / (1 + (length / scale) ** 2) ** 2
+        weighted = p * weight.reshape(-1, 1)
+        A = weight.sum() * np.eye(3) - weighted.T @ p
+        step = np.linalg.solve(A, np.cross(measured, weighted).sum(axis=0))
         w = w + step + 0.5 * np.cross(w, step)  # of two successive small rotations
         if k > 0 and np.abs(step).max() < 1e-7:
             break
-    agreeing = 0
-    total = 0.0
-    for i in range(n):
-        if length[i] < scale:
-            agreeing += 1
-            total += length[i] ** 2
-    return w, total / max(2 * agreeing - 3, 1) * np.linalg.inv(A), np.linalg.solve(A, moved), agreeing
+    is_near = length < scale
+    variance = (length[is_near] ** 2).sum() / max(2 * is_near.sum() - 3, 1)
+    by_shift = np.linalg.solve(A, np.cross(shift, weighted.sum(axis=0)))
+    return w, variance * np.linalg.inv(A), by_shift, is_near.sum()
 
 
 @njit(cache=True, error_model="numpy")
@@ -337,7 +299,7 @@ class EgoMotion:
     ) -> NDArray[np.uint8]:
         """The earlier image (H, W) or (H, W, 3) warped to the current view, or its `box`; 0 where unknown."""
         maps = self.maps(earlier, current, inverse_distance, box)
-        return np.asarray(cv2.remap(image, maps, _NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)
+        return np.asarray(cv2.remap(image, maps, np.empty(0), cv2.INTER_LINEAR), np.uint8)
 
 
 def channel_maximum(levels: NDArray[Any]) -> NDArray[np.uint8]:
@@ -350,7 +312,7 @@ def color_difference(colors: NDArray[np.float32], points: Array, image: NDArray[
     """Mean absolute difference (grey levels) between the colours (n, 3) of points (n, 3; root frame) and their colours
     in an image (H, W, 3) of `view` (0 outside of it)."""
     pixels = view.project(points).astype(np.float32)
-    sampled = cv2.remap(image, pixels[None], _NO_MAP, cv2.INTER_LINEAR)[0]
+    sampled = cv2.remap(image, pixels[None], np.empty(0), cv2.INTER_LINEAR)[0]
     return float(np.abs(sampled - colors).mean())
 
 
@@ -440,7 +402,7 @@ class _FixedRig:
             return CameraPoses(_turned(nominal, self.rotation), is_known=False)
         dt_s = stamp_s - self._known_s
         if dt_s > 0:
-            share = min(dt_s / _JITTER_MEMORY_S, 1.0)
+            share = min(dt_s / _MEMORY_S, 1.0)
             self.rate_rad_s += share * (math.dist(rotation, self.rotation) / dt_s - self.rate_rad_s)
             self._n_changes += 1
             self._changes_rad2 += math.dist(rotation, self.rotation) ** 2
@@ -479,7 +441,7 @@ class _FixedRig:
             if rotations and math.dist(rotations[0], rotations[-1]) < _SAME_PX / focal_px:
                 rotation: Array = np.mean(rotations, axis=0)
                 self._error_rad2 = error_rad2 / len(rotations) ** 2
-                return rotation if math.hypot(*rotation) > _REST_PX / focal_px else np.zeros(3)
+                return rotation if math.hypot(*rotation) > _STILL_PX / focal_px else np.zeros(3)
         return None
 
 
@@ -618,7 +580,7 @@ class _LateJoints:
             return
         rate = self._rate(self._eye)
         is_sure = self.std_s * math.hypot(*rate) * view.camera.focal_px < _SURE_PX
-        if is_sure and stamp_s - self._clock.measured_s < _SELDOM_S:
+        if is_sure and stamp_s - self._clock.measured_s < _MEMORY_S:
             return
         joints = self._past[-1][2][self._eye]
         own_body = None if self._own_body is None else self._own_body(joints, view)
@@ -628,7 +590,7 @@ class _LateJoints:
         """Update the delay by a rotation: the delay times a `change` (3,) of angular velocity, plus parallax."""
         elapsed_s = stamp_s - self._clock.measured_s
         beyond_rad2 = self._clock.update(stamp_s, measured, change[:, None])
-        self._misfit_rad2 += (beyond_rad2 - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
+        self._misfit_rad2 += (beyond_rad2 - self._misfit_rad2) * min(elapsed_s / _MEMORY_S, 1.0)
         (late_s,), cov = self._clock.estimate
         self.delay_s, self.std_s = exact_or_late(float(late_s), float(cov[0, 0]), self._prior_std_s)
 

@@ -11,12 +11,11 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.types import Array, Image, StereoFrame
+from pps_vision.types import Image, StereoFrame
 
 _STRIDE = 40  # distance of the rows that are compared first
 _DARK_STD = 2.0  # grey levels: the noise of a dark sensor is lower, the contrast of most images higher
 _BLACK = 16.0  # grey levels: black of ITU-R BT.601
-_EQUAL_STD = 1e-3  # grey levels: rounding
 _HOT_PX = 5  # width of a median that removes single hot pixels, which demosaicing spreads over 3×3
 
 Stamps = tuple[float, float]
@@ -36,33 +35,27 @@ def check(frame: StereoFrame, rig: StereoRig, last_s: Stamps) -> None:
 
 
 class Fingerprint(NamedTuple):
-    """An image, and mean and standard deviation (2, 3) of its colours in some rows (a driver may refill its buffer)."""
+    """An image, and a copy of some of its rows (a driver may refill its buffer)."""
 
     image: Image
-    levels: Array
-
-    @classmethod
-    def of(cls, image: Image) -> "Fingerprint":
-        """Return the fingerprint of an RGB image."""
-        return cls(image, _levels(image[::_STRIDE]))
+    rows: Image
 
     @property
     def is_blank(self) -> bool:
         """Whether the image is black except for noise and single hot pixels, or all its pixels are equal.
 
-        A plain lit wall has as little contrast, but it is brighter and shows the sensor's noise.
+        A plain lit wall has as little contrast, but it is brighter and shows the sensor's noise.  The rows tell most
+        images.
         """
-        if not (_is_black(self.levels) or _is_plain(self.levels)):  # a few rows tell most images
+        if _is_plain(self.rows) and _is_plain(self.image):
+            return True
+        if not (_is_black(self.rows) and _is_black(self.image)):
             return False
-        levels = _levels(self.image)
-        if _is_plain(levels) or not _is_black(levels):
-            return _is_plain(levels)
-        filtered = np.asarray(cv2.medianBlur(self.image, _HOT_PX), dtype=np.uint8)
-        return bool((_levels(filtered)[1] < _DARK_STD).all())
+        return bool((cv2.meanStdDev(cv2.medianBlur(self.image, _HOT_PX))[1] < _DARK_STD).all())
 
     def repeats(self, previous: "Fingerprint") -> bool:
         """Whether both images are identical."""
-        return np.array_equal(self.levels, previous.levels) and np.array_equal(self.image, previous.image)
+        return np.array_equal(self.rows, previous.rows) and np.array_equal(self.image, previous.image)
 
 
 Fingerprints = tuple[Fingerprint, Fingerprint]  # left, right
@@ -70,7 +63,8 @@ Fingerprints = tuple[Fingerprint, Fingerprint]  # left, right
 
 def fingerprints(frame: StereoFrame) -> Fingerprints:
     """Return the fingerprints of both images."""
-    return Fingerprint.of(frame.left), Fingerprint.of(frame.right)
+    left, right = (Fingerprint(image, image[::_STRIDE].copy()) for image in (frame.left, frame.right))
+    return left, right
 
 
 def is_blind(images: Fingerprints, previous: Fingerprints | None) -> bool:
@@ -80,16 +74,11 @@ def is_blind(images: Fingerprints, previous: Fingerprints | None) -> bool:
     return images[0].is_blank or images[1].is_blank
 
 
-def _levels(image: Image) -> Array:
-    """(2, 3) mean and standard deviation of red, green and blue, grey levels."""
-    return np.asarray(np.stack(cv2.meanStdDev(image))[..., 0], float)
-
-
-def _is_black(levels: Array) -> bool:
+def _is_black(image: Image) -> bool:
     """Whether the mean of the pixels is black."""
-    return bool((levels[0] < _BLACK).all())
+    return max(cv2.mean(image)) < _BLACK
 
 
-def _is_plain(levels: Array) -> bool:
+def _is_plain(image: Image) -> bool:
     """Whether all pixels are equal."""
-    return bool((levels[1] < _EQUAL_STD).all())
+    return bool((image == image[0, 0]).all())

@@ -16,19 +16,17 @@ from pps_vision.geometry import masks
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.compiled import Vector
 from pps_vision.geometry.masks import Box, BoxPx
-from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
-from tracking.appearance import ColorModel, color_bins, histogram, share
+from tracking.appearance import SEPARABLE, ColorModel, color_bins, histogram, share
 from tracking.foreground import HIDING, Background, ForegroundParams, foreground_around
 from tracking.kalman import Belief
-from tracking.marker import MarkerParams, colors_of, find_markers
+from tracking.marker import MIN_AREA_PX, MarkerParams, colors_of, find_markers
 from tracking.outline import (
     Optics,
     Outline,
     at_visible_edge,
     beside_foreground,
     fit_outline,
-    fit_visible_disc,
     fit_visible_edge,
 )
 from tracking.particle_filter import Evidence, Eye, Located, Map, Silhouette, template_of
@@ -39,39 +37,26 @@ Foreground = Callable[[Box], tuple[Map, Mask]]
 SegmentedBy = Literal["colour", "colour and foreground", "foreground"]
 _GAP = 0.05  # half the width, in object sizes, of gaps that are closed in a foreground mask
 _THIN = 0.22  # radius, in object sizes, of the disc that opens its mask
-MIN_SCORE = 0.4  # below which the object is not detected
-_LEARN_RATE = 0.03  # update rate of the object's colours
-_BACKGROUND_RATE = 0.2  # the same for the colours around it
-_SIZE_RATE = 0.3  # the same for the sides of its box
-_MIN_AREA_PX = 10  # area of the smallest object
+MIN_SCORE = 0.4  # score, or visible share, below which the object is not detected
+RATE = 0.05  # update rate of the object's colours, and of the ratio of its measured and predicted size
+_FAST_RATE = 0.2  # the same of the colours around it, and of the sides of its box
 # Share of a mask without its thin parts below which these belong to the object (octopus 0.6, leaks 0.9).
 _CORE = 0.75
-_REACH = 1.25  # largest mask, as a multiple of the expected size
+_REACH = 1.25  # largest mask, as a multiple of the expected size; what is farther from the centre is another object's
 _TOUCHING = 0.25  # area beyond the reach, relative to the object's, from which another object touches it
-_RATIO_RATE = 0.05  # update rate of the ratio of measured and predicted size
-_NEW_RATIO_RATE = 0.5  # the same, while its size is not known
 SIZE_FRAMES = 10  # frames in which an object was wholly visible after which its size is known
 _MIN_RATIO_STD = 0.005
 _ERRORS = 3.0  # standard deviations of that ratio below its mean from which part of the object is hidden
 _OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
-_OFF_PX = 1.5
-_BESIDE = 1.22  # distance from the object's centre, in object sizes, from which foreground is another's
 _THIN_PX = 2  # half the width of foreground that hides nothing, such as the rim of a shadow or of what moved
 _FREE = 0.05  # foreground around a whole object, at most
-_LARGER = 0.02  # excess of the radius at the visible edge over the mask's, of a disc that is partly hidden
-_LARGER_PX = 0.4
 _RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in front of the object
-_SEPARABLE = 0.8  # Bhattacharyya coefficient of object and surroundings up to which colours separate them
 _OFF_PREDICTION = 0.05  # largest distance of an outline from its prediction, in object sizes, added to three deviations
-_MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object from the border, in object sizes
-_MIN_FILL = 0.3  # visible share of the object below which it is not detected
 _PARTICLE_PX = 0.3  # systematic error of the particles' centre
 _OTHER_SHAPE = 0.15  # error of the centre of an object that may have turned since its silhouette was seen, in radii
 _MOST_SHIFT = 0.3  # distance of a visible edge from the particles, in radii
 _SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
-_MIN_STD_PX = 0.7  # smallest and largest standard deviation of a prior
-_MAX_STD_PX = 40.0
 
 
 class ImageDetection(NamedTuple):
@@ -256,7 +241,6 @@ class ImageTracker:
         if target.silhouette is None:
             if around > HIDING:
                 return None
-            outline = self._completed(image, examined, outline)
         elif around > _FREE:
             hiding = masks.opened(examined.covered, _THIN_PX)
             outline = beside_foreground(outline, foreground_around(mask, hiding))
@@ -265,7 +249,7 @@ class ImageTracker:
         may_be_smaller = is_free if target.silhouette else outline.is_disc and (is_free or not target.is_size_known)
         if ratio < target.ratio - _ERRORS * target.ratio_std and not may_be_smaller:
             return None
-        if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size + _OFF_PX:
+        if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size:
             return None
         bins = examined.bins
         score = target.model.similarity(histogram(bins[mask])) if by_color else float(likelihood[mask].mean())
@@ -273,17 +257,6 @@ class ImageTracker:
         if score < MIN_SCORE:
             return None
         return *self._learn(target, examined, mask, outline, score, ratio), mask
-
-    @staticmethod
-    def _completed(image: Image, examined: Examined, outline: Outline) -> Outline:
-        """The outline of the whole disc, if its visible edge shows a larger one than its mask."""
-        radius = math.sqrt(outline.area_px / math.pi)
-        region = examined.evidence.pixels, examined.covered, examined.roi
-        disc = None
-        if outline.is_disc:
-            disc = fit_visible_disc(image, *region, outline, (outline.center_px, radius))
-        is_larger = disc is not None and math.sqrt(disc.area_px / math.pi) > (1 + _LARGER) * radius + _LARGER_PX
-        return disc if disc is not None and is_larger else outline
 
     def holds(self, target: Target, examined: Examined, center_px: Array) -> bool:
         """Whether the examined region holds the object at a centre (2,), as far as the image does."""
@@ -294,11 +267,11 @@ class ImageTracker:
 
     def learn_rivals(self, target: Target, examined: Examined, center_px: Array) -> Target:
         """The target with the colours of the foreground beside the object, located at a centre (2,)."""
-        w, h = (_BESIDE * side for side in target.box)
+        w, h = (_REACH * side for side in target.box)
         beside = examined.changed & ~masks.ellipse(examined.roi, center_px, w, h)
         share_beside = min(np.count_nonzero(beside) / target.size**2, 1.0)
         seen = share_beside * histogram(examined.bins[beside]) if share_beside > 0 else 0.0
-        rivals = (1 - _BACKGROUND_RATE) * target.rivals + _BACKGROUND_RATE * seen
+        rivals = (1 - _FAST_RATE) * target.rivals + _FAST_RATE * seen
         return replace(target, rivals=rivals)
 
     def _learn(
@@ -307,10 +280,10 @@ class ImageTracker:
         """Update size, colours and those beside the object."""
         bins = examined.bins
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
-        model = target.model.blend(newest, _LEARN_RATE, _BACKGROUND_RATE)
+        model = target.model.blend(newest, RATE, _FAST_RATE)
         boxes = zip(target.shape, outline.box_px[2:], strict=True)
-        width, height = (side ** (1 - _SIZE_RATE) * (px / target.angle_rad) ** _SIZE_RATE for side, px in boxes)
-        k = _RATIO_RATE if target.is_size_known else _NEW_RATIO_RATE
+        width, height = (side ** (1 - _FAST_RATE) * (px / target.angle_rad) ** _FAST_RATE for side, px in boxes)
+        k = max(1 / (target.frames + 2), RATE)
         mean = target.ratio + k * (ratio - target.ratio)
         variance = (1 - k) * target.ratio_std**2 + k * (ratio - mean) ** 2
         learned = replace(
@@ -357,7 +330,7 @@ class ImageTracker:
                 return None
             component = _without_thin_parts(within, target.size)
         mask = masks.filled(component, backdrop)
-        return mask if np.count_nonzero(mask) >= _MIN_AREA_PX else None
+        return mask if np.count_nonzero(mask) >= MIN_AREA_PX else None
 
     def _expected(self, target: Target, roi: Box, center: Array) -> Mask:
         """Pixels of `roi` that the object at `center` may cover: its last silhouette, or an ellipse, and a margin."""
@@ -429,7 +402,8 @@ class CameraTracker:
         size_px = 2 * angle_rad * self.optics.camera.focal_px
         if not self.optics.camera.contains(center, margin_px=-0.5 * size_px):
             return None
-        std_px = min(max(_std_px(cov, of_u, of_v), _MIN_STD_PX), _MAX_STD_PX)
+        J = np.array((of_u, of_v))
+        std_px = math.sqrt(float(np.trace(J @ cov[:3, :3] @ J.T)))
         return Prior(np.array(center), std_px, distance_m, angle_rad, size_px)
 
     def quick(
@@ -465,7 +439,7 @@ class CameraTracker:
         target = replace(target, angle_rad=prior.angle_rad)
         background = self._known_background(camera)
         if background is None and state.by_background:  # only colours are left
-            if target.model.similarity(target.model.background) > _SEPARABLE:
+            if target.model.similarity(target.model.background) > SEPARABLE:
                 return state, None
             state = state._replace(by_background=False)
         foreground = None
@@ -536,7 +510,7 @@ class CameraTracker:
         if whole is not None:
             shown = self._shown(state, camera, examined, whole, located.p_root, located.radius_m)
             return shown or (state, None)
-        if self.marker is not None or min(located.fill) < _MIN_FILL:  # a marker's occluder may have the same hue
+        if self.marker is not None or min(located.fill) < MIN_SCORE:  # a marker's occluder may have the same hue
             return state, None
         return state, self._partial(target, camera, examined, located, eye, center_px)
 
@@ -544,7 +518,7 @@ class CameraTracker:
         self, target: Target, camera: CameraFrame, examined: Examined, located: Located, eye: int, center_px: Array
     ) -> ImageDetection | None:
         """The object that is partly hidden: at its visible edge, else at the particles."""
-        if not self.optics.camera.contains(center_px, margin_px=_MIN_INSIDE * min(target.box)):
+        if not self.optics.camera.contains(center_px):
             return None
         angle = math.asin(min(located.radius_m / math.dist(located.p_root, camera.view.place), 0.9))
         w, h = target.box
@@ -655,14 +629,3 @@ def _position_at(belief: Belief, stamp_s: float) -> Vector:
     dt = stamp_s - belief.stamp_s
     vx, vy, vz = rates[0]
     return x + vx * dt, y + vy * dt, z + vz * dt
-
-
-@njit(cache=True, error_model="numpy")
-def _std_px(cov: Array, of_u: Vector, of_v: Vector) -> float:
-    """Standard deviation (px) of the image of a point: `cov`'s first three rows and columns are its covariance (m²),
-    `of_u` and `of_v` the derivatives of the pixel by it (px/m)."""
-    var = 0.0
-    for i in range(3):
-        for j in range(3):
-            var += cov[i, j] * (of_u[i] * of_u[j] + of_v[i] * of_v[j])
-    return math.sqrt(var)

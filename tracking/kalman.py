@@ -349,18 +349,12 @@ def discretise(order: int, dt_s: float, decay_s: tuple[float, float]) -> tuple[A
     Q[-1, -1] = h
     term_F = F.copy()  # (A h)ᵐ / m!
     term_Q = Q.copy()
-    product = np.empty((order, order))
     for m in range(1, _TERMS):
-        _multiply_by_A(term_F, rates, product)
-        for i in range(order):
-            for j in range(order):
-                term_F[i, j] = product[i, j] * h / m
-                F[i, j] += term_F[i, j]
-        _multiply_by_A(term_Q, rates, product)
-        for i in range(order):
-            for j in range(order):
-                term_Q[i, j] = (product[i, j] + product[j, i]) * h / (m + 1)
-                Q[i, j] += term_Q[i, j]
+        term_F = _derivative(term_F, rates) * h / m
+        half_Q = _derivative(term_Q, rates)
+        term_Q = (half_Q + half_Q.T) * h / (m + 1)
+        F += term_F
+        Q += term_Q
     for _ in range(doublings):
         Q += F @ Q @ F.T
         F = F @ F
@@ -368,14 +362,12 @@ def discretise(order: int, dt_s: float, decay_s: tuple[float, float]) -> tuple[A
 
 
 @njit(cache=True, error_model="numpy")
-def _multiply_by_A(x: Array, rates: tuple[float, float], result: Array) -> None:
-    """Write A·x to `result`: the rows of x move up by one, the last row decays."""
-    n = len(x)
-    for column in range(n):
-        for i in range(n - 1):
-            result[i, column] = x[i + 1, column]
-        result[n - 1, column] = 0.0
-        if n == 3:
-            result[2, column] = -rates[0] * x[2, column]
-        elif n == 4:
-            result[3, column] = -rates[0] * rates[1] * x[2, column] - (rates[0] + rates[1]) * x[3, column]
+def _derivative(x: Array, rates: tuple[float, float]) -> Array:
+    """A·x: the rows of x move up by one, the last row decays."""
+    result = np.zeros_like(x)
+    result[:-1] = x[1:]
+    if len(x) == 3:
+        result[2] = -rates[0] * x[2]
+    elif len(x) == 4:
+        result[3] = -rates[0] * rates[1] * x[2] - (rates[0] + rates[1]) * x[3]
+    return result

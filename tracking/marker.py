@@ -28,7 +28,7 @@ _MAX_INVERSE_DISTANCE = 0.8  # largest inverse distance of the surroundings, rel
 _DISTANCES = 16  # hypotheses of the surroundings' distance
 _MAX_RATIO = 0.7  # ratio of the image differences at the surroundings' distance and at the marker's
 _MARGIN_PX = 8  # of background around a blob that its outline is fitted in: the whole image takes half as long again
-_MIN_AREA_PX = 8  # smallest blob
+MIN_AREA_PX = 8  # smallest object
 _CHANGED = 0.3  # least foreground share of a marker's box
 _MAX_COMPARED = 40  # blobs that are compared with the background
 _MAX_BLOBS = 4  # blobs that are outlined, the largest and roundest: it limits the time in an image full of the hue
@@ -155,7 +155,7 @@ def blob_outlines(
     """Return the outlines of the blobs of a mask (h, w) of the region `box` of an RGB image, the largest and roundest
     first."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    blobs = [blob for blob in map(_blob, contours) if blob.area_px >= _MIN_AREA_PX]
+    blobs = [blob for blob in map(_blob, contours) if blob.area_px >= MIN_AREA_PX]
     largest = sorted(blobs, key=lambda blob: -blob.weight)[:_MAX_COMPARED]
     chosen = (blob for blob in largest if is_candidate(box[0] + blob.box[0], box[1] + blob.box[1], *blob.box[2:]))
     fits = (fit_outline(image, *_cut_out(blob, box), optics, expected_area_px) for blob in islice(chosen, _MAX_BLOBS))

@@ -32,20 +32,17 @@ from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum
 Grey = NDArray[np.uint8]  # (H, W)
 _JITTER_S = 0.005  # of stamps
 _WINDOW_PX = 9  # of Lucas–Kanade; R's 15 covers too much of the background of a region of 20 px
-_LEVELS = 4  # of its image pyramid (the default of OpenCV)
 _MAX_POINTS = 40  # points in a region, and in the surroundings; limits the time
 _MIN_POINTS = 4  # for a median
-_SURROUND_PX = 4  # nearer to a region a window contains much of it
+_MARGIN_PX = 4  # nearer to a region a window contains much of it; around the boxes of followed objects
+_FOLLOWED_MARGIN = 0.25  # the same, relative to their size
 _EQUAL_PX = 0.5  # tolerance of equal flows
 _EQUAL_SHARE = 0.15  # additional tolerance, as a share of the flow
-_MAX_PAIRS = 200  # of points, each of which gives one hypothesis of an expansion
 _COMMON_STD_PX = 0.1  # standard deviation of the error that all points in a region share
 Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
 _FLOW_INTERVAL_S = 0.05  # age of the image from which flow is measured
 _APART_S = 0.03  # between the images that are kept: memory does not grow with the frame rate
 _COARSE = 2  # side of the coarse comparison's pixels, px
-_FOLLOWED_MARGIN = 0.25  # around the boxes of followed objects, relative to their size
-_FOLLOWED_MARGIN_PX = 4
 _COLOR_MARGIN_PX = 24  # around a coarse residual, in which all pixels and colours are compared
 
 
@@ -100,9 +97,9 @@ def match(
     for (x, y, w, h), mask in regions:
         top = y - box[1]
         left = x - box[0]
-        outside[
-            max(top - _SURROUND_PX, 0) : top + h + _SURROUND_PX, max(left - _SURROUND_PX, 0) : left + w + _SURROUND_PX
-        ] = False
+        outside[max(top - _MARGIN_PX, 0) : top + h + _MARGIN_PX, max(left - _MARGIN_PX, 0) : left + w + _MARGIN_PX] = (
+            False
+        )
         grids.append(_grid(mask) + np.array([left, top]))
     grids.append(_grid(outside))
     ends = np.cumsum([len(grid) for grid in grids])
@@ -200,8 +197,8 @@ def _lucas_kanade(new: Grey, old: Grey, points: NDArray[np.float32]) -> tuple[Ar
     """(n, 2) px flow of each point from `old` to `new`, and whether the point is matched."""
     window = (_WINDOW_PX, _WINDOW_PX)
     start = points.reshape(-1, 1, 2)
-    end, status, _ = cv2.calcOpticalFlowPyrLK(new, old, start, np.empty(0), winSize=window, maxLevel=_LEVELS - 1)
-    back, back_status, _ = cv2.calcOpticalFlowPyrLK(old, new, end, np.empty(0), winSize=window, maxLevel=_LEVELS - 1)
+    end, status, _ = cv2.calcOpticalFlowPyrLK(new, old, start, np.empty(0), winSize=window)
+    back, back_status, _ = cv2.calcOpticalFlowPyrLK(old, new, end, np.empty(0), winSize=window)
     error = np.linalg.norm((back - start)[:, 0], axis=1)
     matched = (status[:, 0] > 0) & (back_status[:, 0] > 0) & (error <= _EQUAL_PX)
     return (start - end)[:, 0].astype(float), matched
@@ -218,20 +215,17 @@ def _median_flow(flow: Array) -> tuple[Array, float]:
 def _most_alike(points: Array, flow: Array, moving: Mask) -> Mask:
     """Largest subset of the moving points (n, 2) px whose flow (n, 2) px one translation and expansion explain.
 
-    Hypotheses are the translation of each point, and translation and expansion of each pair of points.
+    Hypotheses are the translation of each point, and translation and expansion of each point and a distant one.
     """
     if not moving.any():
         return moving
     p = points[moving]
     f = flow[moving]
-    i, j = np.triu_indices(len(p), 1)
-    stride = len(i) // _MAX_PAIRS + 1
-    i = i[::stride]
-    j = j[::stride]
-    distance = p[i] - p[j]
-    expansion = np.sum((f[i] - f[j]) * distance, axis=1) / np.sum(distance**2, axis=1)
-    centers = np.concatenate([p, (p[i] + p[j]) / 2])
-    shifts = np.concatenate([f, (f[i] + f[j]) / 2])
+    q, g = (np.roll(x, len(x) // 2, axis=0) for x in (p, f))
+    distance = p - q
+    expansion = np.sum((f - g) * distance, axis=1) / np.maximum(np.sum(distance**2, axis=1), 1)
+    centers = np.concatenate([p, (p + q) / 2])
+    shifts = np.concatenate([f, (f + g) / 2])
     expansions = np.concatenate([np.zeros(len(p)), expansion])[:, None, None]
     explained = shifts[:, None] + expansions * (points - centers[:, None])
     tolerance = _EQUAL_PX + _EQUAL_SHARE * np.linalg.norm(explained, axis=-1)
@@ -598,24 +592,19 @@ class MotionResidual:
 
     def _without_followed(self, residual: Pixels, box: Box) -> Pixels:
         """The residual without the objects that are followed, and the places where they were."""
-        moved = self._current.view.project(self._seen_by_reference()) if self._reference.followed else np.empty((0, 2))
-        shifts = zip(self._reference.followed, moved, strict=True)
-        earlier = [(u - 0.5 * w, v - 0.5 * h, w, h) for (_, _, w, h), (u, v) in shifts if np.isfinite(u)]
-        for x, y, w, h in (*self._current.followed, *earlier):
-            margin = _FOLLOWED_MARGIN * max(w, h) + _FOLLOWED_MARGIN_PX
+        view = self._reference.view
+        boxes = list(self._current.followed)
+        for x, y, w, h in self._reference.followed:
+            behind = view.center + ROOM_M * view.rays(np.array([x + 0.5 * w, y + 0.5 * h]))
+            u, v = self._current.view.project(behind)
+            boxes += [(u - 0.5 * w, v - 0.5 * h, w, h)] if np.isfinite(u) else []
+        for x, y, w, h in boxes:
+            margin = _FOLLOWED_MARGIN * max(w, h) + _MARGIN_PX
             sides = x - margin, y - margin, x + w + margin, y + h + margin
             left, top, right, bottom = (int(side / self._scale) for side in sides)
-            inside = np.s_[
-                max(top - box[1], 0) : max(bottom - box[1], 0), max(left - box[0], 0) : max(right - box[0], 0)
-            ]
-            residual[inside] = 0
+            rows = slice(max(top - box[1], 0), max(bottom - box[1], 0))
+            residual[rows, max(left - box[0], 0) : max(right - box[0], 0)] = 0
         return residual
-
-    def _seen_by_reference(self) -> Array:
-        """(n, 3) points of the room behind the centres of the objects that were followed in the older image."""
-        view = self._reference.view
-        centers = np.array([(x + 0.5 * w, y + 0.5 * h) for x, y, w, h in self._reference.followed])
-        return view.center + ROOM_M * view.rays(centers)
 
     def _without_body(self, residual: Pixels, box: Box) -> Pixels:
         """The residual without the robot's own body, present and past; evaluated last, because it costs most."""

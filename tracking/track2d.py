@@ -17,7 +17,7 @@ from pps_vision.geometry import masks
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.masks import BoxPx
 from pps_vision.types import Array, Image
-from tracking.image_tracker import MIN_SCORE, ImageTracker
+from tracking.image_tracker import MIN_SCORE, RATE, ImageTracker
 from tracking.outline import Optics
 from tracking.particle_filter import BESIDE_PX, Evidence, ParticleFilterParams, disc, posterior, scores
 
@@ -27,14 +27,12 @@ MAX_SIMILARITY = 0.5
 """Bhattacharyya coefficient of the colours of an object and of its surroundings above which the particle filter is
 unreliable: on 48 composite films its mean IoU was 0.47 above and 0.68 below."""
 _SIDE_PX = 24  # geometric mean of the sides that a box is resampled to
-_MAX_ASPECT = 2.5
 _AROUND = 2.0  # size of the surroundings whose colours are compared, in boxes
 _REGION = 5  # size of the region that is searched for the object, in boxes
 _TOLERANCE = 0.25  # error of the box, in boxes, that is forgiven
 _ELSEWHERE = 0.75  # distance, in boxes, from which a place is another one
 _EPSILON = 0.02  # keeps the contrasts finite
 _LEARNED = 0.8  # score from which the object's colours and texture are updated
-_LEARN_RATE = 0.05
 _WEIGHTS = 4.8, 1.3, -1.5  # contrasts of colours and texture, and constant
 """Logistic regression of an IoU of at least ½ on 5500 frames of three real sequences and 29 composite films. The colour
 particle filter and CSRT placed the boxes, in some runs after they were put onto the background."""
@@ -197,8 +195,8 @@ class BoxScore:
     """
 
     def __init__(self, image: Image, box_px: BoxPx) -> None:
-        aspect = min(max(math.sqrt(box_px[2] / box_px[3]), 1 / _MAX_ASPECT), _MAX_ASPECT)
-        self._size = round(_SIDE_PX * aspect), round(_SIDE_PX / aspect)
+        aspect = math.sqrt(box_px[2] / box_px[3])
+        self._size = max(round(_SIDE_PX * aspect), 1), max(round(_SIDE_PX / aspect), 1)
         self._inside = masks.ellipse((0, 0, *self._size), (np.array(self._size) - 1) / 2, *self._size)
         self._template = _resampled(image, box_px, self._size)
         self._colors = _histogram(self._template[self._inside])
@@ -214,8 +212,8 @@ class BoxScore:
         logit += of_texture * self._texture_contrast(image, box_px)
         score = 1 / (1 + math.exp(-logit))
         if score > _LEARNED:
-            self._template += _LEARN_RATE * (content - self._template)
-            self._colors += _LEARN_RATE * (colors - self._colors)
+            self._template += RATE * (content - self._template)
+            self._colors += RATE * (colors - self._colors)
         return score
 
     def _color_contrast(self, image: Image, box_px: BoxPx, colors: Array) -> float:
