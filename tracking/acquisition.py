@@ -25,7 +25,7 @@ from tracking.appearance import N_BINS, SEPARABLE, ColorModel, color_bins, histo
 from tracking.camera_pose import OwnBody
 from tracking.foreground import HIDING, SOLID, Background, Foreground, foreground_around
 from tracking.marker import MarkerParams, is_nearer_than_surroundings, moved_markers
-from tracking.motion_trigger import Flow2D, MotionTrigger, Region2D, TriggerParams
+from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline, fit_outline, fit_visible_disc
 from tracking.stereo import Association, CameraFrame, CameraFrames
 
@@ -75,7 +75,6 @@ class Candidate:
     outline: Outline
     model: ColorModel
     evidence: float
-    flow: Flow2D | None
     by_color: bool  # whether its colours alone separate it from its surroundings
     mask: Mask
     box: Box  # region of the image of `mask` (h, w)
@@ -359,7 +358,7 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
     if shape is None:
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
-    return Candidate(shape, model, evidence, region.flow, by_color, mask, box, is_partly_occluded)
+    return Candidate(shape, model, evidence, by_color, mask, box, is_partly_occluded)
 
 
 def vivid_parts(
@@ -393,7 +392,7 @@ def vivid_parts(
         if outline is not None:
             model = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
             evidence = region.evidence * (1 - model.similarity(model.background))
-            candidates.append(Candidate(outline, model, evidence, region.flow, True, mask, box, is_part=True))
+            candidates.append(Candidate(outline, model, evidence, True, mask, box, is_part=True))
     return candidates
 
 

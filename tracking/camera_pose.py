@@ -33,7 +33,7 @@ _MEAN_PX = 31  # side of the square whose mean is taken off
 _WINDOW_PX = 13  # of Lucas–Kanade
 _ROUNDS = 12  # maximum number of reweightings
 _CUT_PX = (0.3, 1.5)  # smallest and largest scale of the robust weights
-_PATCHES = (4, 8)  # pixels to each side of a corner that tell whether the image has moved: more where it is blurred
+_PATCH_PX = 8  # to each side of a corner, in which pixels tell whether the image has moved
 _NOISE = 3.0  # grey levels of the noise of a corner's shift, which must stay below `_STILL_PX`
 _STILL_PX = 0.1  # median shift along either axis of corners at rest; a smaller rotation is none
 _STILL_SPREAD_PX = 0.3  # median length of their shift
@@ -82,10 +82,7 @@ class Reference:
             scene = np.asarray(cv2.resize((~own_body).view(np.uint8), size, interpolation=cv2.INTER_NEAREST))
         features = cv2.goodFeaturesToTrack(self._grey, _MAX_POINTS, _QUALITY, _APART_PX, mask=scene)
         corners = np.empty((0, 1, 2), np.float32) if features is None else np.asarray(features, np.float32)
-        for patch in _PATCHES:
-            self._keep_sharp(image, corners, patch)
-            if self.has_corners:
-                break
+        self._keep_sharp(image, corners)
         self._bearings = self._camera.bearings(self._points[:, 0]) if len(self._points) else np.empty((0, 3))
 
     @property
@@ -148,14 +145,14 @@ class Reference:
         inside: Mask = (u >= 0) & (v >= 0) & (u <= self._camera.width - 1) & (v <= self._camera.height - 1)
         return inside  # False for NaN
 
-    def _keep_sharp(self, image: Image, points: NDArray[np.float32], patch: int) -> None:
-        """Keep the corners (n, 1, 2) whose patch of ± `patch` px determines a shift, and prepare `is_still`.
+    def _keep_sharp(self, image: Image, points: NDArray[np.float32]) -> None:
+        """Keep the corners (n, 1, 2) whose patch of ± `_PATCH_PX` determines a shift, and prepare `is_still`.
 
         `_pixels`: rows and columns (n, m) of the patches in the full image; `_before` (n, m): their grey levels;
         `_solve` (n, 2, m): maps a change of the levels to a shift in px.
         """
         k = self._scale
-        m = patch + 1
+        m = _PATCH_PX + 1
         height, width = image.shape[:2]
         x, y = np.rint((points[:, 0] + 0.5) * k - 0.5).astype(int).T
         inside = (x >= m) & (y >= m) & (x < width - m) & (y < height - m)
@@ -167,7 +164,7 @@ class Reference:
         slopes = 0.5 * np.stack(
             [grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2], grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]], axis=1
         )
-        slopes = slopes.reshape(len(points), 2, (2 * patch + 1) ** 2)
+        slopes = slopes.reshape(len(points), 2, (2 * _PATCH_PX + 1) ** 2)
         slopes -= slopes.mean(axis=2, keepdims=True)  # a change of brightness is no shift
         normal = slopes @ slopes.transpose(0, 2, 1)
         sharp = np.linalg.eigvalsh(normal)[:, 0] > 2 * (_NOISE / _STILL_PX) ** 2

@@ -22,6 +22,7 @@ from tracking.foreground import HIDING, Background, ForegroundParams, foreground
 from tracking.kalman import Belief
 from tracking.marker import MIN_AREA_PX, MarkerParams, colors_of, find_markers
 from tracking.outline import (
+    SIZE_ERROR,
     Optics,
     Outline,
     at_visible_edge,
@@ -52,10 +53,10 @@ _THIN_PX = 2  # half the width of foreground that hides nothing, such as the rim
 _FREE = 0.05  # foreground around a whole object, at most
 _RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in front of the object
 _OFF_PREDICTION = 0.05  # largest distance of an outline from its prediction, in object sizes, added to three deviations
+_MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object from the border, in object sizes
 _PARTICLE_PX = 0.3  # systematic error of the particles' centre
 _OTHER_SHAPE = 0.15  # error of the centre of an object that may have turned since its silhouette was seen, in radii
 _MOST_SHIFT = 0.3  # distance of a visible edge from the particles, in radii
-_SAME_SIZE = 0.03  # relative error of the predicted size of a wholly visible object
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
 
 
@@ -518,7 +519,7 @@ class CameraTracker:
         self, target: Target, camera: CameraFrame, examined: Examined, located: Located, eye: int, center_px: Array
     ) -> ImageDetection | None:
         """The object that is partly hidden: at its visible edge, else at the particles."""
-        if not self.optics.camera.contains(center_px):
+        if not self.optics.camera.contains(center_px, margin_px=_MIN_INSIDE * min(target.box)):
             return None
         angle = math.asin(min(located.radius_m / math.dist(located.p_root, camera.view.place), 0.9))
         w, h = target.box
@@ -527,7 +528,7 @@ class CameraTracker:
             center_px=center_px,
             cov_px=_PARTICLE_PX**2 * np.eye(2),
             angular_radius_rad=angle,
-            angular_radius_var=(_SAME_SIZE * angle) ** 2,
+            angular_radius_var=(SIZE_ERROR * angle) ** 2,
             box_px=(x - (w - 1) / 2, y - (h - 1) / 2, w, h),
             area_px=math.pi / 4 * w * h,
             is_partial=True,
@@ -583,7 +584,7 @@ class CameraTracker:
         expected_px = prior.size_px
         for outline in outlines:
             near = float(np.abs(outline.center_px - prior.center_px).max()) < half
-            if near and abs(self._size_px(outline) / expected_px - 1) < _SAME_SIZE:
+            if near and abs(self._size_px(outline) / expected_px - 1) < SIZE_ERROR:
                 return ImageDetection(outline, outline.box_px, 1.0)
         return None
 

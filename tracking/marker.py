@@ -22,7 +22,6 @@ from tracking.outline import Optics, Outline, fit_outline
 from tracking.stereo import Association, CameraFrame, CameraFrames
 
 _MAX_ELONGATION = 2.0  # ratio of a marker's sides
-_RING_SIZE = 1.3  # inner size of the surroundings, relative to the marker's
 _COMPARED_PIXELS = 300  # inside a marker, and around it
 _MAX_INVERSE_DISTANCE = 0.8  # largest inverse distance of the surroundings, relative to the marker's
 _DISTANCES = 16  # hypotheses of the surroundings' distance
@@ -260,7 +259,7 @@ def is_nearer_than_surroundings(
         points = (view.left.center + rays / inverse for inverse in inverse_distances)
         return np.array([color_difference(colors, place, cameras[1].image, view.right) for place in points])
 
-    surroundings = differences(~masks.ellipse(box, left.center_px, _RING_SIZE * w, _RING_SIZE * h))
-    own = differences(masks.ellipse(box, left.center_px, w, h))
+    marker = masks.ellipse(box, left.center_px, w, h)
+    own, surroundings = differences(marker), differences(~marker)
     farther = 1 + int(surroundings[1:].argmin())
     return bool(surroundings[farther] < _MAX_RATIO * surroundings[0] and own[0] < _MAX_RATIO * own[farther])

@@ -4,17 +4,17 @@ R takes the residual of pyramidal Lucas–Kanade flow on a grid.  Here the eye's
 older image is warped to the present pose and subtracted (motion-compensated residual), first in grey at half the
 resolution, then around the remaining residual in all pixels and colours.
 
-Optical flow (Bouguet 2001), compensated for ego-motion, confirms the regions and measures their image velocity.  A
-point is matched if the flow from the present image to the older one and back returns to it (forward–backward error,
-Kalal 2010).  It moves if its flow differs from the median flow of the region's surroundings, so that an error of the
-eye's pose, which shifts the whole image, moves nothing.  Points move together if one translation and expansion explain
-their flow: an object that comes along the line of sight only expands.
+Optical flow (Bouguet 2001), compensated for ego-motion, confirms the regions.  A point is matched if the flow from the
+present image to the older one and back returns to it (forward–backward error, Kalal 2010).  It moves if its flow
+differs from the median flow of the region's surroundings, so that an error of the eye's pose, which shifts the whole
+image, moves nothing.  Points move together if one translation and expansion explain their flow: an object that comes
+along the line of sight only expands.
 """
 
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
 from pps_vision.geometry import masks
-from pps_vision.geometry.camera import Camera, StereoView, View, reduced_image
+from pps_vision.geometry.camera import Camera, View, reduced_image
 from pps_vision.geometry.masks import Box, BoxPx
 from pps_vision.types import Array, Image, Mask
 from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum
@@ -33,12 +33,11 @@ Grey = NDArray[np.uint8]  # (H, W)
 _JITTER_S = 0.005  # of stamps
 _WINDOW_PX = 9  # of Lucas–Kanade; R's 15 covers too much of the background of a region of 20 px
 _MAX_POINTS = 40  # points in a region, and in the surroundings; limits the time
-_MIN_POINTS = 4  # for a median
+_MIN_POINTS = 4  # for a median, and that must move
 _MARGIN_PX = 4  # nearer to a region a window contains much of it; around the boxes of followed objects
 _FOLLOWED_MARGIN = 0.25  # the same, relative to their size
 _EQUAL_PX = 0.5  # tolerance of equal flows
 _EQUAL_SHARE = 0.15  # additional tolerance, as a share of the flow
-_COMMON_STD_PX = 0.1  # standard deviation of the error that all points in a region share
 Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
 _FLOW_INTERVAL_S = 0.05  # age of the image from which flow is measured
 _APART_S = 0.03  # between the images that are kept: memory does not grow with the frame rate
@@ -46,32 +45,19 @@ _COARSE = 2  # side of the coarse comparison's pixels, px
 _COLOR_MARGIN_PX = 24  # around a coarse residual, in which all pixels and colours are compared
 
 
-@dataclass(frozen=True, slots=True)
-class Flow2D:
-    """Image velocity of a region relative to its static surroundings."""
-
-    velocity_px_s: Array  # (2,)
-    cov: Array  # (2, 2) px²/s²: spread of the points' flow, and their common error
-    now_px: Array  # (2,) mean position of the points, without ego-motion compensation
-    then_px: Array  # (2,) their position in the older image
-    reference_view: View  # view of the older image
-    interval_s: float  # age of the older image
-
-
 class Match(NamedTuple):
-    """Share of a region's points that move together, share without a match, and the flow of the moving points."""
+    """Number and share of a region's points that move together, and share without a match."""
 
+    points: int
     moving: float
     unmatched: float
-    flow: Flow2D | None
 
 
 class GreyImage(NamedTuple):
-    """A grey image, the view it was taken from, and its stamp."""
+    """A grey image, and the view it was taken from."""
 
     pixels: Grey
     view: View
-    stamp_s: float
 
 
 def match(
@@ -82,7 +68,7 @@ def match(
     tolerance_px: float,
     regions: Sequence[tuple[Box, Mask]],
 ) -> list[Match]:
-    """Return the flow of regions (x, y, width, height px; mask) of the present image since an older one.
+    """Return how regions (x, y, width, height px; mask) of the present image have moved since an older one.
 
     The older image is warped to the present view as if everything were `room_m` away.  A point moves if its flow
     differs from that of the surroundings by more than `tolerance_px` and three of their standard deviations.
@@ -106,74 +92,14 @@ def match(
     flow, matched = _lucas_kanade(new, old, np.concatenate(grids).astype(np.float32))
     static, spread = _median_flow(flow[ends[-2] :][matched[ends[-2] :]])
     threshold = max(tolerance_px, 3 * spread)
-    parallax = ego.parallax_px_m(reference.view, current.view) / room_m  # of surroundings at another distance
-    common_var = _COMMON_STD_PX**2 + (0.4 * parallax) ** 2
-    dt = current.stamp_s - reference.stamp_s
     matches = []
     for points, end in zip(grids[:-1], ends[:-1], strict=True):
         part = np.s_[end - len(points) : end]
         relative = flow[part] - static
         is_moving = matched[part] & (np.hypot(relative[:, 0], relative[:, 1]) > threshold)
         alike = _most_alike(points, relative, is_moving)
-        measured = None
-        if np.count_nonzero(alike) >= _MIN_POINTS:
-            mean = np.median(relative[alike], axis=0)
-            cov = np.cov(relative[alike].T) + common_var * np.eye(2)
-            now_px = points[alike].mean(axis=0) + box[:2]
-            then_px = reference.view.project(current.view.center + room_m * current.view.rays(now_px - mean))
-            measured = Flow2D(mean / dt, cov / dt**2, now_px, then_px, reference.view, dt)
-        matches.append(Match(float(alike.mean()), 1 - float(matched[part].mean()), measured))
+        matches.append(Match(int(np.count_nonzero(alike)), float(alike.mean()), 1 - float(matched[part].mean())))
     return matches
-
-
-def velocity(
-    flows: tuple[Flow2D | None, Flow2D | None],
-    view: StereoView,
-    position: Array,
-    prior_std: tuple[float, float],
-    position_cov: Array | None = None,
-) -> tuple[Array, Array] | None:
-    """Return the velocity (3,) m/s of an object at `position` (3,) m from its flow, and its covariance (3, 3).
-
-    In each eye, J v Δt = π(q) − x, with q the object's present position, π(q) its pixel in the older image if it
-    rests, x the measured pixel, and J = ∂π/∂q.  The mean over both eyes gives the velocity across the view.  Toward
-    the eyes it stays 0 ± the prior, since over so short a time positions are more certain than a difference of flows.
-    If the intervals differ, the shorter counts: an object that has just started to move was slower in the longer.
-
-    Args:
-        flows: Flow in the left and the right eye.
-        view: Present view.
-        position: (3,) m, root frame.
-        prior_std: Prior standard deviation of velocity (m/s) and acceleration (m/s²).  Flow is the mean velocity of
-            its interval, from which the present velocity differs by half the acceleration's part.
-        position_cov: (3, 3) m² of the white error of each later position.  The covariance is at least that of a
-            difference of two such positions, so that flow does not outweigh them; the mean stays.
-
-    Returns:
-        None without flow.
-    """
-    measured = [(flow, eye) for flow, eye in zip(flows, (view.left, view.right), strict=True) if flow is not None]
-    if not measured:
-        return None
-    shortest_s = min(flow.interval_s for flow, _ in measured)
-    measured = [(flow, eye) for flow, eye in measured if flow.interval_s < shortest_s + _JITTER_S]
-    n = len(measured)
-    J = np.zeros((2, 3))
-    rate = np.zeros(2)
-    cov = np.zeros((2, 2))
-    for flow, eye in measured:
-        q = eye.center + float(np.linalg.norm(position - eye.center)) * eye.rays(flow.now_px)
-        J += flow.reference_view.project_jacobian(q) / n
-        rate += (flow.reference_view.project(q) - flow.then_px) / flow.interval_s / n
-        cov += flow.cov / n**2
-    prior = np.eye(3) / prior_std[0] ** 2
-    weights = J.T @ np.linalg.inv(cov)
-    mean = np.linalg.inv(weights @ J + prior) @ weights @ rate
-    if position_cov is not None:
-        cov = cov + 2 / shortest_s**2 * J @ position_cov @ J.T
-    velocity_cov = np.linalg.inv(J.T @ np.linalg.inv(cov) @ J + prior)
-    acceleration_var = (0.5 * prior_std[1] * shortest_s) ** 2
-    return mean, 0.5 * (velocity_cov + velocity_cov.T) + acceleration_var * np.eye(3)
 
 
 def _surroundings(boxes: list[Box], shape: tuple[int, ...]) -> Box:
@@ -261,7 +187,7 @@ class TriggerParams:
     max_regions: int = 4
     """Largest number of reported regions, strongest first."""
     flow: bool = True
-    """Whether optical flow confirms and measures the regions."""
+    """Whether optical flow confirms the regions."""
     min_moving: float = 0.25
     """Share of a region's matched points that must move together; a region with fewer matches than that moves too."""
 
@@ -283,13 +209,11 @@ class TriggerParams:
 
 @dataclass(frozen=True, slots=True)
 class Region2D:
-    """A motion region: box (x, y, width, height px), changed pixels (height, width), summed residual, and optical flow
-    (None if it moves too fast for that, or flow is off)."""
+    """A motion region: box (x, y, width, height px), changed pixels (height, width), and summed residual."""
 
     box_px: tuple[int, int, int, int]
     mask: Mask
     evidence: float
-    flow: Flow2D | None = None
 
 
 @dataclass(frozen=True)
@@ -317,7 +241,7 @@ class _Frame:
     def grey(self) -> GreyImage:
         """Grey image for optical flow."""
         pixels = np.asarray(cv2.cvtColor(self.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-        return GreyImage(pixels, self.view, self.stamp_s)
+        return GreyImage(pixels, self.view)
 
     @cached_property
     def body(self) -> Mask | None:
@@ -355,8 +279,8 @@ class MotionTrigger:
         current = self._next(image, view, stamp_s, own, followed)
         reference = self._reference(current)
         regions = self._regions(reference, current)[: self.params.max_regions] if reference else []
-        if reference and regions and self.params.flow:
-            regions = self._confirmed(reference, current, regions, confirm)
+        if reference and regions and self.params.flow and confirm:
+            regions = self._confirmed(reference, current, regions)
         for frame in (reference, current):  # large images that are soon computed again
             if frame is not None:
                 frame.__dict__.pop("smooth", None)
@@ -450,36 +374,26 @@ class MotionTrigger:
             regions += self._split(*residual) if residual else []
         return sorted(regions, key=lambda region: -region.evidence)
 
-    def _confirmed(self, reference: _Frame, current: _Frame, regions: list[Region2D], confirm: bool) -> list[Region2D]:
-        """Regions that move by their flow, with their flow; all regions unless `confirm`.
+    def _confirmed(self, reference: _Frame, current: _Frame, regions: list[Region2D]) -> list[Region2D]:
+        """Regions that move by their flow.
 
         Flow is measured since the newest image that is `_FLOW_INTERVAL_S` old, and for slower regions since the
-        reference.  Only in the former does a missing match mean motion: in the latter, uncovered background has no
-        match either.
+        reference.  Points without a match do not count, since a plain object shows flow at its edge only; but if most
+        have none, the region moves.  Only in the former: since the reference, uncovered background has no match either.
         """
-        p = self.params
+        least = self.params.min_moving
         newest = self._newest(current) or reference
-        matches = self._matches(newest, current, regions)
-        confirmed = {
-            k: replace(regions[k], flow=result.flow)
-            for k, result in enumerate(matches)
-            if self._moves(result) or result.unmatched > 1 - p.min_moving
-        }
-        slow = [k for k in range(len(regions)) if k not in confirmed]
+        moves = [
+            (match.points >= _MIN_POINTS and match.moving >= least * (1 - match.unmatched))
+            or match.unmatched > 1 - least
+            for match in self._matches(newest, current, regions)
+        ]
+        slow = [k for k, is_moving in enumerate(moves) if not is_moving]
         if slow and newest is not reference:
-            slow_matches = self._matches(reference, current, [regions[k] for k in slow])
-            for k, result in zip(slow, slow_matches, strict=True):
-                if result.moving >= p.min_moving:
-                    confirmed[k] = replace(regions[k], flow=result.flow)
-        return [confirmed.get(k, region) for k, region in enumerate(regions) if k in confirmed or not confirm]
-
-    def _moves(self, region: Match) -> bool:
-        """Whether enough of a region's matched points move together.
-
-        Points without a match do not count: a plain object shows flow at its edge only, and has no match where it
-        covers and uncovers its background.
-        """
-        return region.flow is not None and region.moving >= self.params.min_moving * (1 - region.unmatched)
+            matches = self._matches(reference, current, [regions[k] for k in slow])
+            for k, match in zip(slow, matches, strict=True):
+                moves[k] = match.moving >= least
+        return [region for region, is_moving in zip(regions, moves, strict=True) if is_moving]
 
     def _matches(self, reference: _Frame, current: _Frame, regions: list[Region2D]) -> list[Match]:
         boxes = [(region.box_px, region.mask) for region in regions]

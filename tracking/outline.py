@@ -45,7 +45,7 @@ _SMALL_PX = 60  # area up to which the band is half as wide
 _CORRELATION = 2.0  # neighbouring pixels share their error: two count as one
 _WHOLE = 0.85  # share of the expected area below which part of the object is hidden
 _OFF_CENTER = 4 / (3 * math.pi) / 0.5 / math.sqrt(2)  # half a disc's centroid is 4/(3π) of its radius off; per axis
-_SIZE_ERROR = 0.03  # relative error of an object's size predicted from the last frame
+SIZE_ERROR = 0.03  # relative error of an object's size predicted from the last frame
 _EDGE_PX = 0.3  # standard deviation of a mask's edge
 _MIN_VISIBLE = 0.25  # share of a disc's area from which the disc is fitted
 _MIN_EDGE_PX = 12  # pixels of the edge from which the disc is fitted
@@ -207,7 +207,7 @@ def _disc(mask: Mask, box: Box, visible: Outline, area_px: float) -> Outline | N
         center_px=center,
         cov_px=np.array(((uu, uv), (uv, vv))),
         angular_radius_rad=angle,
-        angular_radius_var=(_SIZE_ERROR * angle) ** 2,
+        angular_radius_var=(SIZE_ERROR * angle) ** 2,
         box_px=(center[0] - radius, center[1] - radius, 2 * radius, 2 * radius),
         area_px=area_px,
         is_partial=True,
@@ -225,7 +225,7 @@ def _fit_circle(edge: Array, radius: float) -> tuple[float, float, float, float,
         Centre x, y, its covariance uu, uv, vv, and votes as a share of the points (0 if the fit is degenerate).
     """
     n = len(edge)
-    limit = max(1.0, _SIZE_ERROR * radius)
+    limit = max(1.0, SIZE_ERROR * radius)
     most_votes = 0
     x = 0.0
     y = 0.0
@@ -265,7 +265,7 @@ def _fit_circle(edge: Array, radius: float) -> tuple[float, float, float, float,
         x += step[0]
         y += step[1]
     by_radius = inverse @ normals.sum(axis=0)  # ∂centre / ∂radius
-    cov = _CORRELATION * _EDGE_PX**2 * inverse + (_SIZE_ERROR * radius) ** 2 * np.outer(by_radius, by_radius)
+    cov = _CORRELATION * _EDGE_PX**2 * inverse + (SIZE_ERROR * radius) ** 2 * np.outer(by_radius, by_radius)
     return x, y, cov[0, 0], cov[0, 1], cov[1, 1], most_votes / n
 
 

@@ -24,7 +24,7 @@ from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import SIZE_FRAMES, CameraState, CameraTracker, Examined, ImageDetection, Prior
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
-from tracking.motion_trigger import TriggerParams, velocity
+from tracking.motion_trigger import TriggerParams
 from tracking.outline import Optics, Outline, outline_in_box
 from tracking.particle_filter import Located, ParticleFilterParams, Prediction, Silhouette, locate
 from tracking.stereo import (
@@ -136,7 +136,6 @@ class TrackState(NamedTuple):
     appearance: tuple[Appearance, Appearance] | None = None
     cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
     belief: Belief | None = None
-    search_result: tuple[Candidate, Candidate] | None = None  # candidates from which the object was acquired
     radius_m: float = math.nan
     radius_var_m2: float = math.nan
     hits: int = 0  # frames in which the object was observed
@@ -511,7 +510,7 @@ class Tracker:
             camera_state._replace(target=target, by_background=not by_color)
             for camera_state, target in zip(track.cameras, targets, strict=True)
         )
-        return track._replace(cameras=(left, right), search_result=pair)
+        return track._replace(cameras=(left, right))
 
     def _start_from(self, cameras: CameraFrames, outlines: tuple[Outline, Outline], track: TrackState) -> TrackState:
         """The track with the targets of a marker's blobs, or of outlines in given boxes."""
@@ -592,8 +591,7 @@ class Tracker:
         observation: Observation3D | None,
         scene: _Scene,
     ) -> tuple[TrackState, Belief | None, bool]:
-        """The belief after the observation, and whether it was taken in; the first observation starts the filter, at
-        the velocity that the optical flow measured, if it did."""
+        """The belief after the observation, and whether it was taken in; the first observation starts the filter."""
         if observation is None:
             return state, predicted, False
         if predicted is not None:
@@ -603,11 +601,13 @@ class Tracker:
             return state, belief, belief.rejections == 0
         view = scene.view
         params = kalman.scaled(self.params.kalman, float(np.linalg.norm(sight(view.centers, observation.p_root))))
-        flows = (state.search_result[0].flow, state.search_result[1].flow) if state.search_result else (None, None)
-        white_cov = observation.cov_root - observation.correlated_cov_root
-        v, v_cov = velocity(flows, view, observation.p_root, params.prior_std[:2], white_cov) or (None, None)
-        where = observation.p_root, observation.cov_root
-        belief = kalman.start(params, scene.stamp_s, *where, v, v_cov, observation.correlated_cov_root)
+        belief = kalman.start(
+            params,
+            scene.stamp_s,
+            observation.p_root,
+            observation.cov_root,
+            correlated=observation.correlated_cov_root,
+        )
         return state._replace(kalman=params), belief, True
 
     def _manage(

@@ -102,8 +102,7 @@ def test_a_slow_object_is_found_in_the_turns_of_the_long_interval():
     assert not any(regions[:9])
     assert any(regions)
     assert not any(triggered(replace(GATE, slow_interval_s=GATE.interval_s), slow))
-    later = [regions for regions in triggered(TriggerParams(), moving(100, 100, 20, 20, 200.0, 0.3, 18)) if regions]
-    assert any(regions[0].flow is not None and regions[0].flow.interval_s > 0.5 for regions in later)
+    assert any(triggered(TriggerParams(), moving(100, 100, 20, 20, 200.0, 0.3, 18)))
 
 
 def test_where_the_robot_was_is_no_stimulus_either():
@@ -155,16 +154,14 @@ def square_at(xs: Iterable[int], size: int) -> list[Image]:
     return images
 
 
-def test_what_the_object_uncovers_is_refuted_and_the_object_measured():
+def test_what_the_object_uncovers_is_refuted():
     images = square_at([60 + 10 * max(k - 4, 0) for k in range(12)], 24)
     for params, confirm, expected in ((GATE, True, 2), (TriggerParams(), False, 2), (TriggerParams(), True, 1)):
         trigger = MotionTrigger(params, LEFT_EYE)
         regions = [trigger.step(image, FIXED, DT * k, confirm=confirm) for k, image in enumerate(images)]
         assert max(map(len, regions[9:])) == expected
-    flow = regions[11][0].flow
-    assert flow.interval_s == pytest.approx(DT)
-    np.testing.assert_allclose(flow.velocity_px_s, (200, 0), atol=8)
-    assert flow.now_px[0] > 110  # on the object, not where it was
+    x, _, w, _ = regions[11][0].box_px
+    assert x + 0.5 * w > 110  # on the object, not where it was
 
 
 def test_a_plain_object_is_confirmed_though_little_of_it_has_a_match():
