@@ -54,7 +54,7 @@ _SMALLEST_BOX_PX = 4  # side of a box that holds an object
 _STRIP = 64  # rows whose weights are computed together
 _ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
 _ROUNDS = 3  # of fits to a visible edge
-_VISIBLE_EDGE_PX = 0.25  # systematic error of a fitted edge
+VISIBLE_EDGE_PX = 0.25  # systematic error of a fitted edge
 _MIN_VISIBLE_EDGE = 0.25  # share of an edge
 _REACH_PX = 4.0  # distance to both sides of an edge at which the inner and the outer colour are sampled
 _SAMPLE_PX = 0.5  # between the samples across an edge
@@ -303,7 +303,7 @@ def fit_visible_edge(
             return None
         step, cov = _robust_shift(offsets[is_visible], outward[is_visible], farther_std_px, -solution)
         solution = solution + step
-    return VisibleEdge(solution[:2], float(solution[2]), cov + _VISIBLE_EDGE_PX**2 * np.eye(3))
+    return VisibleEdge(solution[:2], float(solution[2]), cov + VISIBLE_EDGE_PX**2 * np.eye(3))
 
 
 def fit_visible_disc(

@@ -12,7 +12,7 @@ from pps_vision.geometry.se3 import move_points
 from pps_vision.geometry.triangulation import Triangulation, triangulate
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Observation3D, StereoFrame
-from tracking.outline import Outline
+from tracking.outline import VISIBLE_EDGE_PX, Outline
 
 Outlines = list[Outline] | None
 """Outlines of the object in an image (`batch`); None if the image has not been searched."""
@@ -117,6 +117,11 @@ class Association:
         return cls(params, prior_var_px2, prior_var_px2)
 
     @property
+    def is_whole_seen(self) -> bool:
+        """Whether both eyes have seen the whole object."""
+        return self.differences_px is not None
+
+    @property
     def error_px(self) -> float:
         """Standard deviation that calibration and outlines add to each image coordinate's own."""
         return max(math.sqrt(max(self.calibration_var_px2, 0.0) + max(self.outline_var_px2, 0.0)), _MIN_ERROR_PX)
@@ -159,8 +164,9 @@ class Association:
     def _white_var(self, view: StereoView, p_root: Array, left: Outline, right: Outline) -> float:
         """Variance (px²) of each image coordinate's white error, for outlines of an object at `p_root` (3,)."""
         if left.is_partial or right.is_partial:
-            return max(self.change_var_px2, _mean_var(left, right))
-        if self.pairs == 0:
+            is_steady = left.is_edge and right.is_edge and not self.is_whole_seen  # as a hand holds it
+            return max(self.change_var_px2, _mean_var(left, right) - is_steady * VISIBLE_EDGE_PX**2)
+        if not self.is_whole_seen:
             return 0.5 * float(np.mean(_differences(view, p_root, left, right) ** 2)) + _MIN_ERROR_PX**2
         return self.change_var_px2 + _MIN_ERROR_PX**2
 
@@ -216,37 +222,49 @@ class Association:
 
     def learned(self, view: StereoView, observation: Observation3D, left: Outline, right: Outline) -> "Association":
         """Return the association after an accepted pair; unchanged if a part of the object is hidden or may be, since
-        its centre is then off by more than the calibration.
+        its centre is then off by more than the calibration.  Of an object that was never whole, as in a hand from the
+        start, a fitted visible edge teaches the calibration's error.
 
-        The first few pairs estimate the calibration's variance badly: 1 + 3/n times the mean is stated.  Differences
-        that are smaller than the outlines' covariances count too, or these would be counted twice.
+        Differences that are smaller than the outlines' covariances count too, or these would be counted twice.
         """
+        own_var = _mean_var(left, right)
+        unexplained = 4 * observation.residual_px**2 - own_var
+        if left.is_edge and right.is_edge and not self.is_whole_seen:
+            return self._with_residual(unexplained, 0.0)
         if left.is_partial or right.is_partial or left.hidden_px + right.hidden_px > 0:
             return self
-        own_var = _mean_var(left, right)
-        residual_var = 4 * observation.residual_px**2
-        n_before = min(self.pairs, _MEMORY_PAIRS)
-        n = min(self.pairs + 1, _MEMORY_PAIRS)
-        rate = max(1 / n, _OUTLINE_RATE)
+        rate = max(1 / min(self.pairs + 1, _MEMORY_PAIRS), _OUTLINE_RATE)
         differences_px = _differences(view, observation.p_root, left, right)
         difference = float(np.mean(differences_px**2)) - own_var
         change_px = differences_px - (0.0 if self.differences_px is None else self.differences_px)
         change_var = 0.5 * float(np.mean(change_px**2))
+        change_rate = max(1 / max(self.pairs, 1), _OUTLINE_RATE) if self.is_whole_seen else 1.0
         outline_var = self.outline_var_px2 + rate * (difference - self.outline_var_px2)
         shared_var = _TO_FIRST * _shared_asymmetry(view, left, right)
-        excess = residual_var - own_var - max(outline_var, 0.0)
-        mean = self.calibration_var_px2 / (1 + 3 / n_before) if n_before else 0.0
         return replace(
-            self,
-            gate_var_px2=self.gate_var_px2 + (max(residual_var - own_var, 0.0) - self.gate_var_px2) / _MEMORY_PAIRS,
-            calibration_var_px2=(mean + (excess - mean) / n) * (1 + 3 / n),
+            self._with_residual(unexplained, max(outline_var, 0.0)),
             outline_var_px2=outline_var,
             mean_outline_var_px2=self.mean_outline_var_px2
             + (difference - self.mean_outline_var_px2) / (self.pairs + 1),
             shared_var_px2=self.shared_var_px2 + rate * (shared_var - self.shared_var_px2),
             differences_px=differences_px,
-            change_var_px2=self.change_var_px2
-            + max(1 / max(self.pairs, 1), _OUTLINE_RATE) * (change_var - self.change_var_px2),
+            change_var_px2=self.change_var_px2 + change_rate * (change_var - self.change_var_px2),
+        )
+
+    def _with_residual(self, unexplained_px2: float, of_outlines_px2: float) -> "Association":
+        """The association after a pair whose squared residual its covariances leave unexplained by this, and a part of
+        it is the outlines'.
+
+        The first few pairs estimate the calibration's variance badly: 1 + 3/n times the mean is stated.
+        """
+        n_before = min(self.pairs, _MEMORY_PAIRS)
+        n = min(self.pairs + 1, _MEMORY_PAIRS)
+        mean = self.calibration_var_px2 / (1 + 3 / n_before) if n_before else 0.0
+        excess = unexplained_px2 - of_outlines_px2
+        return replace(
+            self,
+            gate_var_px2=self.gate_var_px2 + (max(unexplained_px2, 0.0) - self.gate_var_px2) / _MEMORY_PAIRS,
+            calibration_var_px2=(mean + (excess - mean) / n) * (1 + 3 / n),
             pairs=self.pairs + 1,
         )
 

@@ -23,7 +23,8 @@ USUAL = (
     "grey, in view from the start",  # ghost of an object learned as background
     "head moves, grey",  # background of a moving camera
 )
-FURTHER = (*(case.name for case in CASES if case.name not in USUAL), "hand takes", "turning stick", LARGE.name)
+NEW = ("hand takes", "hand holds", "turning stick")
+FURTHER = (*(case.name for case in CASES if case.name not in USUAL), *NEW, LARGE.name)
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ LIMITS = {  # of cases that miss the usual ones at this size; `bench independent
     # 100 % with four seeds; its first frames show a part: up to three of 120 are false
     "1 m/s, instant reversal": Limits(right=95, median_mm=3, false=3),
     "hand takes": Limits(right=95, median_mm=3),
+    "hand holds": Limits(right=95, median_mm=3, covered=30),  # at this size its edge is off by 0.6 px in both eyes
     "turning stick": Limits(right=90, median_mm=15),
     "2 cm/s": Limits(right=80, median_mm=30),  # at first joined with the place that it leaves
     # with seed 2016 it passes dark red, its own hue and saturation; with 2017 to 2020 nothing is false

@@ -50,6 +50,20 @@ def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibrat
     assert after.error_px == association.error_px < 2 * STD_PX
 
 
+def test_a_visible_edge_that_was_fitted_tells_the_calibrations_error(rng):
+    """A ball that a hand holds from the start: its edge errs by 0.3 px."""
+    cov_px = 0.3**2 * np.eye(2)
+    edge = replace(SHAPE, cov_px=cov_px, is_partial=True, is_edge=True)
+    association = Association.untrained(StereoParams(), 320)
+    for _ in range(60):
+        residual_px = 0.5 * abs(0.3 * rng.standard_normal())
+        association = association.learned(VIEW, replace(SEEN, residual_px=residual_px), edge, edge)
+    assert association.error_px < 0.3
+    half = replace(edge, is_edge=False)
+    untrained = Association.untrained(StereoParams(), 320)
+    assert untrained.learned(VIEW, SEEN, half, half).error_px == untrained.error_px > 2.0
+
+
 P = np.array([0.12, 0.08, 0.4])
 RADIUS_M = 0.02
 
