@@ -7,18 +7,13 @@ from itertools import compress
 
 import numpy as np
 
-from learning.pps.joint_offsets import JointOffsets, TouchTrial, seen_from, verified_offsets
+from learning.pps.joint_offsets import TouchTrial, seen_from, verified_offsets
 from learning.pps.taxel_positions import PartTouch, verified_positions
 from learning.pps.tool import ToolTouch, touch_beyond
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array
-
-_CLEAR_SHARE = 0.8
-"""Largest share of the held-out touches' distances that offsets may leave: the first touch of a sphere of
-`TOUCH_RADIUS_M` about a taxel lies farther from the skin than `felt_position` has it, which a small turn of the arm
-seems to mend."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +23,7 @@ class LearnedBody:
     offsets_rad: Array  # (n_joints,) to add to the encoders; 0: not confirmed
     positions_m: Array  # (n, 3) of the taxels in the frames of their parts; unchanged where not confirmed
     touches: int  # number of touches of the skin
-    before_m: Array  # (k,) distances between felt and seen position of the held-out touches
+    before_m: Array  # (k,) distances by which the held-out touches contradict the taxels
     after_m: Array  # (k,) the same with offsets from the other touches; as `before_m` if not confirmed
     moved_m: Array  # (n,) distances of the taxels from where they were taken to be
     beyond: list[ToolTouch]  # touches that are none of the skin's, neither before the correction nor after it
@@ -60,8 +55,6 @@ def learned_body(robot: Robot, rig: StereoRig, skin: Skin, trials: Sequence[Touc
     far = list(compress(trials, is_far))
     trials = [trial for trial, beyond in zip(trials, is_far, strict=True) if not beyond]
     offsets = verified_offsets(robot, rig, skin, trials)
-    if offsets.offsets_rad.any() and np.median(offsets.after_m) > _CLEAR_SHARE * np.median(offsets.before_m):
-        offsets = JointOffsets(as_is, offsets.before_m, offsets.before_m)
     parts = []
     for k, part in enumerate(skin.parts):
         touches = [

@@ -35,7 +35,6 @@ _LEARNED_OBJECTS = 2  # of `OBJECTS`
 _CONTACT_S = 0.7  # after the contact, the object withdraws later
 _TOUCH = approach(REACH_M["approach"])  # until the surface is at a taxel's centre, as in the closed loop's training
 _PASS = passing((0.0, 0.20))
-_CALIBRATION_TOUCHES = 40  # of which half estimate the encoders' offsets and half confirm them
 _STREAM = 77  # keeps training and encounters of one seed apart
 
 
@@ -110,13 +109,11 @@ def learn_from(
 
 
 def calibrate(trials: Iterable[Trial], robot: MiscalibratedRobot, rng: np.random.Generator) -> MiscalibratedRobot:
-    """Return the robot after its first touches of seen objects: its encoders corrected where held-out touches clearly
-    confirm it."""
+    """Return the robot after touches of seen objects: its encoders corrected where held-out touches clearly confirm
+    it."""
     true, _, skin = true_robot()
     observed: list[TouchTrial] = []
     for encounter, tracks in trials:
-        if len(observed) == _CALIBRATION_TOUCHES:
-            break
         at_contact = next((track for track in tracks if track.is_known and track.stamp_s >= encounter.contact_s), None)
         if at_contact is None:
             continue
