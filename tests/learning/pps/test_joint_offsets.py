@@ -68,7 +68,7 @@ def miss_mm(robot: MiscalibratedRobot, trials: list[TouchTrial]) -> float:
 def test_estimated_offsets_hold_in_other_postures(seed):
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(seed).standard_normal(ROBOT.n_joints))
     better = off.calibrated(seen(off, touches(30, seed)))
-    assert miss_mm(better, touches(24, seed + 1)) < min(6, miss_mm(off, touches(24, seed + 1)))
+    assert miss_mm(better, touches(24, seed + 1)) < min(8, miss_mm(off, touches(24, seed + 1)))
 
 
 def test_an_error_of_the_vergence_is_not_attributed_to_the_arm():
