@@ -3,7 +3,6 @@
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -35,22 +34,15 @@ def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLi
         temporary.unlink(missing_ok=True)
 
 
-def read_archive(
-    path: Path, kind: str, version: int, names: tuple[str, ...], added: Mapping[str, NDArray[np.generic]] | None = None
-) -> dict[str, NDArray[np.generic]]:
+def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
     """The named arrays of an archive of this kind and version, and `written_by`, the version of this package that wrote
-    it; InputError for any other file.  `added`: arrays that this version added, as they are taken to be in files of the
-    version before, which then are read too."""
+    it; InputError for any other file."""
     header = _stored_arrays(path, kind, ("kind", "version", "written_by"))
     if str(header.get("kind")) != kind:
         raise InputError(path, f"is not a {kind}; expected one (.npz)")
-    added = added or {}
-    is_older = bool(added) and str(header.get("version")) == str(version - 1)
-    if str(header.get("version")) != str(version) and not is_older:
+    if str(header.get("version")) != str(version):
         raise InputError(path, f"{kind} of version {header.get('version', 'unknown')}; expected version {version}")
-    if is_older:
-        names = tuple(name for name in names if name not in added)
-    return {**added, **read_arrays(path, kind, names), "written_by": header.get("written_by", np.array("unknown"))}
+    return {**read_arrays(path, kind, names), "written_by": header.get("written_by", np.array("unknown"))}
 
 
 def read_arrays(path: Path, content: str, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:

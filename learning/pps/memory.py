@@ -22,7 +22,6 @@ _KIND = "PPS memory"
 _VERSION = 7
 """Up to version 2, D was to the centre; up to 3, there was no miss distance; up to 4, paths led through the arm; up to
 5, the body was taken as it is; up to 6, the skin ended where the body does."""
-_ADDED = {"places": np.zeros((0, 7))}  # arrays that files of the version before lack
 _LARGEST = 1e9  # largest limit of a range, and inverse of its least width; keeps divisions finite
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
@@ -359,9 +358,9 @@ def save_memory(path: Path, memory: PPSMemory) -> None:
 
 
 def load_memory(path: Path) -> PPSMemory:
-    """Read a memory of this version or the one before; InputError names the file and the expected content."""
+    """Read a memory; InputError names the file and the expected content."""
     names = "taxel_ids", "part_index", "counts", "ranges", "smoothing", "offsets_rad", "positions_m", "places"
-    data = read_archive(path, _KIND, _VERSION, names, _ADDED)
+    data = read_archive(path, _KIND, _VERSION, names)
     try:
         stored = data["counts"]
         counts: Counts = stored.astype(np.float64 if stored.dtype.kind == "f" else np.int64, casting="same_kind")

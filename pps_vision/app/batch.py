@@ -418,5 +418,5 @@ def _reason(stderr: str) -> str:
     _, frame, framed = stderr.partition("╭")
     if frame:
         return " ".join(takewhile(bool, (line.strip(" │─╰╯") for line in framed.splitlines()[1:])))
-    lines = [line.strip(" |+-") for line in stderr.splitlines()]  # the frame of a group of tracebacks
-    return next(filter(None, reversed(lines)), "").removeprefix("pps-vision: ")
+    lines = map(str.strip, reversed(stderr.splitlines()))
+    return next(filter(None, lines), "").removeprefix("pps-vision: ")

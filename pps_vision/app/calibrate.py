@@ -273,8 +273,8 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
             raise InputError("calibrate", f"{problem}; expected some tilted by 20° or more to different sides")
         (_, K1, D1, *_), (_, K2, D2, *_) = singles
         is_reversed = _reversed_views([[_rotation(r) for r in single[3]] for single in singles])
-        views = [_reversed(view) if turned else view for view, turned in zip(views, is_reversed, strict=True)]
-        right_px = [view.right_px for view in views]
+        right_px = [px[::-1].copy() if turned else px for px, turned in zip(right_px, is_reversed, strict=True)]
+        views = [replace(view, right_px=px) for view, px in zip(views, right_px, strict=True)]
         flags = cv2.CALIB_USE_INTRINSIC_GUESS
         _, *matrices, _, _, rotations, shifts, _ = cv2.stereoCalibrateExtended(
             corners, left_px, right_px, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
@@ -316,10 +316,6 @@ def _reversed_views(turns: Sequence[Sequence[Array]]) -> list[bool]:
 
 def _rotation(vector: Any) -> Array:
     return np.array(cv2.Rodrigues(vector)[0], dtype=float)
-
-
-def _reversed(view: BoardView) -> BoardView:
-    return replace(view, right_px=view.right_px[::-1].copy())
 
 
 def _largest_turn_deg(rotations: Array) -> float:

@@ -69,6 +69,7 @@ class PathStatistics:
     """Counts and errors of a path, and the object's size; `add` keeps 40 bytes of each track."""
 
     def __init__(self, truth: Sequence[Truth] | TruePath = ()) -> None:
+        self.stamps_s: tuple[float, ...] = ()  # of the first and the last track
         self.frames = 0  # number of tracks
         self.status = Counter[Status]()  # number of tracks by status
         self._truth = truth if isinstance(truth, TruePath) else TruePath(truth)
@@ -89,6 +90,7 @@ class PathStatistics:
 
     def add(self, track: Track3D, residual_px: float = np.nan) -> None:
         """Add the next track, and the RMS reprojection error of its pair (NaN: not measured)."""
+        self.stamps_s = (*self.stamps_s[:1], track.stamp_s)
         self.frames += 1
         self.status[track.status] += 1
         if track.status == Status.TRACKING:
@@ -137,7 +139,6 @@ class TracksStatistics:
         self._has_truth = bool(truth)
         self.attended = PathStatistics(self._truth)
         self._tracks: dict[int, PathStatistics] = {}
-        self._stamps_s: dict[int, tuple[float, float]] = {}  # first and last frame of each track
         self._attended = Counter[int]()
 
     def __len__(self) -> int:
@@ -150,11 +151,8 @@ class TracksStatistics:
             track = item.track
             if not track.is_known:
                 continue
-            if track.track_id not in self._tracks:
-                self._tracks[track.track_id] = PathStatistics(self._truth)
-            self._tracks[track.track_id].add(track, item.residual_px)
-            first_s, _ = self._stamps_s.get(track.track_id, (track.stamp_s, 0.0))
-            self._stamps_s[track.track_id] = first_s, track.stamp_s
+            path = self._tracks.setdefault(track.track_id, PathStatistics(self._truth))
+            path.add(track, item.residual_px)
             self._attended[track.track_id] += item is pair
 
     def summary(self) -> list[TrackNumbers]:
@@ -163,11 +161,10 @@ class TracksStatistics:
 
     def _numbers(self, track_id: int) -> TrackNumbers:
         path = self._tracks[track_id]
-        first_s, last_s = self._stamps_s[track_id]
         numbers: TrackNumbers = {
             "track_id": track_id,
-            "first_s": first_s,
-            "last_s": last_s,
+            "first_s": path.stamps_s[0],
+            "last_s": path.stamps_s[-1],
             "attended": self._attended[track_id],
             "tracking": path.status[Status.TRACKING],
             "coasting": path.status[Status.COASTING],

@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
+from PIL import Image
 
 from pps_vision.app import versions
 from pps_vision.app.report.page import save
@@ -145,7 +146,9 @@ def _save(drawn: Figure | dict[str, Figure], name: str, out: Path) -> None:
     for part, figure in ({"": drawn} if isinstance(drawn, Figure) else drawn).items():
         file = out / "figures" / (f"{name}_{part}.png" if part else f"{name}.png")
         with whole_file(file) as partial:
-            save(figure, partial, colors=128)
+            save(figure, partial)
+            with Image.open(partial) as image:
+                image.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(partial, "PNG", optimize=True)
         print(f"→ {file}")
 
 

@@ -148,10 +148,6 @@ class Camera:
         v, u = np.mgrid[top : self.height if bottom is None else bottom, : self.width]
         return self.bearings(np.stack([u, v], axis=-1))
 
-    def solid_angle_map(self) -> Array:
-        """(height, width) solid angle (sr) that each pixel covers."""
-        return solid_angles(self.bearing_map())
-
     def is_usable(self) -> bool:
         """Whether, all over the image, a pixel's bearing projects back to it (within 1 px) and bearings
         differ from each other, as they cannot with absurd intrinsics or a distortion that folds back.  Of a fisheye

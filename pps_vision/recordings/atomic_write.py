@@ -206,10 +206,14 @@ def _rename(partial: Path, final: Path, output: Path) -> None:
         raise InputError(output, f"cannot be written: {first_line(error)}; the output is kept in {rescued}") from error
 
 
-def write_json(file: Path, content: Mapping[str, object]) -> None:
-    """Write JSON: NumPy numbers, arrays and paths as plain ones, NaN and infinity as null."""
-    text = json.dumps(plain(content), indent=2, ensure_ascii=False) + "\n"
-    file.write_text(text, encoding="utf-8", errors="backslashreplace")  # a file's name may hold any bytes
+def write_json(file: Path, content: object) -> None:
+    """Write `json_text`."""
+    file.write_text(json_text(content) + "\n", encoding="utf-8", errors="backslashreplace")  # names hold any bytes
+
+
+def json_text(content: object) -> str:
+    """JSON: NumPy numbers, arrays and paths as plain ones, NaN and infinity as null."""
+    return json.dumps(plain(content), indent=2, ensure_ascii=False)
 
 
 def plain(value: object) -> object:

@@ -1,6 +1,5 @@
 """Camera calibrations in the robot's own form, icubEyes.ini, and cameras for images of another size."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from pps_vision.errors import InputError
@@ -65,11 +64,7 @@ def fit_to_images(camera: Camera, image_size: tuple[int, int] | None, file: Path
     if image_size is None or image_size == (camera.width, camera.height):
         return camera
     width, height = image_size
-    sx = width / camera.width
-    sy = height / camera.height
-    if abs(sx * camera.height - height) > 1:  # a pixel of rounding
+    if abs(width / camera.width * camera.height - height) > 1:  # a pixel of rounding
         reason = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
         raise InputError(file, f"{reason}; expected the same proportions")
-    cx = (camera.cx + 0.5) * sx - 0.5  # integer coordinates are pixel centres
-    cy = (camera.cy + 0.5) * sy - 0.5
-    return replace(camera, width=width, height=height, fx=camera.fx * sx, fy=camera.fy * sy, cx=cx, cy=cy)
+    return camera.stretched(width, height)

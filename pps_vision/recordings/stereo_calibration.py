@@ -19,7 +19,6 @@ from pps_vision.recordings.documents import Document, read_document
 from pps_vision.recordings.icub_eyes import LARGEST_SIDE_PX, fit_to_images
 from pps_vision.types import Array
 
-_SIDES = ("left", "right")
 _COEFFICIENTS = (5, 8, 12, 14)  # of OpenCV's models of radial and tangential distortion
 _DEFAULT = CalibrationOptions()
 
@@ -190,13 +189,11 @@ def _distortion(camera: CalibratedCamera, lens: Lens, side: str) -> tuple[float,
 def _fitted(camera: Camera, image_size: tuple[int, int], options: CalibrationOptions, file: Path) -> Camera:
     """The camera for images of this size; InputError where it must be said how they come from those of the
     calibration."""
-    if (camera.width, camera.height) == image_size:
-        return fit_to_images(camera, image_size, file)
     width, height = image_size
-    if options.crop and options.scaled:
-        raise InputError("calibration", "crop and scaled; expected one of them")
-    if options.scaled:
+    if (camera.width, camera.height) == image_size or (options.scaled and not options.crop):
         return fit_to_images(camera, image_size, file)
+    if options.scaled:
+        raise InputError("calibration", "crop and scaled; expected one of them")
     reason = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
     if options.crop:
         x, y = options.crop

@@ -11,8 +11,6 @@ import pytest
 
 from learning.pps.memory import load_memory, save_memory
 from pps_vision.app.cli import main
-from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.taxels_ini import PartMap, write_taxels
 
 
@@ -46,29 +44,6 @@ def test_one_bad_recording_does_not_stop_the_others(memory_file, approach, tmp_p
     assert re.search(r": [1-9]\d* samples learned, 0 problems skipped", printed.out)
     assert printed.out.endswith(f"1 of 2 recordings learned → {tmp_path / 'm.npz'}\n")
     np.testing.assert_array_equal(load_memory(tmp_path / "m.npz").counts, load_memory(memory_file).counts)
-
-
-@pytest.mark.parametrize("command", ["learn", "joints"])
-def test_a_bug_in_one_recording_is_shown_and_the_others_result_is_written(approach, tmp_path, monkeypatch, command):
-    shutil.copytree(approach, tmp_path / "defective")
-    read = open_recording
-
-    def defective(folder: Path, **options: object) -> Recording:
-        if folder.name == "defective":
-            raise ValueError("defect")
-        return read(folder, **options)
-
-    monkeypatch.setattr("pps_vision.recordings.open.open_recording", defective)
-    out = tmp_path / "out.npz"
-    with pytest.raises(ExceptionGroup) as shown:
-        main([command, str(tmp_path / "defective"), str(approach), "--out", str(out)])
-    assert [str(bug) for bug in shown.value.exceptions] == ["defect"]
-    assert "defective" in shown.value.exceptions[0].__notes__[0]
-    assert out.stat().st_size > 100
-    out.unlink()
-    with pytest.raises(ExceptionGroup):
-        main([command, str(tmp_path / "defective"), "--out", str(out)])
-    assert not out.exists()
 
 
 def test_the_robots_own_skin_events_teach_the_same(memory_file, approach, tmp_path, capsys):

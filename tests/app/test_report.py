@@ -45,17 +45,6 @@ def test_a_report_shows_what_the_files_hold(tmp_path):
     assert len(lines_of_path(text)) == 1
 
 
-def test_results_without_numbers_of_tracks_are_shown_too(tmp_path):
-    """As versions that followed one object wrote them."""
-    folder = write_results(tmp_path / "results")
-    for name in ("trajectory.csv", "detections.csv"):
-        rows = [line.split(",") for line in (folder / name).read_text().splitlines()]
-        kept = [k for k, column in enumerate(rows[0]) if column != "track_id"]
-        (folder / name).write_text("\n".join(",".join(row[k] for k in kept) for row in rows))
-    assert report_folder(folder) == "37 of 40 stereo pairs measured"
-    assert [len(line) for line in lines_of_path((folder / "report.html").read_text())] == [39, 40]
-
-
 def test_the_tables_of_a_report(tmp_path):
     """Numbers with four digits; unknown values are a dash or left out."""
     folder = write_results(tmp_path / "results")

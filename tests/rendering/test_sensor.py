@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pps_vision.geometry.camera import solid_angles
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes
 from rendering.scene import SceneState
@@ -85,7 +86,7 @@ def test_blur_is_as_long_as_the_motion_and_centred_on_the_stamp(robot, rig, q, l
     assert abs(across @ gained @ across) < 0.3
     # where the lens and the distance show it larger it weighs more
     u, v = np.rint(path).astype(int).T
-    area = 1 / (eye.camera.solid_angle_map()[v, u] * np.sum((places - eye.center) ** 2, axis=1))
+    area = 1 / (solid_angles(eye.camera.bearing_map())[v, u] * np.sum((places - eye.center) ** 2, axis=1))
     shift = images["blurred"][0] - images["sharp"][0] - (np.average(path, axis=0, weights=area) - path[50])
     assert np.linalg.norm(shift) < 0.10
 

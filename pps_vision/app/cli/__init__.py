@@ -14,22 +14,8 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from pps_vision.errors import InputError
 
 COMMANDS = (
-    *(
-        "render",
-        "session",
-        "info",
-        "clock",
-        "calibrate",
-        "track",
-        "triangulate",
-        "track2d",
-        "batch",
-        "evaluate",
-        "truth",
-        "learn",
-        "joints",
-    ),
-    *("report", "show", "convert-taxels", "reach", "demo", "encounters", "bench"),
+    *("render", "session", "info", "clock", "calibrate", "track", "triangulate", "track2d", "batch", "evaluate"),
+    *("truth", "learn", "joints", "report", "show", "convert-taxels", "reach", "demo", "encounters", "bench"),
 )
 _DESCRIPTION = (
     "Stereo vision for robots that feel what is about to touch them. `pps-vision --version` says which version."

@@ -18,16 +18,14 @@ class Clock(RecordingSource):
 
     def run(self) -> None:
         """Read the images and print the delays."""
-        import json
-
         from pps_vision.app.clock import clocks
         from pps_vision.app.versions import versions
-        from pps_vision.recordings.atomic_write import plain
+        from pps_vision.recordings.atomic_write import json_text
 
         recording = self.open()
         found = clocks(recording)
         if self.json:
-            print(json.dumps(plain({**found.numbers(), "versions": versions()}), indent=2, ensure_ascii=False))
+            print(json_text({**found.numbers(), "versions": versions()}))
             return
         print_skipped(recording.problems)
         print(found)

@@ -46,10 +46,8 @@ class Evaluate:
 
     def run(self) -> None:
         """Read, score, print."""
-        import json
-
         from pps_vision import __version__
-        from pps_vision.recordings.atomic_write import plain, whole_file
+        from pps_vision.recordings.atomic_write import json_text, whole_file
 
         if len(self.files) < 2:
             raise InputError("evaluate", f"{len(self.files)} files; expected TRACK … TRUTH")
@@ -60,8 +58,7 @@ class Evaluate:
 
                 save(draw(), partial)
         if self.json:
-            content = plain([score | {"version": __version__} for score in scores])
-            print(json.dumps(content, indent=2, ensure_ascii=False))
+            print(json_text([score | {"version": __version__} for score in scores]))
             return
         columns = list(scores[0])
         rows = [columns, *([_text(score[key]) for key in columns] for score in scores)]

@@ -17,19 +17,16 @@ class Info(RecordingSource):
 
     def run(self) -> None:
         """Read the stamps and a few images, and print the findings."""
-        import json
-
         from pps_vision.app.info import info
         from pps_vision.app.versions import versions
-        from pps_vision.recordings.atomic_write import plain
+        from pps_vision.recordings.atomic_write import json_text
 
         recording = self.open()
         findings = info(recording)
         tracking = command_line("track", self, fields(RecordingSource))
         command = tracking + " --calib FILE" * (recording.rig is None) + " --out path"
         if self.json:
-            numbers = asdict(findings) | {"command": command, "versions": versions()}
-            print(json.dumps(plain(numbers), indent=2, ensure_ascii=False))
+            print(json_text(asdict(findings) | {"command": command, "versions": versions()}))
             return
         print_skipped(recording.problems)
         print(findings)

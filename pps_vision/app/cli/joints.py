@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pps_vision.app.cli.options import RecordingOptions, raise_bugs
+from pps_vision.app.cli.options import RecordingOptions
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Joints(RecordingOptions):
         empty = PPSMemory.empty(setup.skin)
         touches: list[TouchTrial] = []
         with whole_file(self.out, self.inputs) as partial:
-            _, bugs = self.use_each(
+            self.use_each(
                 "joints", lambda rec: touches.extend(learn_from(rec, empty, self.mode, self.seed, setup).touches)
             )
             learned = joint_offsets(setup.robot, setup.rig, setup.skin, touches)
@@ -42,4 +42,3 @@ class Joints(RecordingOptions):
         print(
             f"{n} touches, seen {without_mm:.0f} mm from where they were felt, {with_mm:.0f} with offsets → {self.out}"
         )
-        raise_bugs(bugs)

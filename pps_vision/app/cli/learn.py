@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pps_vision.app.cli.options import RecordingOptions, RobotOptions, raise_bugs
+from pps_vision.app.cli.options import RecordingOptions, RobotOptions
 
 if TYPE_CHECKING:
     from learning.pps.joint_offsets import TouchTrial
@@ -57,7 +57,7 @@ class Learn(RobotOptions, RecordingOptions):
                 memory = load_memory(self.into)
                 check_memory(memory, setup.skin, self.into, setup.robot)
             initial_memory = memory
-            n_used, bugs = self.use_each("learn", use, self.joints, setup)
+            n_used = self.use_each("learn", use, self.joints, setup)
             if not self.keep_body:
                 memory, body = learn_again(initial_memory, memory, used, self.mode, self.seed, setup)
                 print(body)
@@ -67,4 +67,3 @@ class Learn(RobotOptions, RecordingOptions):
         if memory is initial_memory:
             print("nothing learned: no recording has a touch by a tracked object", file=sys.stderr)
         print(f"{n_used} of {len(self.recordings)} recordings learned → {self.out}")
-        raise_bugs(bugs)

@@ -165,11 +165,10 @@ class RecordingOptions:
         use: "Callable[[Recording], None]",
         joints: Path | None = None,
         robot: "RobotSetup | None" = None,
-    ) -> tuple[int, list[Exception]]:
-        """Open and use every recording and print skipped rows and images; a failure does not stop the others.
+    ) -> int:
+        """Open and use every recording and print skipped rows and images; bad input does not stop the others.
 
-        Returns the number of used recordings and the bugs that prevented others, for `raise_bugs` after the result is
-        written. InputError if no recording is usable, ExceptionGroup if that is because of a bug.
+        Returns the number of used recordings; InputError if there is none.
         """
         from pps_vision.app.progress import progress
         from pps_vision.recordings.open import open_recording
@@ -177,7 +176,6 @@ class RecordingOptions:
         if not self.recordings:
             raise InputError(command, "no recording given; expected one folder or more")
         skipped: list[InputError | OSError] = []
-        bugs: list[Exception] = []
         for folder in progress(self.recordings, desc=command, unit="recording"):
             try:
                 calib = self.calib or ()
@@ -192,21 +190,10 @@ class RecordingOptions:
                 skipped.append(error)
                 if len(self.recordings) > 1:
                     print_skipped([error])
-            except Exception as error:
-                error.add_note(f"while using {folder}")
-                bugs.append(error)
         n = len(self.recordings)
-        n_used = n - len(skipped) - len(bugs)
-        if not n_used:
-            raise_bugs(bugs)
+        if len(skipped) == n:
             raise skipped[0] if n == 1 else InputError(command, f"none of {n} recordings is usable")
-        return n_used, bugs
-
-
-def raise_bugs(bugs: list[Exception]) -> None:
-    """Raise the bugs, if any, with their tracebacks."""
-    if bugs:
-        raise ExceptionGroup("bugs of pps-vision; the recordings are left out", bugs)
+        return n - len(skipped)
 
 
 def print_skipped(problems: Iterable[object], warnings: Iterable[str] = ()) -> None:

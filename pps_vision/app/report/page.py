@@ -15,7 +15,6 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
-from PIL import Image
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import REPORT
@@ -111,17 +110,13 @@ def write_page(
         partial.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
-def save(figure: Figure, file: Path, colors: int | None = None) -> None:
-    """Write a figure in the format of the file's suffix, InputError if it is unknown; with `colors` as a .png with a
-    palette of this size."""
+def save(figure: Figure, file: Path) -> None:
+    """Write a figure in the format of the file's suffix, InputError if it is unknown."""
     formats = figure.canvas.get_supported_filetypes()
     if file.suffix[1:].lower() not in formats:
         expected = ", ".join(f".{name}" for name in formats)
         raise InputError(file.name, f"has the suffix {file.suffix!r}; expected one of {expected}")
     figure.savefig(file, dpi=130)
-    if colors is not None:
-        with Image.open(file) as image:
-            image.convert("RGB").quantize(colors, dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
 
 
 def shade(axis: Axes, t: Array, where: ArrayLike, color: str, alpha: float = 0.2) -> None:

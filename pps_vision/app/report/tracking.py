@@ -91,18 +91,17 @@ def _read_tracked(folder: Path, source: Path) -> Tracked:
     """Read what `track` has written, and the truth from the recording's folder `source`."""
     file = folder / "trajectory.csv"
     with_map = ["reach_degree"] if "reach_degree" in column_names(file) else []
-    with_id = ["track_id"] if "track_id" in column_names(file) else []
-    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map]
-    all_rows = read_table(file, [*columns, *with_id, "status"])
-    rows = attended_rows(all_rows) if with_id else all_rows
+    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map, "track_id"]
+    all_rows = read_table(file, [*columns, "status"])
+    rows = attended_rows(all_rows)
     if not rows:
         raise InputError(file, "has no rows; expected one for each pair of images")
-    all_values = _numbers(file, all_rows, len(columns) + len(with_id))
+    all_values = _numbers(file, all_rows, len(columns))
     for (line, _), stamp_s in zip(all_rows, all_values[:, 0], strict=True):
         if not abs(stamp_s) < STAMP_LIMIT_S:
             raise InputError(file, f"stamp {stamp_s:g}; expected a time in seconds", line)
     is_first = np.isin([line for line, _ in all_rows], [line for line, _ in rows])
-    ids = np.nan_to_num(all_values[:, -1]).astype(int) if with_id else np.ones(len(all_rows), int)
+    ids = np.nan_to_num(all_values[:, -1]).astype(int)
     values = all_values[is_first]
     activation: dict[str, Array] = {}
     if (skin := folder / ACTIVATION).is_file():
@@ -273,12 +272,11 @@ def _images(folder: Path) -> Markup:
 
 def _image_tracks(folder: Path, tracked: Tracked) -> Markup:
     file = folder / "detections.csv"
-    with_id = ["track_id"] if "track_id" in column_names(file) else []
-    rows = read_table(file, ["u_px", "v_px", *with_id, "camera"])
+    rows = read_table(file, ["u_px", "v_px", "track_id", "camera"])
     if not rows:
         return Markup("<p>Nothing was detected.</p>")
-    values = _numbers(file, rows, 2 + len(with_id))
-    ids = np.nan_to_num(values[:, 2]).astype(int) if with_id else np.ones(len(rows), int)
+    values = _numbers(file, rows, 3)
+    ids = np.nan_to_num(values[:, 2]).astype(int)
     camera = np.array([row[-1] for _, row in rows])
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     for axis, side in zip(figure.subplots(1, 2), ("left", "right"), strict=True):
