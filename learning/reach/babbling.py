@@ -11,37 +11,12 @@ from pps_vision.types import Array
 
 
 @dataclass(frozen=True)
-class Babbled:
-    """Postures whose hand was fixated."""
-
-    arm_rad: Array  # (N, 4)
-    gaze_rad: Array  # (N, 3)
-    n_tried: int  # number of arm postures tried, fixated or not
-
-
-@dataclass(frozen=True)
 class SeenHand:
     """The hand as the eyes saw it, the torso upright."""
 
     arm_rad: Array  # (N, 4)
     positions: Array  # (N, 3) m, root frame
     covs: Array  # (N, 3, 3) m²
-
-
-def babble(
-    robot: Robot,
-    side: str,
-    n: int,
-    rng: np.random.Generator,
-    arm_limits: ArmLimits | None = None,
-    gaze_limits: GazeLimits | None = None,
-) -> Babbled:
-    """Try `n` postures of four joints, uniform within their limits, and keep those whose hand (origin of the palm
-    frame) the eyes can fixate within the limits of the gaze, by kinematics.  ValueError for an unknown side."""
-    arm = random_arms(n, rng, arm_limits)
-    gaze = gaze_at_hand(robot, side, arm, gaze_limits)
-    fixated = np.isfinite(gaze).all(axis=1)
-    return Babbled(arm[fixated], gaze[fixated], n)
 
 
 def random_arms(n: int, rng: np.random.Generator, limits: ArmLimits | None = None) -> Array:
@@ -56,18 +31,3 @@ def gaze_at_hand(robot: Robot, side: str, arm_rad: Array, limits: GazeLimits | N
     palm = robot.names.palm(side)
     hands = robot.chain(robot.names.arm(side)[: arm_rad.shape[1]], palm).positions(arm_rad)[0]
     return gaze_for_points(robot, hands, limits)
-
-
-def crossing(gaze_rad: Array) -> Array:
-    """(N, 3) where the lines of sight of eyes one unit apart cross, a smoother function of the arm than the angles."""
-    yaw, pitch, vergence = gaze_rad.T
-    ahead = np.cos(yaw)
-    ray = np.stack([np.sin(yaw), ahead * np.sin(pitch), ahead * np.cos(pitch)], axis=1)
-    return np.asarray(0.5 / np.tan(vergence / 2)[:, None] * ray)
-
-
-def gaze_at(place: Array) -> Array:
-    """(N, 3) rad: the inverse of `crossing`."""
-    x, y, z = place.T
-    ahead = np.hypot(y, z)
-    return np.stack([np.arctan2(x, ahead), np.arctan2(y, z), 2 * np.arctan2(0.5, np.hypot(x, ahead))], axis=1)

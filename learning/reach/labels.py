@@ -3,7 +3,7 @@
 Where it cannot, the nearest point that it does reach lies on the border of the reachable region.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from learning.reach import MeasureName
 from learning.reach.babbling import SeenHand
-from learning.reach.forward_model import RevoluteArm
+from learning.reach.forward_model import RevoluteModel
 from learning.reach.params import MAP, N_NEAR, MapParams
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits, GazeModel
@@ -68,16 +68,6 @@ class Labels:
         return Labels(*(np.concatenate([getattr(self, f.name), getattr(more, f.name)]) for f in fields(self)))
 
 
-def of_nearest(labels: Sequence[Labels]) -> Labels:
-    """The labels of several points of the arm for the same gaze postures, each of the point that comes nearest; of
-    those that reach, of the one in the best posture."""
-    error = np.array([np.where(one.answered, one.error_m, np.inf) for one in labels])
-    good = np.array([np.where(one.reachable, one.optimality, -np.inf) for one in labels])
-    best = np.where(np.isfinite(good).any(axis=0), good.argmax(axis=0), error.argmin(axis=0))
-    at = best, np.arange(error.shape[1])
-    return Labels(**{f.name: np.stack([getattr(one, f.name) for one in labels])[at] for f in fields(Labels)})
-
-
 @dataclass(frozen=True)
 class HandModel:
     """Kinematics that inverse kinematics needs, in any frame common to all fields."""
@@ -98,7 +88,7 @@ class HandModel:
     def seen(cls, robot: Robot, side: str, seen: SeenHand) -> "HandModel":
         """The robot's own forward model, corrected by where the eyes saw the hand."""
         own = robot.chain(robot.names.arm(side)[: seen.arm_rad.shape[1]], robot.names.palm(side)).positions
-        correction = RevoluteArm.of_offsets(seen.arm_rad, seen.positions - own(seen.arm_rad)[0], seen.covs)
+        correction = RevoluteModel.of_offsets(seen.arm_rad, seen.positions - own(seen.arm_rad)[0], seen.covs)
 
         def forward(arm_rad: Array) -> tuple[Array, Array]:
             hand, J = own(arm_rad)

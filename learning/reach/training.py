@@ -4,7 +4,7 @@ After a first round over all gaze postures, labels are asked for near the border
 reachability, far from earlier ones.  If they suggest that the map is good enough, a test on new ones bounds its error.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 from scipy.special import betaincinv
 
-from learning.reach.labels import HandModel, Labels, ReachOracle, hand_and_params, of_nearest
+from learning.reach.labels import HandModel, Labels, ReachOracle
 from learning.reach.lattice import GazeSpline, Lattice, isotropic
 from learning.reach.map import ReachableMap
 from learning.reach.params import MAP, MapParams
@@ -40,15 +40,6 @@ def train_reachable_map(
     params = params or MapParams()
     oracle = ReachOracle(robot, side, params, rng, hand)
     return learned_from(oracle.label, side, rng, params, into, oracle.verdicts)
-
-
-def train_part_map(
-    robot: Robot, side: str, taxels: Sequence[str], rng: np.random.Generator, params: MapParams
-) -> ReachableMap:
-    """Learn the map of a body part: which points any of its `taxels` (such as "left_forearm:27") can be brought to."""
-    hands = [hand_and_params(robot, side, taxel, "joint-limits", params)[0] for taxel in taxels]
-    oracles = [ReachOracle(robot, side, params, rng, hand) for hand in hands]
-    return learned_from(lambda gaze: of_nearest([oracle.label(gaze) for oracle in oracles]), side, rng, params)
 
 
 def learned_from(

@@ -18,7 +18,6 @@ from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app import versions
 from pps_vision.app.encounters.encounter import HAZARDS, TRIALS, EncounterScene, draw
-from pps_vision.app.encounters.rendered import open_encounter
 from pps_vision.app.encounters.robots import MiscalibratedRobot
 from pps_vision.app.encounters.training import calibrate, learn, learn_from, training_trials
 from pps_vision.app.pipeline import with_offsets
@@ -358,7 +357,7 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             encounter = draw(scene, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
             runs = []
             for avoid in (False, True):
-                with open_encounter(scene, encounter, noise, seed + k) as simulation:
+                with open_scene(noise, seed + k, scene.setup_of(encounter), encounter.side) as simulation:
                     pipeline = new_pipeline(simulation, memories[encounter.side])
                     title = "avoidance on" if avoid else "avoidance off"
                     episode = Episode(title, encounter.stimulus, encounter.motion, encounter.seconds)

@@ -172,12 +172,14 @@ class EpisodeLog:
 
 
 @contextmanager
-def open_scene(noise_sigma: float, seed: int, setup: RobotSetup | None = None) -> Iterator[SimulationScene]:
+def open_scene(
+    noise_sigma: float, seed: int, setup: RobotSetup | None = None, side: Side | None = None
+) -> Iterator[SimulationScene]:
     """A robot, by default the iCub with the skin of its left forearm and palm; `noise_sigma` of the pixels in grey
-    levels of 255."""
+    levels of 255; `side`: the arm that avoids, by default its first."""
     setup = setup or icub_setup(icub_skin(("left_forearm", "left_palm")))
     with Eyes(setup.robot, setup.rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=noise_sigma)) as eyes:
-        yield SimulationScene(setup, eyes, np.random.default_rng(seed), setup.side)
+        yield SimulationScene(setup, eyes, np.random.default_rng(seed), side or setup.side)
 
 
 def new_pipeline(

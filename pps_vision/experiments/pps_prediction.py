@@ -20,9 +20,10 @@ from tqdm import tqdm
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import MemoryParams, activation, smoothed
 from pps_vision.app.encounters.encounter import TRIALS, SessionName
-from pps_vision.app.encounters.robots import SOURCES, ErrorSources, MiscalibratedRobot, errors_from
+from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot
 from pps_vision.app.intervals import percent_of
 from pps_vision.experiments import charts
+from pps_vision.experiments.pps.erring import SOURCES, calibrated, errors_from, observe
 from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
 from pps_vision.experiments.pps.taxel_trials import (
     Trial,
@@ -279,7 +280,7 @@ def compensation(study: "PpsPrediction") -> dict[str, Any]:
         for k in range(study.n if name == "all" else study.n_single):
             robot = MiscalibratedRobot.draw(source, np.random.default_rng((study.seed, k)))
             observed, erring = _observe(robot, exact, (study.seed, k, 1))
-            _, estimated = _observe(robot.calibrated(observed[0]), exact, (study.seed, k, 1))
+            _, estimated = _observe(calibrated(robot, observed[0]), exact, (study.seed, k, 1))
             of_cases: tuple[Sets, ...] = (without, [without[0], erring[1]], erring, estimated)
             for case, of_case in zip(CASES, of_cases, strict=True):
                 sets[case].append(of_case)
@@ -290,7 +291,7 @@ def compensation(study: "PpsPrediction") -> dict[str, Any]:
 def _observe(robot: MiscalibratedRobot, exact: Exact, seed: tuple[int, ...]) -> tuple[Exact, Sets]:
     """Training and test trials as a robot measures and perceives them, with the slack drawn from `seed`."""
     rng = np.random.default_rng(seed)
-    observed = [[robot.observe(trial, True, rng) for trial in trials] for trials in exact]
+    observed = [[observe(robot, trial, True, rng) for trial in trials] for trials in exact]
     return observed, [in_taxel_frames(trials, robot.model, robot.skin) for trials in observed]
 
 

@@ -17,6 +17,7 @@ from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.charts import bar_chart
 from pps_vision.experiments.pps import positions
+from pps_vision.experiments.pps.erring import observe
 from pps_vision.experiments.pps.ridges import FINE, landscape_chart, offsets, ridge_width
 from pps_vision.experiments.pps.session_trials import SessionStudy, exact_trials
 from pps_vision.experiments.pps.taxel_trials import Session, Trial, perceive, train_memory
@@ -75,7 +76,7 @@ def _session_numbers(
     erring_widths = []
     for robot in robots:
         rng = np.random.default_rng(seed)
-        trials = [robot.observe(trial, name != "motor", rng) for trial in exact_trials(name, n, seed)]
+        trials = [observe(robot, trial, name != "motor", rng) for trial in exact_trials(name, n, seed)]
         observed = Session.of(name, trials, robot.model, robot.skin)
         erring_widths.append([100 * ridge_width(_pooled_counts(observed, observed.trials))])
     is_touched = np.any([trial.touched for trial in session.trials], axis=0)[list(session.aimed)]
@@ -173,7 +174,7 @@ def _robot_offsets(study: "PpsSessions", part: SessionName, k: int) -> Array:
     rng = np.random.default_rng((study.seed, k))
     robot = MiscalibratedRobot.draw(ErrorSources(), rng)
     exact = exact_trials(part, study.size(TRIALS[part]), study.seed)
-    session = Session.of(part, [robot.observe(_end(t), True, rng) for t in exact], robot.model, robot.skin)
+    session = Session.of(part, [observe(robot, _end(t), True, rng) for t in exact], robot.model, robot.skin)
     memory = empty_map(len(session.part.ids), LAST_MOMENTS)
     at_touch = []
     for trial in session.trials:

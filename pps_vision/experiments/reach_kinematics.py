@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from learning.reach.babbling import Babbled, babble, random_arms
-from learning.reach.forward_model import RevoluteArm
+from learning.reach.babbling import random_arms
 from pps_vision.experiments import charts
+from pps_vision.experiments.babbling import Babbled, babble
 from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.lwpr import LWPR
 from pps_vision.experiments.baselines.regressors import ArmToGaze, ForwardModel, gaussian_process, quintic_spline
+from pps_vision.experiments.baselines.revolute_arm import RevoluteArm
 from pps_vision.experiments.reach_truth import N_TEST, first, gaze_rmse_deg
 from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval
 from pps_vision.experiments.tables import Table, judged

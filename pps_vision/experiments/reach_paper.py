@@ -15,12 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.reach.babbling import Babbled, babble
 from learning.reach.labels import Labels, ReachOracle
 from learning.reach.map import both
 from learning.reach.training import train_reachable_map
 from pps_vision.app.intervals import percent_of
 from pps_vision.experiments import charts, reach_seen
+from pps_vision.experiments.babbling import Babbled, babble
 from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.jamone import MapQuery
 from pps_vision.experiments.reach_truth import (

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from learning.reach.babbling import Babbled
-from learning.reach.forward_model import RevoluteArm
 from learning.reach.labels import HandModel, Labels, ReachOracle
 from learning.reach.map import MapPrediction
 from learning.reach.params import ArmLimits, MapParams
+from pps_vision.experiments.babbling import Babbled
 from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.jamone import MapQuery
+from pps_vision.experiments.baselines.revolute_arm import RevoluteArm
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.study import percent, rms
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points

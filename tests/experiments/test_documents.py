@@ -8,11 +8,11 @@ import pytest
 from documents import ROOT
 from matplotlib.figure import Figure
 
-from pps_vision.app.encounters.registry import BASELINES, TUNED
 from pps_vision.errors import InputError
 from pps_vision.experiments.bench import bench
 from pps_vision.experiments.charts import pareto_front
 from pps_vision.experiments.claims import CLAIMS, claims_table
+from pps_vision.experiments.encounters.controllers import BASELINES, TUNED
 from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import Table, filled, markdown, names, read_numbers
 
@@ -91,8 +91,8 @@ def test_tuned_parameters_are_those_of_the_tuning_study():
     tuned = read_numbers(DOCS / "results" / "encounters.json")["tuning"]["best"]
     best = {name: {k: v for k, v in of.items() if k != "score"} for name, of in tuned.items() if name in BASELINES}
     assert best == {name: TUNED[name] for name in BASELINES}
-    for name, baseline in BASELINES.items():
-        assert all(low <= TUNED[name][k] <= high for k, (low, high) in baseline.ranges.items())
+    for name, (_, _, ranges) in BASELINES.items():
+        assert all(low <= TUNED[name][k] <= high for k, (low, high) in ranges.items())
 
 
 @pytest.mark.long

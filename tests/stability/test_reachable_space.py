@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reach.babbling import Babbled, babble
-from learning.reach.forward_model import RevoluteArm
 from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
+from pps_vision.experiments.babbling import Babbled, babble
+from pps_vision.experiments.baselines.revolute_arm import RevoluteArm
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -10,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.app import versions
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, Condition
-from pps_vision.app.encounters.registry import GEOMETRY, ONE, ONE_GATED, OURS
+from pps_vision.app.encounters.registry import GEOMETRY, ONE, ONE_GATED, OURS, controller
 from pps_vision.app.encounters.suite import Rows, run_suite
 from pps_vision.app.encounters.tracks import NOISE, Perception
 from pps_vision.app.intervals import percent_of
@@ -70,13 +69,11 @@ def benchmark(
         share: Share of R's numbers of training approaches.
     """
     counts = {condition: max(round(part * n), 1) for condition, part in _SHARES.items()}
-    names = tuple(dict.fromkeys(controllers))
-    with whole_folder(out) as folder, TemporaryDirectory() as unfinished:
-        rows = run_suite(
-            Path(unfinished) / "parts", counts, seed, names, workers, share, perceptions=get_args(Perception)
-        )
+    entries = {name: controller(name) for name in controllers}
+    with whole_folder(out) as folder:
+        rows = run_suite(counts, seed, entries, workers, share, get_args(Perception))
         rates = {
-            perception: {name: Rates.of(_chosen(rows, perception, name)) for name in names}
+            perception: {name: Rates.of(_chosen(rows, perception, name)) for name in entries}
             for perception in get_args(Perception)
         }
         settings = {"versions": versions.versions(), "seed": seed, "n": n}

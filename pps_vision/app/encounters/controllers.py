@@ -7,18 +7,15 @@ A controller is one function of (activations (n,) of the arm's taxels, track, po
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Literal
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from control import avoidance, reaching
-from control.arm import ArmParams
+from control import avoidance
 from control.avoidance import HORIZON_S, ArmInput, ArmState, AvoidanceParams, control_point
 from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
-from control.reaching import ReachingParams
-from learning.reach.map import TrackReachability
 from pps_vision.app.simulation import Side
 from pps_vision.geometry.paths import passing_distances
 from pps_vision.robot.bare_links import BareLinks
@@ -29,7 +26,7 @@ from pps_vision.types import Array, Track3D
 
 Controller = Callable[[Array, Track3D, Posture], Array]
 """Joint rates (n_joints,) rad/s of activations (n,), track and posture."""
-ControllerParams = Mapping[str, float]
+ControllerParams = Mapping[str, Any]
 """Parameters of a controller by name."""
 SPEED_M_S = 0.10
 """Speed of the control point (R), the same for all controllers."""
@@ -40,7 +37,6 @@ GATE_M = 0.05, 0.01
 _HISTORY_S = 0.5  # within which the object must have approached
 _DAMPING_M = 0.003
 _RETURN_PER_S = 3.0
-_REACH_HOLD_S = 0.2
 _AT_HOME_RAD = np.deg2rad(0.2)
 
 
@@ -53,19 +49,13 @@ class ArmScene:
     side: Side  # the arm
     home_rad: Array  # (n_joints,) posture at the start
     self_collision: SelfCollision  # distances of the robot's bodies
-    behaviour: Literal["avoid", "reach"] = "avoid"  # whether the object is to be avoided or to be reached for
-    reachability: Mapping[str, TrackReachability] | None = None
-    """By taxel, the reachable-space map of its body part; None: everything is taken to be within reach."""
+    hold_s: float = MAX_HOLD_S
+    """Time for which a command may be held; a short one lets a joint come to its limit sooner."""
 
     @cached_property
     def arm(self) -> list[int]:
         """Indices of the arm's joints in the configuration vector."""
         return self.robot.indices(self.robot.names.arm(self.side))
-
-    @property
-    def hold_s(self) -> float:
-        """Time for which a command may be held; a short one lets a joint come to its limit sooner."""
-        return _REACH_HOLD_S if self.behaviour == "reach" else MAX_HOLD_S
 
     @cached_property
     def palm(self) -> str:
@@ -78,40 +68,36 @@ class ArmScene:
         return self.robot.at(self.home_rad).point(self.palm)
 
 
-def ours(scene: ArmScene, resting: int = 0, numbers: ControllerParams | None = None) -> Controller:
+def ours(scene: ArmScene, numbers: ControllerParams | None = None) -> Controller:
     """Return the controller of the closed loop: R eq. 6 for every active taxel, a quadratic programme with all limits.
 
-    `resting`: number of the arm's last joints that stay at rest; `numbers`: parameters that differ from the defaults.
+    `numbers`: parameters that differ from the defaults.
     """
     home = tuple(scene.home_rad[scene.arm].tolist())
-    params_of = ReachingParams if scene.behaviour == "reach" else AvoidanceParams
-    params = params_of(home, scene.side, radius_m=RADIUS_M, arm=ArmParams(resting=resting))
-    params = replace(params, **(numbers or {}))  # type: ignore[arg-type]
+    params = replace(AvoidanceParams(home, scene.side, radius_m=RADIUS_M), **(numbers or {}))
     body = scene.self_collision, BareLinks(scene.robot, scene.skin, scene.side)
     state = ArmState()
-
-    def within_reach(posture: Posture, track: Track3D, taxel: int) -> bool:
-        maps = scene.reachability
-        return maps is None or maps[scene.skin.taxel_ids[taxel]](posture.q_rad, track).is_reachable
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal state
         arm = ArmInput(track.stamp_s, posture, scene.skin, activations, track, scene.hold_s, *body)
-        if isinstance(params, ReachingParams):
-            state, response = reaching.step(params, state, arm, partial(within_reach, posture, track))
-        else:
-            state, response = avoidance.step(params, state, arm)
+        state, response = avoidance.step(params, state, arm)
         return response.command.dq_rad_s
 
     return act
 
 
-def paper(scene: ArmScene, numbers: ControllerParams) -> Controller:
+def at_rest(scene: ArmScene) -> Controller:
+    """Return the controller that never moves the arm."""
+    return lambda activations, track, posture: np.zeros(scene.robot.n_joints)
+
+
+def paper(scene: ArmScene, numbers: ControllerParams, sign: float = -1.0) -> Controller:
     """Return R's own controller: eq. 6, a Cartesian controller, the response lasting and the arm going home.
 
-    An activation of 1 gives 10 cm/s (R Fig 10). `numbers`: threshold; confirmation_s, persist_s.
+    An activation of 1 gives 10 cm/s (R Fig 10). `numbers`: threshold; confirmation_s, persist_s; `sign`: −1 to avoid,
+    1 to reach.
     """
-    sign = 1.0 if scene.behaviour == "reach" else -1.0
     active_since_s = np.inf
     home = HomeReturn(scene)
     last: tuple[float, str, Array, Array] | None = None

@@ -4,7 +4,7 @@ Encounter `number` of a seed is always the same, whatever else is drawn.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Literal, NamedTuple, get_args
@@ -138,6 +138,10 @@ class EncounterScene:
         skin = self.setup.skin
         self.is_icub = set(icub_skin().taxel_ids) <= set(skin.taxel_ids)
         self.skins: dict[Side, Skin] = {side: skin.on_arm(self.robot, side) for side in get_args(Side)}
+
+    def setup_of(self, encounter: Encounter) -> RobotSetup:
+        """Return the robot with the skin of an encounter's arm, at home in its posture."""
+        return replace(self.setup, skin=self.skins[encounter.side], home_rad=encounter.q_rad)
 
     @cached_property
     def targets(self) -> tuple[tuple[Side, Part], ...]:

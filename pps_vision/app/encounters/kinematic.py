@@ -1,20 +1,17 @@
 """One encounter without rendering: the arm obeys, the object moves on its path, the skin is touched or not."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from control.limits import LimitParams, limit
+from control.limits import MAX_HOLD_S, LimitParams, limit
 from learning.pps import learner
 from learning.pps.learner import LearnerState, SkinFrame
 from learning.pps.memory import PPSMemory
 from learning.pps.receptive_field import NEAR, ReceptiveField
-from learning.reach.map import TrackReachability
-from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
+from pps_vision.app.encounters.controllers import ArmScene, Controller
 from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene, felt
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.robot.skin import TOUCH_RADIUS_M, touched_taxels
@@ -25,9 +22,6 @@ _AFTER_COMMAND_S = 0.5  # for which a harmless encounter goes on after the first
 _COPIED = ("condition", "number", "speed_m_s", "side", "part", "taxel")  # from an encounter to its result
 _MOVES_RAD_S = 1e-4  # slower is rest
 _TOLERANCE_RAD = 1e-6  # beyond a joint limit
-_REACHED_M = 1e-4  # residual of a posture that touches
-_STARTS = 3  # random start postures of the search for a touch
-_CLEARANCE_M = 0.025  # self-collision distance that our arm keeps
 
 
 @dataclass(frozen=True)
@@ -134,9 +128,9 @@ def simulate_encounter(
     new_controller: Callable[[ArmScene], Controller],
     tracks: Sequence[Track3D],
     frames: list[FrameLog] | None = None,
-    reachability: Mapping[str, TrackReachability] | None = None,
     erring: tuple[EncounterScene, Array] | None = None,
     field: ReceptiveField = NEAR,
+    hold_s: float = MAX_HOLD_S,
 ) -> EncounterResult:
     """Simulate an encounter with a controller, without rendering.
 
@@ -144,17 +138,16 @@ def simulate_encounter(
     appended, it goes on to the end. Every controller's commands pass `control.limits`. In
     `harmless_own_arm` the arm swings independently of commands, in `harmless_head` the head sways. `erring`: the robot
     as it takes itself to be, and its encoders' errors (n_joints,); `tracks` are then as it sees them. `field`: of its
-    taxels.
+    taxels; `hold_s`: for which its commands may be held.
     """
     believed, reading = erring or (scene, np.zeros(scene.robot.n_joints))
     skin = scene.skins[encounter.side]
     arm = scene.arm(encounter.side)
     is_harmless = encounter.condition in HARMLESS
-    behaviour: Literal["avoid", "reach"] = "reach" if encounter.condition == "reach" else "avoid"
     believed_skin = memory.skin_of(believed.skins[encounter.side])
     home_rad = encounter.q_rad + reading
     robot = believed.robot, believed_skin, encounter.side, home_rad, believed.self_collision
-    arm_scene = ArmScene(*robot, behaviour, reachability)
+    arm_scene = ArmScene(*robot, hold_s)
     act = new_controller(arm_scene)
     monitor = EncounterMonitor(scene, encounter)
     q = encounter.q_rad
@@ -200,39 +193,3 @@ def simulate_encounter(
         elif monitor.touched_part or (is_harmless and t > monitor.first_command_s + _AFTER_COMMAND_S):
             break
     return monitor.result(name)
-
-
-def can_touch(scene: EncounterScene, encounter: Encounter, rng: np.random.Generator) -> bool:
-    """Return whether some posture of the arm, within its limits and the palm's sphere and clear of the body, brings a
-    taxel of the part aimed at to the waiting object.
-
-    Least squares over the arm's joints, from the start posture and random ones; shares only the robot's kinematics with
-    the controllers.
-    """
-    robot = scene.robot
-    arm = scene.arm(encounter.side)
-    skin = scene.skins[encounter.side]
-    palm = robot.names.palm(encounter.side)
-    center = encounter.motion(encounter.contact_s)[0]
-    palm_home = robot.at(encounter.q_rad).point(palm)
-    lower = robot.lower_rad[arm]
-    upper = robot.upper_rad[arm]
-    touching_m = encounter.radius_m + TOUCH_RADIUS_M
-
-    def residuals(joints: Array, taxel: int) -> Array:
-        q = encounter.q_rad.copy()
-        q[arm] = joints
-        posture = robot.at(q)
-        d = skin.at(posture)[0][taxel] - center
-        outside = float(np.linalg.norm(posture.point(palm) - palm_home)) - RADIUS_M
-        too_near = _CLEARANCE_M - scene.self_collision.distance_m(q)
-        return np.append(d * max(1 - touching_m / np.linalg.norm(d), 0.0), np.maximum([outside, too_near], 0.0))
-
-    taxels = [index for index, taxel in enumerate(skin.taxel_ids) if scene.body_part(taxel) == encounter.part]
-    starts = [encounter.q_rad[arm], *rng.uniform(lower, upper, (_STARTS, len(arm)))]
-    for taxel, start in product(taxels, starts):
-        inside = np.clip(start, lower + _TOLERANCE_RAD, upper - _TOLERANCE_RAD)
-        solution = least_squares(residuals, inside, bounds=(lower, upper), args=(taxel,))
-        if np.abs(solution.fun).max() < _REACHED_M:
-            return True
-    return False

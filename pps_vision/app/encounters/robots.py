@@ -1,6 +1,6 @@
 """Robots with R's five sources of model error, and trials and tracks as such robots measure them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.resources import files
@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from learning.pps.joint_offsets import TouchTrial, joint_offsets, verified_offsets
+from learning.pps.joint_offsets import TouchTrial, verified_offsets
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
@@ -20,7 +20,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array, Track3D
 
-_H_S = 0.02  # central difference that turns positions into velocities
+H_S = 0.02  # central difference that turns positions into velocities
 
 
 @dataclass(frozen=True)
@@ -43,21 +43,6 @@ class ErrorSources:
     def scaled(self, factor: float) -> "ErrorSources":
         """Return these sources with every standard deviation times `factor`."""
         return ErrorSources(**{name: factor * value for name, value in vars(self).items()})
-
-
-SOURCES = {
-    "CAD model": ("link_m", "link_rad"),
-    "joint calibration": ("joint_rad",),
-    "backlash, elasticity": ("slack_rad",),
-    "taxel poses": ("taxel_m", "taxel_rad"),
-    "cameras": ("focal", "principal_px"),
-}
-
-
-def errors_from(*sources: str) -> ErrorSources:
-    """Return the named sources at their defaults, all others zero."""
-    names = {name for source in sources for name in SOURCES[source]}
-    return ErrorSources(**{name: value if name in names else 0.0 for name, value in vars(ErrorSources()).items()})
 
 
 @cache
@@ -130,35 +115,14 @@ class MiscalibratedRobot:
         if not known:
             return list(tracks)
         state = np.array([tracks[k].mean[:2] for k in known])
-        around = state[:, :1] + _H_S * np.array([-1.0, 0.0, 1.0])[:, None] * state[:, 1:]
+        around = state[:, :1] + H_S * np.array([-1.0, 0.0, 1.0])[:, None] * state[:, 1:]
         points = self.triangulate(around.reshape(-1, 3), q_true, q_true + reading).reshape(-1, 3, 3)
         seen = list(tracks)
         for k, (before, at, after) in zip(known, points, strict=True):
             track = tracks[k]
-            mean = np.array([at, (after - before) / (2 * _H_S), *track.mean[2:]])
+            mean = np.array([at, (after - before) / (2 * H_S), *track.mean[2:]])
             seen[k] = replace(track, mean=mean) if np.isfinite(mean).all() else Track3D.unknown(track.stamp_s)
         return seen
-
-    def observe(self, trial: TouchTrial, by_eyes: bool, rng: np.random.Generator) -> TouchTrial:
-        """Return a true trial as this robot measures it.
-
-        Args:
-            trial: True joints and object.
-            by_eyes: Triangulate the object; otherwise it is the right fingertip, located by the joints.
-            rng: Source of the slack of the joints.
-        """
-        q_true = trial.joints_rad
-        q = q_true + self.reading(rng)
-        around = trial.positions[:, None] + _H_S * np.array([-1.0, 0.0, 1.0])[:, None] * trial.velocities[:, None]
-        locate = self.triangulate if by_eyes else self._locate_fingertip
-        points = np.array([locate(*sample) for sample in zip(around, q_true, q, strict=True)])
-        velocities = (points[:, 2] - points[:, 0]) / (2 * _H_S)
-        return replace(trial, joints_rad=q, positions=points[:, 1], velocities=velocities)
-
-    def calibrated(self, observed: Iterable[TouchTrial]) -> "MiscalibratedRobot":
-        """Return the robot with its encoder offsets corrected by an estimate from observed touches."""
-        estimate = joint_offsets(self.model, self.rig, self.skin, observed)
-        return replace(self, joint_offsets_rad=self.joint_offsets_rad + estimate.offsets_rad)
 
     def calibrated_where_verified(self, observed: Sequence[TouchTrial]) -> "MiscalibratedRobot":
         """Return the robot with its encoder offsets corrected if held-out touches clearly confirm the correction."""
@@ -179,13 +143,6 @@ class MiscalibratedRobot:
         along = (towards + cosine[:, None] * towards[:, ::-1]) / np.maximum(1 - cosine**2, 1e-12)[:, None]
         midpoints = assumed.left.center + 0.5 * (along[:, :1] * left + gap + along[:, 1:] * right)
         return np.where((along > 0).all(axis=1, keepdims=True), midpoints, np.nan)
-
-    def _locate_fingertip(self, points: Array, q_true: Array, q: Array) -> Array:
-        """Points (k, 3), fixed to the true right fingertip, where the assumed joints place them."""
-        robot, _, _ = true_robot()
-        tip = robot.names.index_tips[1]
-        in_tip = move_points(inverse(robot.at(q_true).T_root(tip)), points)
-        return self.model.at(q).point(tip, in_tip)
 
 
 def _perturbed_model(sources: ErrorSources, rng: np.random.Generator) -> Robot:

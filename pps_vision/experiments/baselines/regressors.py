@@ -9,10 +9,10 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from learning.reach.babbling import crossing, gaze_at
-from learning.reach.forward_model import RevoluteArm
 from learning.reach.params import ArmLimits
+from pps_vision.experiments.babbling import crossing, gaze_at
 from pps_vision.experiments.baselines.lwpr import LWPR
+from pps_vision.experiments.baselines.revolute_arm import RevoluteArm
 from pps_vision.types import Array
 
 _N_TUNE = 600  # samples by which the kernel of the Gaussian process is chosen

@@ -3,6 +3,7 @@
 import hashlib
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import ceil
 from pathlib import Path
 from tempfile import gettempdir
@@ -11,27 +12,31 @@ from typing import Any, get_args
 import numpy as np
 from tqdm import tqdm
 
+from pps_vision.app.encounters import registry
 from pps_vision.app.encounters.benchmark import Rates
-from pps_vision.app.encounters.controllers import ControllerParams
+from pps_vision.app.encounters.controllers import Controller, ControllerParams, geometry_only, ours, paper
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
-    BASELINES,
-    NAMES,
+    CONTROLLERS,
+    GEOMETRY,
+    NONE,
     ONE,
+    ONE_GATED,
     OURS,
-    REACHING,
     TRUE,
-    TUNABLE,
-    memory_of,
-    new_controller,
+    Entry,
+    taxel_constraints,
 )
-from pps_vision.app.encounters.rendered import render_encounter
-from pps_vision.app.encounters.suite import Rows, run_suite, track_rng
+from pps_vision.app.encounters.suite import Rows, tasks_of, track_rng, train
 from pps_vision.app.encounters.tracks import track_of
-from pps_vision.app.encounters.training import learn
+from pps_vision.app.encounters.training import MemoryName, learn
 from pps_vision.app.intervals import percent_of
 from pps_vision.app.simulation import Side
+from pps_vision.experiments.baselines.arm_controllers import depth_space, potential_field
+from pps_vision.experiments.encounters.reaching import REACHING, rows_of, train_maps
+from pps_vision.experiments.encounters.rendered import render_encounter
+from pps_vision.experiments.encounters.unfinished import run_tasks
 from pps_vision.experiments.study import NOISE_SIGMA, interval, quartiles
 from pps_vision.experiments.tables import Table, estimate, judged
 
@@ -46,6 +51,53 @@ _SHARES: dict[Condition, float] = {
     "graze": 0.2,
     "reach": 0.1,
 }
+Ranges = Mapping[str, tuple[float, float]]
+_OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirmation_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
+_HOME_PER_S = (0.3, 3.0)
+Tunable = tuple[Callable[..., Controller], MemoryName, Ranges]
+"""A controller (scene, numbers), the memory whose activations it is given, and ranges of its parameters: uniform, the
+logarithm of `gain`."""
+BASELINES: dict[str, Tunable] = {
+    "R eq. 6": (paper, "of_both", _OF_ACTIVATION),
+    "distance only": (paper, "of_distance", _OF_ACTIVATION),
+    "potential field": (
+        potential_field,
+        "probability",
+        {"range_m": (0.05, 0.3), "gain": (1e-4, 1e-1), "home_per_s": _HOME_PER_S},
+    ),
+    "depth space": (depth_space, "probability", {"range_m": (0.05, 0.3), "aside": (0.0, 1.0)}),
+    "taxel constraints": (
+        taxel_constraints,
+        "of_both",
+        {"threshold": (0.2, 0.7), "gain": (0.5, 20.0), "home_per_s": _HOME_PER_S},
+    ),
+}
+_OURS_RANGES = {
+    "threshold": (0.2, 0.7),
+    "confirmation_s": (0.0, 0.3),
+    "escape_clearance_m": (0.0, 0.1),
+    "persist_s": (0.0, 0.6),
+}
+_TUNABLE: dict[str, Tunable] = {
+    **BASELINES,
+    GEOMETRY: (geometry_only, CONTROLLERS[GEOMETRY].memory, {"margin_m": (0.0, 0.1)}),
+    OURS: (ours, CONTROLLERS[OURS].memory, _OURS_RANGES),
+}
+"""Controllers of the random search; ours is measured with its defaults."""
+TUNED: dict[str, ControllerParams] = {
+    **registry.TUNED,
+    "distance only": {"threshold": 0.4319, "confirmation_s": 0.1949, "persist_s": 0.5954},
+    "potential field": {"range_m": 0.06314, "gain": 0.009452, "home_per_s": 1.112},
+    "depth space": {"range_m": 0.08746, "aside": 0.2517},
+}
+"""Parameters of the baselines: the best of the part `tuning`."""
+COMPARED = {
+    **{name: CONTROLLERS[name] for name in (OURS, ONE, ONE_GATED, GEOMETRY)},
+    **{name: Entry(partial(new, numbers=TUNED[name]), memory) for name, (new, memory, _) in BASELINES.items()},
+    TRUE: CONTROLLERS[OURS],
+    NONE: CONTROLLERS[NONE],
+}
+"""All controllers of the study."""
 _COLUMNS = {
     "stop, ≤ 15 cm/s": "stop, slow",
     "press, through": "press and through",
@@ -79,8 +131,10 @@ def run(study: Any) -> dict[str, Any]:
     """Return rates by controller, and paired differences from ours."""
     numbers = {condition: ceil(share * study.n) for condition, share in _SHARES.items()}
     folder = unfinished_folder(study, "controllers")
-    rows = run_suite(folder, numbers, study.seed, NAMES, study.workers, study.share)
-    return summary(rows, NAMES)
+    train(folder, study.seed, study.share)
+    train_maps(folder, study.seed, study.share)
+    rows = run_tasks(folder, rows_of, tasks_of(numbers, study.seed, COMPARED), study.workers)
+    return summary(rows, tuple(COMPARED))
 
 
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
@@ -174,15 +228,19 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
 def tune(study: Any) -> dict[str, Any]:
     """Return the score of our defaults, and each controller's best draw."""
     params = {
-        f"{name}#{k}": draw_params(baseline.ranges, np.random.default_rng((study.tuning_seed, j, k)))
-        for j, (name, baseline) in enumerate(TUNABLE.items())
+        f"{name}#{k}": draw_params(ranges, np.random.default_rng((study.tuning_seed, j, k)))
+        for j, (name, (_, _, ranges)) in enumerate(_TUNABLE.items())
         for k in range(study.draws)
     }
-    names = (OURS, *params)
+    entries = {OURS: CONTROLLERS[OURS]}
+    for name, numbers in params.items():
+        new, memory, _ = _TUNABLE[name.partition("#")[0]]
+        entries[name] = Entry(partial(new, numbers=numbers), memory)
     folder = unfinished_folder(study, "tuning")
-    rows = run_suite(folder, counts(study.n_tuning), study.tuning_seed, names, study.workers, study.share, params)
-    scores = {name: score([row for row in rows if row["controller"] == name]) for name in names}
-    best = {name: min((k for k in params if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in TUNABLE}
+    train(folder, study.tuning_seed, study.share)
+    rows = run_tasks(folder, rows_of, tasks_of(counts(study.n_tuning), study.tuning_seed, entries), study.workers)
+    scores = {name: score([row for row in rows if row["controller"] == name]) for name in entries}
+    best = {name: min((k for k in params if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in _TUNABLE}
     return {"ours": scores[OURS], "best": {name: {"score": scores[k], **params[k]} for name, k in best.items()}}
 
 
@@ -212,11 +270,11 @@ def run_rendered(study: Any) -> dict[str, Any]:
         quantity = "commands" if condition in HARMLESS else "touched"
         row: dict[str, Any] = {"condition": condition}
         for name, mode in ((OURS, "rendered"), (ONE, "constant")):
-            memory = memory_of(name, memories[encounter.side])
+            memory = CONTROLLERS[name].memory_of(memories[encounter.side])
             result = render_encounter(scene, memory, encounter, NOISE_SIGMA, study.seed + number)
             row[mode] = not getattr(result, quantity)
         memory = memories[encounter.side].probability
-        result = simulate_encounter(scene, memory, encounter, OURS, new_controller(OURS), tracks)
+        result = simulate_encounter(scene, memory, encounter, OURS, ours, tracks)
         rows.append({**row, "without": not getattr(result, quantity)})
     groups = {
         "all approaching": _of_condition(rows, *HAZARDS),

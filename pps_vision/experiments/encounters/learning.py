@@ -16,27 +16,24 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.encounters.encounter import HARMLESS, Condition, Encounter, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import (
-    GEOMETRY,
-    ONE,
-    ONE_GATED,
-    OURS,
-    R_MAP,
-    field_of,
-    memory_of,
-    new_controller,
-)
+from pps_vision.app.encounters.registry import CONTROLLERS, GEOMETRY, ONE, ONE_GATED, OURS
 from pps_vision.app.encounters.robots import MiscalibratedRobot
-from pps_vision.app.encounters.suite import Rows, run_tasks, track_rng
+from pps_vision.app.encounters.suite import Rows, track_rng
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, Trial, calibrate, learn_from, training_trials
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.encounters.controllers import unfinished_folder
+from pps_vision.experiments.encounters.unfinished import run_tasks
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate
 
-CONTROLLERS = (OURS, ONE_GATED, ONE, GEOMETRY, R_MAP)
+R_MAP = "ours, R's map"
+"""Our controller on the activations of R's 8 × 4 map, which does not know the path."""
+COMPARED = {
+    **{name: CONTROLLERS[name] for name in (OURS, ONE_GATED, ONE, GEOMETRY)},
+    R_MAP: CONTROLLERS[OURS]._replace(memory="of_both"),
+}
 _OF_ALL_ROBOTS = 2  # of them; the others differ so much that a fifth of the robots shows it
 PER_ROBOT: dict[Condition, int] = {
     "stop": 1,
@@ -58,14 +55,14 @@ class RobotTask(NamedTuple):
     error_m: float
     seed: int
     share: float  # of R's numbers of training approaches
-    controllers: tuple[str, ...] = CONTROLLERS
+    controllers: tuple[str, ...] = tuple(COMPARED)
 
 
 def run(study: Any) -> dict[str, Any]:
     """Return rates and paired differences by the robots' error, with 95 % over robots."""
     tasks = {
         f"robot {k}, {1000 * error_m:g} mm": RobotTask(
-            k, error_m, study.seed, study.share, CONTROLLERS[: None if k < study.n_robots / 5 else _OF_ALL_ROBOTS]
+            k, error_m, study.seed, study.share, tuple(COMPARED)[: None if k < study.n_robots / 5 else _OF_ALL_ROBOTS]
         )
         for k in range(study.n_robots)
         for error_m in study.errors_m
@@ -95,8 +92,9 @@ def rows_of_minds(
             for label, (name, body, memories) in minds.items():
                 reading = body.joint_offsets_rad + slack
                 seen = body.see(tracks, encounter.q_rad, reading)
-                arguments = memory_of(name, memories), encounter, name, new_controller(name), seen
-                result = simulate_encounter(scene(), *arguments, erring=(body.scene, reading), field=field_of(name))
+                entry = COMPARED[name]
+                arguments = entry.memory_of(memories), encounter, name, entry.new, seen
+                result = simulate_encounter(scene(), *arguments, erring=(body.scene, reading), field=entry.field)
                 rows.append({**asdict(result), "controller": label, "robot": task.robot, "error_m": task.error_m})
     return rows
 
@@ -156,7 +154,7 @@ def summary(rows: Rows) -> dict[str, Any]:
     their mean, and ours minus the control's mean."""
     cells: dict[str, dict[str, Any]] = {}
     for error_m in sorted({row["error_m"] for row in rows}):
-        names = [name for name in CONTROLLERS if any(row["controller"] == name for row in rows)]
+        names = [name for name in COMPARED if any(row["controller"] == name for row in rows)]
         scores = {name: scores_of(rows, error_m, name) for name in names}
         cells[f"{100 * error_m:g}"] = {
             name: {

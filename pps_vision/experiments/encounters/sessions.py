@@ -1,6 +1,7 @@
 """R's last sessions, simulated: an octopus approaches forearm and palm alternately, in avoidance and in reaching."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import chain
 from typing import Any, get_args
 
@@ -8,7 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pps_vision.app.encounters.controllers import RADIUS_M
+from control.arm import ArmParams
+from control.limits import MAX_HOLD_S
+from pps_vision.app.encounters.controllers import RADIUS_M, ours
 from pps_vision.app.encounters.encounter import (
     Aim,
     Condition,
@@ -19,12 +22,14 @@ from pps_vision.app.encounters.encounter import (
     start_posture,
 )
 from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
-from pps_vision.app.encounters.registry import WRIST_AT_REST, field_of, memory_of, new_controller
+from pps_vision.app.encounters.registry import Entry
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.intervals import percent_of
 from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side
 from pps_vision.experiments.charts import panels
+from pps_vision.experiments.encounters import controllers
+from pps_vision.experiments.encounters.reaching import HOLD_S, ours_reaching
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
@@ -32,7 +37,14 @@ from rendering.stimuli import make_stimulus
 
 THRESHOLD = 0.4  # R: only frames in which some activation exceeds it were recorded
 _PARTS: tuple[tuple[Side, Part], ...] = (("left", "inner forearm"), ("right", "palm"))
+_WRIST_AT_REST = ArmParams(resting=3)
+WRIST_AT_REST = "ours, wrist at rest"
+"""The three joints of the wrist at rest, as R's robot moved."""
 _DISTANCE_ONLY = "distance only"
+_CONTROLLERS = {
+    WRIST_AT_REST: Entry(partial(ours, numbers={"arm": _WRIST_AT_REST})),
+    _DISTANCE_ONLY: controllers.COMPARED[_DISTANCE_ONLY],
+}
 _SHOWN = 3  # approaches drawn of each part
 _EVERY = round(0.25 / PERIOD_S)  # frames between the kept positions of the palm
 _COLOURS = {"avoidance": "tab:red", "reaching": "tab:blue"}  # as R's
@@ -84,11 +96,12 @@ def session(
         encounter = _approach(scene, condition, side, part, rng, len(results))
         frames: list[FrameLog] = []
         tracks = track_of(scene, encounter, rng)
-        memory = memory_of(controller, memories[side])
-        new = new_controller(controller)
-        results.append(
-            simulate_encounter(scene, memory, encounter, controller, new, tracks, frames, field=field_of(controller))
-        )
+        entry = _CONTROLLERS[controller]
+        new, hold_s = entry.new, MAX_HOLD_S
+        if condition == "reach":
+            new, hold_s = partial(ours_reaching, arm=_WRIST_AT_REST), HOLD_S
+        arguments = entry.memory_of(memories[side]), encounter, controller, new, tracks, frames
+        results.append(simulate_encounter(scene, *arguments, field=entry.field, hold_s=hold_s))
         logs[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
         t += encounter.seconds
     paths = {side: [_path(scene.robot, side, log) for log in logs[side]] for side in logs}

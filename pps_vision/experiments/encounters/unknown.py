@@ -34,13 +34,14 @@ from pps_vision.app.encounters.encounter import (
     passing,
 )
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import GEOMETRY, ONE_GATED, OURS, new_controller
-from pps_vision.app.encounters.suite import Rows, run_tasks
+from pps_vision.app.encounters.registry import CONTROLLERS, GEOMETRY, ONE_GATED, OURS
+from pps_vision.app.encounters.suite import Rows
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Trial, events_of
 from pps_vision.app.simulation import REACH_M, Side
 from pps_vision.app.simulation import SPEED_M_S as TRAINING_SPEED_M_S
 from pps_vision.experiments.encounters.controllers import unfinished_folder
+from pps_vision.experiments.encounters.unfinished import run_tasks
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.robot.icub import icub_setup
@@ -50,7 +51,7 @@ from rendering.names import StimulusName
 from rendering.stimuli import make_stimulus
 
 Case = Literal["stick", "sleeve", "radius"]
-CONTROLLERS = (OURS, ONE_GATED, GEOMETRY)
+COMPARED = (OURS, ONE_GATED, GEOMETRY)
 TOUCHES = 50
 WITHOUT = 100  # objects that then go where the stick was
 PER_CONDITION = 4
@@ -112,7 +113,7 @@ def run(study: Any) -> dict[str, Any]:
                 "untouched": _by_subject(met, case, name, "touched", is_harmless=False),
                 "still": _by_subject(met, case, name, "commands", is_harmless=True),
             }
-            for name in CONTROLLERS
+            for name in COMPARED
         }
         for case in get_args(Case)
     }
@@ -139,9 +140,9 @@ def subject_rows(task: SubjectTask, folder: Path | None = None) -> Rows:
     for condition in _PATHS:
         for _ in range(PER_CONDITION):
             trial = trial_of(task.case, side, condition, rng)
-            for name in CONTROLLERS:
+            for name in COMPARED:
                 memory = subject.memory if name == OURS else PPSMemory.constant(bare().skins[side])
-                arguments = trial.encounter, name, new_controller(name), trial.tracks
+                arguments = trial.encounter, name, CONTROLLERS[name].new, trial.tracks
                 erring = bare(), np.zeros(true.robot.n_joints)
                 result = simulate_encounter(true, memory, *arguments, erring=erring)
                 rows.append({**asdict(result), "subject": task.subject, "case": task.case})
@@ -248,11 +249,11 @@ def tables(numbers: dict[str, Any]) -> dict[str, Table]:
     rows = []
     for case, cell in numbers["cases"].items():
         ours = cell[OURS]["untouched"]
-        others = (estimate(cell[name]["untouched"]) for name in CONTROLLERS[1:])
+        others = (estimate(cell[name]["untouched"]) for name in COMPARED[1:])
         rows.append([case, judged(estimate(ours), ours[0] < _GOAL), *others, estimate(cell[OURS]["still"])])
     stick = numbers["stick"]
     header = ["touches", *(after for after in stick if after != "without"), "then as many objects twice, no stick"]
     return {
-        "": Table(["hazards untouched (%)", *CONTROLLERS, "ours, passes: no command (%)"], rows),
+        "": Table(["hazards untouched (%)", *COMPARED, "ours, passes: no command (%)"], rows),
         "stick": Table(header, [["activation", *(estimate(value) for value in stick.values())]]),
     }

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.reach.babbling import Babbled, babble
 from learning.reach.labels import Labels, ReachOracle
 from learning.reach.params import MapParams
 from learning.reach.training import learned_from
+from pps_vision.experiments.babbling import Babbled, babble
 from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.reach_truth import closed_form, first, learn_hand

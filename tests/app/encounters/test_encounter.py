@@ -18,7 +18,7 @@ from pps_vision.app.encounters.encounter import (
     felt,
 )
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import NONE, OURS, new_controller
+from pps_vision.app.encounters.registry import CONTROLLERS, NONE, OURS
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import learn
 from pps_vision.experiments.films.raycast import ball_row, first_hits
@@ -48,7 +48,7 @@ def test_the_arm_of_another_robot_is_touched_without_avoidance_and_not_with_it()
         encounter = draw(scene, condition, 0, seed=3)
         tracks = track_of(scene, encounter, np.random.default_rng(3))
         names = (NONE, OURS)
-        results = [simulate_encounter(scene, memory, encounter, name, new_controller(name), tracks) for name in names]
+        results = [simulate_encounter(scene, memory, encounter, name, CONTROLLERS[name].new, tracks) for name in names]
         assert [result.touched for result in results] == [True, False]
         assert results[0].touched_part == "forearm"
 

@@ -8,8 +8,8 @@ import pytest
 from learning.pps.memory import PPSMemory, activation
 from pps_vision.app.encounters.encounter import draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import GEOMETRY, ONE, OURS, memory_of, new_controller
-from pps_vision.app.encounters.robots import MiscalibratedRobot, errors_from
+from pps_vision.app.encounters.registry import CONTROLLERS, GEOMETRY, NONE, ONE, OURS
+from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.experiments.encounters.learning import encounter_number, summary
 from pps_vision.robot.skin import icub_skin
@@ -29,14 +29,14 @@ def test_a_robot_misjudges_its_touches_by_the_stated_error(touches, error_m):
 
 
 def test_a_robot_without_error_sees_and_moves_as_the_exact_one(scene, memories):
-    robot = MiscalibratedRobot.draw(errors_from(), np.random.default_rng(0))
+    robot = MiscalibratedRobot.draw(ErrorSources().scaled(0), np.random.default_rng(0))
     encounter = draw(scene, "through", 0, 3)
     exact = track_of(scene, encounter, np.random.default_rng(1))
     reading = robot.reading(np.random.default_rng(2))
     seen = robot.see(exact, encounter.q_rad, reading)
     for track, again in zip(exact, seen, strict=True):
         np.testing.assert_allclose(again.mean, track.mean, atol=1e-4)
-    arguments = scene, memories["left"].of_both, encounter, OURS, new_controller(OURS)
+    arguments = scene, memories["left"].of_both, encounter, OURS, CONTROLLERS[OURS].new
     assert simulate_encounter(*arguments, seen, erring=(robot.scene, reading)).distance_m == pytest.approx(
         simulate_encounter(*arguments, exact).distance_m, abs=1e-3
     )
@@ -44,11 +44,11 @@ def test_a_robot_without_error_sees_and_moves_as_the_exact_one(scene, memories):
 
 def test_an_erring_robot_moves_its_true_arm_by_what_it_believes(scene, memories, touches):
     """With encoders 10° off it takes its arm to be elsewhere; what touches is where the arm truly is."""
-    robot = MiscalibratedRobot.draw(errors_from(), np.random.default_rng(0))
+    robot = MiscalibratedRobot.draw(ErrorSources().scaled(0), np.random.default_rng(0))
     robot = replace(robot, joint_offsets_rad=np.full(robot.model.n_joints, np.deg2rad(10.0)))
     reading = robot.joint_offsets_rad
     seen = robot.see(true_track_of(touches[0]), touches[0].q_rad, reading)
-    arguments = scene, memories["left"].of_both, touches[0], ONE, new_controller("no avoidance"), seen
+    arguments = scene, memories["left"].of_both, touches[0], ONE, CONTROLLERS[NONE].new, seen
     assert simulate_encounter(*arguments, erring=(robot.scene, reading)).touched
 
 
@@ -65,7 +65,7 @@ def test_geometry_alone_leaves_what_passes_beyond_its_margin(scene, memories):
     tracks = true_track_of(encounter)
     commands = {
         name: simulate_encounter(
-            scene, memory_of(name, memories["left"]), encounter, name, new_controller(name), tracks
+            scene, CONTROLLERS[name].memory_of(memories["left"]), encounter, name, CONTROLLERS[name].new, tracks
         ).commands
         for name in (ONE, GEOMETRY)
     }

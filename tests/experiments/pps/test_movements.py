@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.app.encounters.robots import MiscalibratedRobot, errors_from
+from pps_vision.app.encounters.robots import MiscalibratedRobot
 from pps_vision.app.sessions import AIMED, movements
+from pps_vision.experiments.pps.erring import errors_from, observe
 from pps_vision.experiments.pps.session_trials import exact_trials, rendered_trials
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
@@ -49,7 +50,7 @@ def test_a_rendered_trial_is_tracked():
 def test_without_errors_the_measurement_is_the_truth(by_eyes):
     (trial,) = exact_trials("motor", 1, SEED)
     for source in (errors_from(), errors_from("cameras")):
-        measured = MiscalibratedRobot.draw(source, rng()).observe(trial, by_eyes, rng())
+        measured = observe(MiscalibratedRobot.draw(source, rng()), trial, by_eyes, rng())
         if not by_eyes or source == errors_from():  # a felt fingertip does not depend on the cameras
             np.testing.assert_allclose(measured.positions, trial.positions, atol=1e-6)
             np.testing.assert_allclose(measured.velocities, trial.velocities, atol=1e-5)

@@ -9,7 +9,8 @@ from data import SEED
 from control.fixation import gaze_at
 from learning.pps.body import learned_body
 from learning.pps.joint_offsets import TouchTrial, seen_from
-from pps_vision.app.encounters.robots import MiscalibratedRobot, errors_from
+from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot
+from pps_vision.experiments.pps.erring import observe
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import INNER_FOREARM, Skin, icub_skin, touched_taxels
 from pps_vision.types import Array
@@ -41,7 +42,7 @@ def touches_of(robot: MiscalibratedRobot, n: int, seed: int) -> list[tuple[Touch
     """True touches, and what the robot measures of them: positions 2 mm off, each axis."""
     rng = np.random.default_rng(seed)
     true = [touch(k, rng) for k in range(n)]
-    seen = [robot.observe(trial, True, rng) for trial in true]
+    seen = [observe(robot, trial, True, rng) for trial in true]
     return [
         (t, replace(s, positions=s.positions + 0.002 * rng.standard_normal((1, 3))))
         for t, s in zip(true, seen, strict=True)
@@ -53,7 +54,7 @@ def robot_off_by(taxels_m: float, encoders_deg: float) -> MiscalibratedRobot:
     part = SKIN.parts[0]
     positions = part.positions_m + taxels_m / np.sqrt(3) * rng.standard_normal(part.positions_m.shape)
     offsets = np.deg2rad(encoders_deg) * rng.standard_normal(ROBOT.n_joints)
-    right = MiscalibratedRobot.draw(errors_from(), rng)
+    right = MiscalibratedRobot.draw(ErrorSources().scaled(0), rng)
     return replace(right, skin=Skin((replace(part, positions_m=positions),)), joint_offsets_rad=offsets)
 
 

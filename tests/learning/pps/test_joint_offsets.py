@@ -8,7 +8,8 @@ from data import SEED
 
 from control.fixation import gaze_at
 from learning.pps.joint_offsets import TouchTrial, joint_offsets
-from pps_vision.app.encounters.robots import MiscalibratedRobot, errors_from
+from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot
+from pps_vision.experiments.pps.erring import calibrated, observe
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import INNER_FOREARM, icub_skin, touched_taxels
@@ -24,7 +25,9 @@ STEP_M = 0.005
 def robot_off_by(offsets_rad: Array) -> MiscalibratedRobot:
     """The iCub, all right but for its encoders."""
     return replace(
-        MiscalibratedRobot.draw(errors_from(), np.random.default_rng(0)), skin=SKIN, joint_offsets_rad=-offsets_rad
+        MiscalibratedRobot.draw(ErrorSources().scaled(0), np.random.default_rng(0)),
+        skin=SKIN,
+        joint_offsets_rad=-offsets_rad,
     )
 
 
@@ -51,7 +54,7 @@ def touches(n: int, seed: int) -> list[TouchTrial]:
 
 def seen(robot: MiscalibratedRobot, trials: list[TouchTrial]) -> list[TouchTrial]:
     rng = np.random.default_rng(0)  # asked for nothing: these robots' joints do not play
-    return [robot.observe(trial, True, rng) for trial in trials]
+    return [observe(robot, trial, True, rng) for trial in trials]
 
 
 def miss_mm(robot: MiscalibratedRobot, trials: list[TouchTrial]) -> float:
@@ -67,7 +70,7 @@ def miss_mm(robot: MiscalibratedRobot, trials: list[TouchTrial]) -> float:
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
 def test_estimated_offsets_hold_in_other_postures(seed):
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(seed).standard_normal(ROBOT.n_joints))
-    better = off.calibrated(seen(off, touches(30, seed)))
+    better = calibrated(off, seen(off, touches(30, seed)))
     assert miss_mm(better, touches(24, seed + 1)) < min(8, miss_mm(off, touches(24, seed + 1)))
 
 
@@ -86,8 +89,8 @@ def test_one_outlier_changes_little():
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
     trials = seen(off, touches(20, SEED))
     wild = replace(trials[3], positions=trials[3].positions + np.array([0.1, 0.2, -0.1]))
-    without = off.calibrated(trials)
-    with_it = off.calibrated([*trials[:3], wild, *trials[4:]])
+    without = calibrated(off, trials)
+    with_it = calibrated(off, [*trials[:3], wild, *trials[4:]])
     others = touches(10, SEED + 1)
     assert miss_mm(with_it, others) < miss_mm(without, others) + 4
 
@@ -95,7 +98,7 @@ def test_one_outlier_changes_little():
 def test_without_errors_little_is_estimated_and_without_touches_nothing():
     right = robot_off_by(np.zeros(ROBOT.n_joints))
     trials = seen(right, touches(20, SEED))
-    assert miss_mm(right.calibrated(trials), touches(10, SEED + 1)) < 1
+    assert miss_mm(calibrated(right, trials), touches(10, SEED + 1)) < 1
     untouched = [replace(trial, touched=np.zeros_like(trial.touched)) for trial in trials]
     unseen = [replace(trial, positions=np.full((1, 3), np.nan)) for trial in trials]
     of_no_size = [replace(trial, radius_m=np.full(1, np.nan)) for trial in trials]

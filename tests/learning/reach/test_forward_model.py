@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from learning.reach import residual
-from learning.reach.babbling import Babbled, babble, gaze_at_hand
-from learning.reach.forward_model import RevoluteArm
+from learning.reach.babbling import gaze_at_hand
 from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
+from pps_vision.experiments.babbling import Babbled, babble
+from pps_vision.experiments.baselines.revolute_arm import RevoluteArm
 from pps_vision.experiments.reach_truth import gaze_rmse_deg
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
@@ -116,7 +117,8 @@ def bent():
 def test_what_no_ideal_arm_can_do_is_left_to_the_process(bent):
     learned, test = bent
     structure = RevoluteArm(corrected=False)
-    structure._fitted = learned._fit()._replace(residual=None)
+    fitted = learned._fit()
+    structure._fitted = fitted._replace(model=replace(fitted.model, residual=None))
     (error, silent) = gaze_rmse_deg(learned, test)
     (left, _) = gaze_rmse_deg(structure, test)
     assert error < left / 5

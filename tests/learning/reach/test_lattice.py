@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reach.babbling import crossing
 from learning.reach.labels import Labels
 from learning.reach.lattice import GazeSpline, Lattice, isotropic
 from learning.reach.map import ReachableMap, TrackReachability, both
 from pps_vision.errors import InputError
+from pps_vision.experiments.babbling import crossing
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.types import ReachStatus, Status, Track3D

@@ -10,8 +10,9 @@ from scipy.stats import binomtest
 
 from learning.reach.labels import HandModel, Labels, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
-from learning.reach.training import learned_from, train_part_map
+from learning.reach.training import learned_from
 from pps_vision.errors import InputError
+from pps_vision.experiments.encounters.reaching import train_part_map
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import EndPoint

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +15,6 @@ from rendering.fidelity import Fidelity
 from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus
 
-NAME = "ours, rendered"
 _EXPOSURE = (0.5, 1.4)  # gains of the sensor
 
 
@@ -33,7 +31,7 @@ def render_encounter(
     arm = scene.arm(encounter.side)
     motion = encounter.motion, encounter.seconds, encounter.own_motion
     episode = Episode(encounter.condition, encounter.stimulus, *motion)
-    with open_encounter(scene, encounter, noise_sigma, seed, lit=True) as simulation:
+    with _opened(scene, encounter, noise_sigma, seed) as simulation:
         steps = simulate(simulation, episode, new_pipeline(simulation, memory).step)
         for step, later in pairwise(steps):
             t = step.frame.stamp_s
@@ -42,21 +40,17 @@ def render_encounter(
             monitor.add_motion(t, step.taxels, later.taxels)
             if monitor.touched_part:
                 break
-    return monitor.result(NAME)
+    return monitor.result("ours, rendered")
 
 
 @contextmanager
-def open_encounter(
-    scene: EncounterScene, encounter: Encounter, noise_sigma: float, seed: int, lit: bool = False
-) -> Iterator[SimulationScene]:
-    """The simulation's scene with the encounter's posture as home, and its arm as the one that avoids.
-
-    `lit`: as bright as drawn, by turns in diffuse light and with the highlights of lamps.
-    """
-    setup = replace(scene.setup, skin=scene.skins[encounter.side], home_rad=encounter.q_rad)
+def _opened(scene: EncounterScene, encounter: Encounter, noise_sigma: float, seed: int) -> Iterator[SimulationScene]:
+    """The simulation's scene with the encounter's posture as home, and its arm as the one that avoids; as bright as
+    drawn, by turns in diffuse light and with the highlights of lamps."""
+    setup = scene.setup_of(encounter)
     rng = np.random.default_rng((seed, 2))
-    exposure = float(np.exp(rng.uniform(*np.log(_EXPOSURE)))) if lit else 1.0
-    fidelity = Fidelity(lighting="lights" if lit and seed % 2 else "baked")
+    exposure = float(np.exp(rng.uniform(*np.log(_EXPOSURE))))
+    fidelity = Fidelity(lighting="lights" if seed % 2 else "baked")
     sensor = Sensor(noise_sigma=noise_sigma, exposure=exposure)
     with Eyes(setup.robot, setup.rig, make_stimulus(encounter.stimulus), sensor=sensor, fidelity=fidelity) as eyes:
         yield SimulationScene(setup, eyes, np.random.default_rng(seed), encounter.side)
