@@ -15,6 +15,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings import formats
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.source import Options, make_source
+from pps_vision.recordings.tables import read_joint_offsets
 
 
 def open_recording(folder: Path | str | None = None, **options: Unpack[Options]) -> Recording:
@@ -47,6 +48,9 @@ def open_recording(folder: Path | str | None = None, **options: Unpack[Options])
         reason = "an empty folder" if is_empty else "no recording"
         raise InputError(str(source.folder), f"{reason}; expected {'; or '.join(module.FORMAT for module in modules)}")
     recording: Recording = module.open_source(source)
+    if source.joints and recording.robot:
+        offsets_rad = read_joint_offsets(source.joints, recording.robot.joint_names)
+        recording = recording.with_joint_offsets(offsets_rad)
     unused = [f"--{name}" for name in ("fps", "times") if getattr(source, name)]
     if unused and getattr(module, "HAS_STAMPS", False):
         warning = f"{' and '.join(unused)} not used: {source.folder} has stamps of its own"

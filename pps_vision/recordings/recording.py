@@ -16,7 +16,7 @@ from pps_vision.parent import tell_progress
 from pps_vision.recordings.image_file import ImageFile, decode, only_within, used_bits
 from pps_vision.recordings.read_ahead import read_ahead
 from pps_vision.recordings.warnings import Problem, ProblemKind
-from pps_vision.types import StereoFrame, Truth
+from pps_vision.types import Array, StereoFrame, Truth
 
 if TYPE_CHECKING:  # kinematics take 0.2 s to load, and are not installed where there is only tracking
     from pps_vision.robot.model import Robot
@@ -116,7 +116,7 @@ class Recording:
             raise InputError(self.name, f"{asked}; expected times from 0 to {last_s - first_s:.2f} s")
         return replace(self, pairs=kept, roi=roi)
 
-    def with_joint_offsets(self, offsets_rad: Sequence[float]) -> "Recording":
+    def with_joint_offsets(self, offsets_rad: Array | Sequence[float]) -> "Recording":
         """The recording with offsets (n_joints,) added to its joints; without offsets itself."""
         if not len(offsets_rad):
             return self

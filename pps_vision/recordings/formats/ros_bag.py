@@ -21,7 +21,6 @@ from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, Pixels, dec
 from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_sizes
 from pps_vision.recordings.source import Source
 from pps_vision.recordings.stereo_calibration import cameras_of
-from pps_vision.recordings.tables import read_joint_offsets
 from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Array
 
@@ -86,8 +85,7 @@ def open_source(source: Source) -> Recording:
     if source.taxels:
         raise InputError("recording", f"taxels {source.taxels} with a ROS bag; expected it with an iCub's folder REC")
     setup = source.robot
-    offsets_rad = read_joint_offsets(source.joints, setup.robot.joint_names) if source.joints else 0.0
-    posed = with_joints(pairs, bag.joints(setup), problems, setup, offsets_rad)
+    posed = with_joints(pairs, bag.joints(setup), problems, setup)
     if not posed:
         raise InputError(file, f"no pair has joints; {problems[-1]}")
     rig = recording.rig and replace(recording.rig, eye_poses=setup.robot.eye_poses)

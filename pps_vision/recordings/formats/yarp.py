@@ -23,7 +23,7 @@ from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Pair, Recording, Touch, pair_by_stamp, usual_size
 from pps_vision.recordings.source import Source
-from pps_vision.recordings.tables import read_joint_offsets, read_truth
+from pps_vision.recordings.tables import read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.text import finite, first_row, whole
 from pps_vision.recordings.video import Video, VideoFrame
@@ -71,7 +71,6 @@ def open_source(source: Source) -> Recording:
         raise InputError("recording", f"calib has {len(source.calib)} files; expected one icubEyes.ini with REC")
     setup = source.robot or _icub(folder)
     robot = setup.robot
-    offsets_rad = read_joint_offsets(source.joints, robot.joint_names) if source.joints else 0.0
     virtual = representatives(read_taxels(source.taxels)) if source.taxels else None
     ports = find_ports(folder, tuple(setup.ports))
     sides = ("left", "right")
@@ -86,7 +85,7 @@ def open_source(source: Source) -> Recording:
     touches = read_touches(ports["skin"], virtual, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], source.max_skew_s, problems)
-    posed = with_joints(pairs, joints, problems, setup, offsets_rad)
+    posed = with_joints(pairs, joints, problems, setup)
     image_size = usual_size(folder, posed, problems)
     own = folder / "icubEyes.ini"
     truth = folder / "truth.csv"
@@ -181,7 +180,6 @@ def with_joints(
     joints: dict[str, tuple[Array, Array]],
     problems: list[Problem],
     setup: "RobotSetup",
-    offsets_rad: Array | float,
 ) -> tuple[Pair, ...]:
     """Every pair with the joints at each eye's stamp; pairs outside the joint logs are noted and left out."""
     posed = []
@@ -193,7 +191,7 @@ def with_joints(
             problems.append(Problem(ProblemKind.JOINTS, file.cited, file.line, reason))
         if not missing:
             readings = [{port: interpolated(*log, file.stamp_s) for port, log in joints.items()} for file in pair]
-            q_left, q_right = (setup.configuration(reading) + offsets_rad for reading in readings)
+            q_left, q_right = map(setup.configuration, readings)
             posed.append((replace(pair[0], joints_rad=q_left), replace(pair[1], joints_rad=q_right)))
     return tuple(posed)
 
