@@ -1,5 +1,6 @@
 """Recordings that several tests read, rendered once."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -50,10 +51,10 @@ def refused_with(capsys: pytest.CaptureFixture[str]):
 
 @pytest.fixture
 def refused(refused_with):
-    """The same with an error of one line; returns the line."""
+    """The same with an error of one line, after lines of progress if it takes long; returns the line."""
 
     def run(*args: object) -> str:
-        lines = refused_with(*args)
+        lines = [line for line in refused_with(*args) if not re.search(r": [0-9]+ of [0-9]+ after ", line)]
         assert len(lines) == 1, lines
         return lines[0]
 
