@@ -5,7 +5,6 @@ import pytest
 from data import SEED
 
 from learning.reach.map import MapPrediction
-from pps_vision.experiments.babbling import babble
 from pps_vision.experiments.baselines.ipopt import two_stage_by_ipopt
 from pps_vision.experiments.reach_kinematics import DEVIATIONS, samples
 from pps_vision.experiments.reach_truth import closed_form, scores
