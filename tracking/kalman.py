@@ -128,32 +128,20 @@ def start(
     stamp_s: float,
     position: Array,
     cov: Array,
-    velocity: Array | None = None,
-    velocity_cov: Array | None = None,
     correlated: Array | None = None,
 ) -> Belief:
-    """Return the belief after the first measurement.
+    """Return the belief after the first measurement; the prior holds for all derivatives.
 
     Args:
         position: (3,) m.
         cov: (3, 3) m².
-        velocity: (3,) m/s, if it was measured too; else the prior holds.  Ignored for order 1.
-        velocity_cov: (3, 3) m²/s².
         correlated: (3, 3) m² part of `cov` that is known to be correlated from frame to frame; None: 0.
-
-    Raises:
-        ValueError: A velocity without a covariance, or the reverse.
     """
-    if (velocity is None) != (velocity_cov is None):
-        raise ValueError("velocity and velocity_cov: one is missing; expected both or neither")
     mean = np.zeros((params.order, 3))
     mean[0] = position
     P = np.kron(_prior(params), np.eye(3))
     white = _white(1.0, cov, correlated)
     P[:3, :3] = white
-    if velocity is not None and params.order > 1:
-        mean[1] = velocity
-        P[3:6, 3:6] = velocity_cov
     return Belief(stamp_s, mean, P, cov - white, stamp_s)
 
 

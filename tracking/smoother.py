@@ -130,7 +130,7 @@ class _Segment:
                 first.track.stamp_s,
                 observation.p_root,
                 observation.cov_root,
-                correlated=observation.correlated_cov_root,
+                observation.correlated_cov_root,
             )
 
     def continues_with(self, step: TrackerStep) -> bool:

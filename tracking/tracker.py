@@ -610,7 +610,7 @@ class Tracker:
             scene.stamp_s,
             observation.p_root,
             observation.cov_root,
-            correlated=observation.correlated_cov_root,
+            observation.correlated_cov_root,
         )
         return state._replace(kalman=params), belief, True
 

@@ -246,7 +246,7 @@ class _Run(NamedTuple):
     def start(self, k: int, ahead: Sequence[int]) -> FilterStep | None:
         """The first step, None if the next measurement does not fit this one."""
         position, cov, correlated = self.measurement(k)
-        belief = kalman.start(self.kalman, float(self.stamps_s[k]), position, cov, correlated=correlated)
+        belief = kalman.start(self.kalman, float(self.stamps_s[k]), position, cov, correlated)
         if ahead and self.stamps_s[ahead[0]] - belief.stamp_s <= self.params.lost_after_s:
             predicted = kalman.predict(self.kalman, belief, float(self.stamps_s[ahead[0]]))
             next_one = self.measurement(ahead[0], predicted)
@@ -275,7 +275,7 @@ class _Run(NamedTuple):
             cost = change.cost
         else:
             position, cov, correlated = self.measurement(k)
-            other = FilterStep(kalman.start(self.kalman, predicted.stamp_s, position, cov, correlated=correlated), None)
+            other = FilterStep(kalman.start(self.kalman, predicted.stamp_s, position, cov, correlated), None)
             cost = self.kalman.gate_chi2 + jump.log_det
         return coasted if outlier <= cost + self._cost(other.belief, ahead) else other
 

@@ -70,15 +70,13 @@ def track_of(
         if k == 0:  # motion is seen from the second frame on
             tracks.append(Track3D.unknown(t))
             continue
-        position, moving = encounter.motion(t)
+        position, _ = encounter.motion(t)
         turn = _line_of_sight(position - view.midpoint, baseline)
         observed = position + turn @ (constant + random_m * rng.standard_normal(3))
         observed_cov = turn @ cov @ turn.T
         correlated = turn @ np.diag(constant_m**2) @ turn.T
         if belief is None:
-            flow_m_s = turn @ (np.sqrt(2) * random_m / PERIOD_S * rng.standard_normal(3))
-            flow_cov = turn @ np.diag(2 * (random_m / PERIOD_S) ** 2) @ turn.T
-            belief = kalman.start(kalman_params, t, observed, observed_cov, moving + flow_m_s, flow_cov, correlated)
+            belief = kalman.start(kalman_params, t, observed, observed_cov, correlated)
         else:
             predicted = kalman.predict(kalman_params, belief, t)
             belief = kalman.update(kalman_params, predicted, observed, observed_cov, correlated)
