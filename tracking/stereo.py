@@ -121,6 +121,10 @@ class Association:
         """Whether both eyes have seen the whole object."""
         return self.differences_px is not None
 
+    def _is_held(self, left: Outline, right: Outline) -> bool:
+        """Whether visible edges were fitted to an object that was never whole, as in a hand from the start."""
+        return not self.is_whole_seen and all(eye.is_edge and not eye.is_cut for eye in (left, right))
+
     @property
     def error_px(self) -> float:
         """Standard deviation that calibration and outlines add to each image coordinate's own."""
@@ -164,8 +168,8 @@ class Association:
     def _white_var(self, view: StereoView, p_root: Array, left: Outline, right: Outline) -> float:
         """Variance (px²) of each image coordinate's white error, for outlines of an object at `p_root` (3,)."""
         if left.is_partial or right.is_partial:
-            is_steady = left.is_edge and right.is_edge and not self.is_whole_seen  # as a hand holds it
-            return max(self.change_var_px2, _mean_var(left, right) - is_steady * VISIBLE_EDGE_PX**2)
+            systematic = VISIBLE_EDGE_PX**2 * self._is_held(left, right)
+            return max(self.change_var_px2, _mean_var(left, right) - systematic)
         if not self.is_whole_seen:
             return 0.5 * float(np.mean(_differences(view, p_root, left, right) ** 2)) + _MIN_ERROR_PX**2
         return self.change_var_px2 + _MIN_ERROR_PX**2
@@ -222,14 +226,14 @@ class Association:
 
     def learned(self, view: StereoView, observation: Observation3D, left: Outline, right: Outline) -> "Association":
         """Return the association after an accepted pair; unchanged if a part of the object is hidden or may be, since
-        its centre is then off by more than the calibration.  Of an object that was never whole, as in a hand from the
-        start, a fitted visible edge teaches the calibration's error.
+        its centre is then off by more than the calibration.  In a hand from the start, the fitted visible edge tells
+        the calibration's error.
 
         Differences that are smaller than the outlines' covariances count too, or these would be counted twice.
         """
         own_var = _mean_var(left, right)
         unexplained = 4 * observation.residual_px**2 - own_var
-        if left.is_edge and right.is_edge and not self.is_whole_seen:
+        if self._is_held(left, right):
             return self._with_residual(unexplained, 0.0)
         if left.is_partial or right.is_partial or left.hidden_px + right.hidden_px > 0:
             return self

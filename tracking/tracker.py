@@ -577,8 +577,8 @@ class Tracker:
             observation = replace(
                 observation, p_root=located.measured, cov_root=observation.cov_root + located.measured_cov
             )
-        without_edge = any(eye.outline.is_partial and not eye.outline.is_edge for eye in (left, right))
-        may_be_parts = without_edge and not state.association.is_whole_seen and state.hits >= self.params.confirm_frames
+        hidden = any(e.is_partial and not (e.is_edge or e.is_cut) for e in (left.outline, right.outline))
+        may_be_parts = hidden and not state.association.is_whole_seen and state.hits >= self.params.confirm_frames
         if may_be_parts and math.sqrt(float(np.trace(observation.cov_root))) > observation.radius_m:
             return state, None  # the eyes may follow different parts of what was never seen whole
         stamp_error_s = scene.poses.stamp_error_s

@@ -124,7 +124,7 @@ def _meet(motion: Motion, hands: tuple[Side, ...], maps: Mapping[str, ReachableM
     robot = load_icub()
     skin = icub_skin()
     reaching = [ReachingParams(HOME_ARM_RAD, side=side) for side in hands]
-    params = PipelineParams(arm=reaching[0], other_arm=reaching[1] if len(reaching) > 1 else None)
+    params = PipelineParams(arm=reaching[0], other_arm=reaching[1] if len(reaching) > 1 else None, lean=None)
     tracker: Any = _KnownTrack(motion)
     memory = PPSMemory.constant(skin)
     pipeline = Pipeline(params, robot, skin, tracker, memory, np.random.default_rng(0), *(maps[side] for side in hands))
