@@ -21,7 +21,7 @@ from pps_vision.app.simulation import Side
 from pps_vision.experiments.reach_truth import ARMS, closed_form, map_params
 from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
 from pps_vision.types import Array, Status, StereoFrame, Track3D
@@ -60,7 +60,7 @@ class ReachHands(SampledStudy):
 
     SHORT: ClassVar[Mapping[str, Any]] = {"n": 2, "n_labels": 600}
 
-    n: int = 100  # objects that stop within reach of a hand; half as many that never are within reach of either
+    n: int = 100  # objects that can be fixated and stop within reach of a hand; half as many never within reach
     n_labels: int = 12_000  # inverse-kinematics solutions of each hand's map
 
     def run(self) -> dict[str, Any]:
@@ -70,11 +70,15 @@ class ReachHands(SampledStudy):
         rng = np.random.default_rng(self.seed)
         maps = {side: train_reachable_map(robot, side, rng, params) for side in ARMS}
         arms = [closed_form(robot, side) for side in ARMS]
+        model, q_home = GazeModel(robot), home(robot)[None]
         drawn: dict[bool, list[Motion]] = {True: [], False: []}
         rng = np.random.default_rng(self.seed + 1_000_000)
         while len(drawn[True]) < self.n or len(drawn[False]) < self.n // 2:
             motion = _comes(rng)
             path = np.array([motion(t)[0] for t in np.linspace(0.0, _BEGIN_M / _SPEED_M_S, _PLACES)])
+            gaze = model.gaze(model.to_upright(q_home, path[-1]), _GAZE)
+            if np.isnan(gaze).any():
+                continue  # no map answers for what cannot be fixated
             reached = np.any([np.isfinite(arm.solve(path)[:, 0]) for arm in arms], axis=0)
             if reached[-1] and len(drawn[True]) < self.n:
                 drawn[True].append(motion)
