@@ -23,7 +23,8 @@ from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
-from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, icub_skin
 from pps_vision.types import Array, Status, StereoFrame, Track3D
 from tracking.tracker import TrackerStep
 
@@ -66,17 +67,20 @@ class ReachHands(SampledStudy):
     def run(self) -> dict[str, Any]:
         """Return by variant the objects that were felt, reached for and touched by a palm."""
         robot = load_icub()
+        skin = icub_skin()
         params = replace(map_params(self.n_labels), gaze_limits=_GAZE)
         rng = np.random.default_rng(self.seed)
         maps = {side: train_reachable_map(robot, side, rng, params) for side in ARMS}
         arms = [closed_form(robot, side) for side in ARMS]
-        model, q_home = GazeModel(robot), home(robot)[None]
+        model = GazeModel(robot)
+        q_home = home(robot)
+        points, normals = skin.at(robot.at(q_home))
         drawn: dict[bool, list[Motion]] = {True: [], False: []}
         rng = np.random.default_rng(self.seed + 1_000_000)
         while len(drawn[True]) < self.n or len(drawn[False]) < self.n // 2:
-            motion = _comes(rng)
+            motion = _comes(points, normals, rng)
             path = np.array([motion(t)[0] for t in np.linspace(0.0, _BEGIN_M / _SPEED_M_S, _PLACES)])
-            gaze = model.gaze(model.to_upright(q_home, path[-1]), _GAZE)
+            gaze = model.gaze(model.to_upright(q_home[None], path[-1]), _GAZE)
             if np.isnan(gaze).any():
                 continue  # no map answers for what cannot be fixated
             reached = np.any([np.isfinite(arm.solve(path)[:, 0]) for arm in arms], axis=0)
@@ -86,7 +90,10 @@ class ReachHands(SampledStudy):
                 drawn[False].append(motion)
         return {
             variant: {
-                name: [_meet(motion, hands, maps) for motion in tqdm(drawn[within], desc=variant, disable=None)]
+                name: [
+                    _meet(robot, skin, motion, hands, maps)
+                    for motion in tqdm(drawn[within], desc=variant, disable=None)
+                ]
                 for name, within in (("within reach", True), ("out of reach", False))
             }
             for variant, hands in _VARIANTS.items()
@@ -110,9 +117,8 @@ class ReachHands(SampledStudy):
         }
 
 
-def _comes(rng: np.random.Generator) -> Motion:
-    """An object's motion to a random taxel of both arms."""
-    points, normals = icub_skin().at(load_icub().at(home(load_icub())))
+def _comes(points: Array, normals: Array, rng: np.random.Generator) -> Motion:
+    """An object's motion to a random one of the taxels at `points` (n, 3) m with `normals` (n, 3)."""
     k = rng.integers(len(points))
     stop_m = rng.uniform(*_STOP_M)
 
@@ -123,10 +129,10 @@ def _comes(rng: np.random.Generator) -> Motion:
     return motion
 
 
-def _meet(motion: Motion, hands: tuple[Side, ...], maps: Mapping[str, ReachableMap]) -> dict[str, bool]:
+def _meet(
+    robot: Robot, skin: Skin, motion: Motion, hands: tuple[Side, ...], maps: Mapping[str, ReachableMap]
+) -> dict[str, bool]:
     """Whether the skin feels the object come, an arm moves, and a palm touches it."""
-    robot = load_icub()
-    skin = icub_skin()
     reaching = [ReachingParams(HOME_ARM_RAD, side=side) for side in hands]
     params = PipelineParams(arm=reaching[0], other_arm=reaching[1] if len(reaching) > 1 else None, lean=None)
     tracker: Any = _KnownTrack(motion)

@@ -1,6 +1,6 @@
 """Run encounters with several controllers in parallel processes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import cache, partial
@@ -55,12 +55,20 @@ def run_suite(
         perceptions: The controllers' knowledge of the object.
     """
     tasks = tasks_of(counts, seed, controllers, perceptions)
-    with TemporaryDirectory() as folder, worker_pool(workers) if workers > 1 else nullcontext() as pool:
+    with TemporaryDirectory() as folder:
         train(Path(folder), seed, share)
-        rows_of_tasks = (pool.map if pool else map)(partial(rows_of_task, folder=Path(folder)), tasks.values())
-        parts = list(tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(tasks), disable=None))
+        rows = map_tasks(partial(rows_of_task, folder=Path(folder)), workers, list(tasks.values()))
     memories.cache_clear()
-    return [row for rows in parts for row in rows]
+    return rows
+
+
+def map_tasks(rows_of: Callable[..., Rows], workers: int, *arguments: Sequence[Any]) -> Rows:
+    """Return the rows of all tasks, by `rows_of` of one of each of the `arguments`, in `workers` processes; with 1 all
+    run in this one."""
+    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
+        rows_of_tasks = (pool.map if pool else map)(rows_of, *arguments)
+        parts = tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(arguments[0]), disable=None)
+        return [row for rows in parts for row in rows]
 
 
 def tasks_of(

@@ -3,16 +3,12 @@
 import json
 import shutil
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from tqdm import tqdm
-
-from pps_vision.app.encounters.suite import Rows
+from pps_vision.app.encounters.suite import Rows, map_tasks
 from pps_vision.recordings.atomic_write import plain, whole_file
-from pps_vision.worker_pool import worker_pool
 
 AnyTask = TypeVar("AnyTask")
 
@@ -26,11 +22,9 @@ def run_tasks(
     """
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / f"{name}.json" for name in tasks]
-    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
-        rows_of_tasks = (pool.map if pool else map)(partial(_stored, rows_of), tasks.values(), files)
-        parts = list(tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(tasks), disable=None))
+    rows = map_tasks(partial(_stored, rows_of), workers, list(tasks.values()), files)
     shutil.rmtree(folder)
-    return [row for rows in parts for row in rows]
+    return rows
 
 
 def _stored(rows_of: Callable[[AnyTask, Path], Rows], task: AnyTask, file: Path) -> Rows:
