@@ -44,6 +44,7 @@ from tracking.kalman import KalmanParams
 from tracking.tracker import Tracker, TrackerStep
 
 _MAX_MAGNITUDE = 1e6  # m and m/s: larger values are no measurement
+_RETRY_M = 0.05  # a hand that did not arrive tries again once the object has moved by this
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,8 @@ class PipelineState:
     searching: SearchState | None = None  # gaze search under way
     last_known_s: float = -np.inf  # stamp of the last frame in which the object was known
     hand: int = 0  # number of the map asked last, that of the hand to reach with
+    missed: Mapping[int, Array] = field(default_factory=dict)  # position (3,) m of the object that a hand did not touch
+    has_touched: bool = False  # whether the arm that reaches has touched anything
     attended_id: int = 0  # track attended in the last frame
     highest: Mapping[int, float] = field(default_factory=dict)  # highest activation by each track then known
     commands: tuple[JointVelocity, ...] = ()  # commands that may still be obeyed; the last is the last frame's
@@ -229,12 +232,13 @@ class Pipeline:
         field = params.receptive_field if state.learning.memory.params.knows_path else CONE
         learned, felt = learner.step(field, state.learning, skin)
         hand, reachability = self._choose_hand(posture.q_rad, track)
-        is_reachable = reachability is not None and reachability.is_reachable
+        is_reachable = reachability is not None and reachability.is_reachable and hand not in state.missed
         at_effect = self._posture_at_effect(posture, stamp_s)
         is_felt = any(np.any(felt.activation.probability[arm.on_arm] > arm.params.threshold) for arm in self._hands)
         inputs = _ControlInput(at_effect, track, felt, touched, is_reachable, hand, is_felt)
         leaning, torso_command = self._lean(state.leaning, inputs)
         arms, responses = self._move_arms(state.arms, leaning, inputs)
+        missed, has_touched = self._missed(arms, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
         wanted = combine([*(response.command for response in responses), torso_command, gaze_command])
         last_q = state.prediction.q_rad if state.prediction else None
@@ -250,6 +254,8 @@ class Pipeline:
             searching=searching,
             last_known_s=stamp_s if track.is_known else state.last_known_s,
             hand=hand,
+            missed=missed,
+            has_touched=has_touched,
             attended_id=track.track_id,
             highest=highest_by_track(felt.tracks, felt.by_track),
             commands=(*(earlier for earlier in state.commands if earlier.stamp_s > obeyed_since_s), command),
@@ -303,16 +309,35 @@ class Pipeline:
         return _Arm(params, skin, on_arm, palm if palm.any() else ~palm, BareLinks(self.robot, skin, params.side))
 
     def _choose_hand(self, q_rad: Array, track: Track3D) -> tuple[int, Reachability | None]:
-        """The number of the map of the hand to reach with, and its answer: of those that reach the object, else of all,
-        the one of the highest degree R."""
+        """The number of the map of the hand to reach with, and its answer: of those that reach the object, and have not
+        missed it, else of all, the one of the highest degree R."""
         answers = [reachability(q_rad, track) for reachability in self._reachability]
         if not answers:
             return 0, None
         last = self._state.hand
         margins = self.params.hand_margin * (np.arange(len(answers)) == last)
         degrees = np.nan_to_num([answer.degree for answer in answers]) + margins
-        chosen = max(range(len(answers)), key=lambda k: (answers[k].is_reachable, degrees[k]))
+        missed = self._state.missed
+        chosen = max(range(len(answers)), key=lambda k: (answers[k].is_reachable and k not in missed, degrees[k]))
         return chosen, answers[chosen]
+
+    def _missed(self, arms: tuple[ArmState, ...], inputs: _ControlInput) -> tuple[dict[int, Array], bool]:
+        """Where the object is that a hand reached for in vain, by hand, and whether the present reach has touched.
+
+        A hand ends in vain where something is in its way, such as the other arm; the torso may then turn for the other
+        hand.
+        """
+        state = self._state
+        track = inputs.track
+        if not (self._hands and track.is_known):
+            return {}, False
+        missed = {k: p for k, p in state.missed.items() if np.linalg.norm(track.position - p) < _RETRY_M}
+        number = self._arms.index(self._hands[inputs.hand])
+        was_reaching, is_reaching = (states[number].mode == "reach" for states in (state.arms, arms))
+        has_touched = state.has_touched or bool(inputs.touched[self._arms[number].on_arm].any())
+        if was_reaching and not is_reaching and inputs.is_reachable and not has_touched:
+            missed[inputs.hand] = track.position
+        return missed, has_touched and is_reaching
 
     def _lean(self, leaning: _Leaning | None, inputs: _ControlInput) -> tuple[_Leaning | None, JointVelocity]:
         """Lean until an object that the arm is to reach for is reachable; back when it is touched, lost, or cannot be.
@@ -327,7 +352,7 @@ class Pipeline:
             return None, still
         arm = self._hands[inputs.hand]
         if leaning is None:
-            if inputs.is_reachable or not inputs.is_felt:  # without a track nothing is felt
+            if inputs.is_reachable or not (inputs.is_felt or self._state.missed):  # without a track nothing is felt
                 return None, still
             leaning = _Leaning(inputs.posture.q_rad[torso])
         elif not track.is_known or inputs.touched[arm.on_arm].any():
@@ -344,8 +369,10 @@ class Pipeline:
         return leaning._replace(is_returning=status == "out of reach"), command
 
     def _reachable_by_any(self, gaze: Array) -> Mask:
-        """The verdict (n,) of the maps on gaze postures (n, 3): whether any hand may be sent there."""
-        return np.any([reachability.reachable(gaze) for reachability in self._reachability], axis=0)
+        """The verdict (n,) of the maps on gaze postures (n, 3): whether any hand may be sent there that has not missed
+        the object."""
+        hands = [answer for k, answer in enumerate(self._reachability) if k not in self._state.missed]
+        return np.any([np.zeros(len(gaze), bool), *(hand.reachable(gaze) for hand in hands)], axis=0)
 
     def _move_arms(
         self, states: tuple[ArmState, ...], leaning: _Leaning | None, inputs: _ControlInput
@@ -383,12 +410,12 @@ class Pipeline:
     def _arm_activations(self, arm: _Arm, leaning: _Leaning | None, inputs: _ControlInput) -> Array:
         """Activations (k,) of an arm's taxels.
 
-        While the torso leans towards an object, or an arm that reaches feels it, the nearest taxel of the palm to reach
-        with counts as fully activated: the object need not be near.
+        While the torso leans towards an object, or an arm that reaches feels it or has missed it, the nearest taxel of
+        the palm to reach with counts as fully activated: the object need not be near.
         """
         probability = inputs.felt.activation.probability[arm.on_arm]
         is_leaning = leaning is not None and not leaning.is_returning
-        if not (is_leaning or inputs.is_felt) or arm is not self._hands[inputs.hand]:
+        if not (is_leaning or inputs.is_felt or self._state.missed) or arm is not self._hands[inputs.hand]:
             return probability
         distance = np.linalg.norm(arm.skin.at(inputs.posture)[0] - inputs.track.position, axis=1)
         probability = probability.copy()

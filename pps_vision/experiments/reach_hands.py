@@ -1,7 +1,8 @@
 """Two hands that choose which of them reaches, beside one, and the objects that neither can reach.
 
-By kinematics: the true position and velocity of the object come in place of a tracker, joints follow their commands,
-the torso stays upright.  An object comes along the normal of any taxel of both arms at home, stops before it and waits.
+By kinematics: the true position and velocity of the object come in place of a tracker, joints follow their commands.
+What is within reach is so with the torso upright; leaning brings more within reach.  An object comes along the normal
+of any taxel of both arms at home, stops before it and waits.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tqdm import tqdm
 
+from control.lean import LeanParams
 from control.reaching import ReachingParams
 from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
@@ -30,7 +32,7 @@ from tracking.tracker import TrackerStep
 
 _DEG = np.pi / 180
 _DT_S = 0.05
-_SECONDS = 9.0
+_SECONDS = 15.0
 _SPEED_M_S = 0.06
 _BEGIN_M = 0.1  # from where the object begins to where it stops
 _STOP_M = (0.05, 0.18)  # from there to the taxel's centre
@@ -38,7 +40,12 @@ _RADIUS_M = 0.02
 _PLACES = 11  # of an object's path, all out of reach of an object that is
 _GAZE = GazeLimits(pitch_rad=(-80 * _DEG, 40 * _DEG))  # down to both hands at home
 _BLACK = np.zeros((2, 2, 3), np.uint8)
-_VARIANTS: Mapping[str, tuple[Side, ...]] = {"both hands": ("left", "right"), "right hand": ("right",)}
+_VARIANTS: Mapping[str, tuple[tuple[Side, ...], LeanParams | None]] = {
+    "both hands, the torso leans": (("left", "right"), LeanParams()),
+    "both hands, upright": (("left", "right"), None),
+    "right hand, upright": (("right",), None),
+}
+"""Hands that reach, and the lean of the torso."""
 Motion = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
 
 
@@ -91,12 +98,11 @@ class ReachHands(SampledStudy):
         return {
             variant: {
                 name: [
-                    _meet(robot, skin, motion, hands, maps)
-                    for motion in tqdm(drawn[within], desc=variant, disable=None)
+                    _meet(robot, skin, motion, *how, maps) for motion in tqdm(drawn[within], desc=variant, disable=None)
                 ]
                 for name, within in (("within reach", True), ("out of reach", False))
             }
-            for variant, hands in _VARIANTS.items()
+            for variant, how in _VARIANTS.items()
         }
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
@@ -104,17 +110,14 @@ class ReachHands(SampledStudy):
         rows = []
         for variant in _VARIANTS:
             near, far = (numbers[variant][name] for name in ("within reach", "out of reach"))
-            felt = [row for row in near if row["felt"]]
-            touched = [
-                estimate(percent_of(sum(row["touched"] for row in objects), len(objects))) for objects in (near, felt)
+            counts = [
+                f"{sum(row[key] for row in objects)} of {len(objects)}"
+                for objects, key in ((near, "felt"), (far, "tried"), (far, "touched"))
             ]
-            tried = f"{sum(row['tried'] for row in far)} of {len(far)}"
-            rows.append([variant, str(len(near)), *touched, tried])
-        return {
-            "": Table(
-                ["reaching", "within reach", "touched (%)", "touched of those felt (%)", "out of reach, tried"], rows
-            )
-        }
+            touched = estimate(percent_of(sum(row["touched"] for row in near), len(near)))
+            rows.append([variant, touched, *counts])
+        columns = "within reach: touched (%)", "felt", "out of reach upright: tried", "touched"
+        return {"": Table(["reaching", *columns], rows)}
 
 
 def _comes(points: Array, normals: Array, rng: np.random.Generator) -> Motion:
@@ -130,11 +133,16 @@ def _comes(points: Array, normals: Array, rng: np.random.Generator) -> Motion:
 
 
 def _meet(
-    robot: Robot, skin: Skin, motion: Motion, hands: tuple[Side, ...], maps: Mapping[str, ReachableMap]
+    robot: Robot,
+    skin: Skin,
+    motion: Motion,
+    hands: tuple[Side, ...],
+    lean: LeanParams | None,
+    maps: Mapping[str, ReachableMap],
 ) -> dict[str, bool]:
     """Whether the skin feels the object come, an arm moves, and a palm touches it."""
     reaching = [ReachingParams(HOME_ARM_RAD, side=side) for side in hands]
-    params = PipelineParams(arm=reaching[0], other_arm=reaching[1] if len(reaching) > 1 else None, lean=None)
+    params = PipelineParams(arm=reaching[0], other_arm=reaching[1] if len(reaching) > 1 else None, lean=lean)
     tracker: Any = _KnownTrack(motion)
     memory = PPSMemory.constant(skin)
     pipeline = Pipeline(params, robot, skin, tracker, memory, np.random.default_rng(0), *(maps[side] for side in hands))
