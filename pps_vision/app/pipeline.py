@@ -45,6 +45,8 @@ from tracking.tracker import Tracker, TrackerStep
 
 _MAX_MAGNITUDE = 1e6  # m and m/s: larger values are no measurement
 _RETRY_M = 0.05  # a hand that did not arrive tries again once the object has moved by this
+_PROGRESS_M = 0.01  # a hand that has come no nearer than this within the time below does not arrive
+_STALLED_S = 1.5
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,7 @@ class PipelineState:
     searching: SearchState | None = None  # gaze search under way
     last_known_s: float = -np.inf  # stamp of the last frame in which the object was known
     hand: int = 0  # number of the map asked last, that of the hand to reach with
-    missed: Mapping[int, Array] = field(default_factory=dict)  # position (3,) m of the object that a hand did not touch
-    has_touched: bool = False  # whether the arm that reaches has touched anything
+    attempt: "_Attempt" = field(default_factory=lambda: _Attempt({}))  # the hands' reach for the attended object
     attended_id: int = 0  # track attended in the last frame
     highest: Mapping[int, float] = field(default_factory=dict)  # highest activation by each track then known
     commands: tuple[JointVelocity, ...] = ()  # commands that may still be obeyed; the last is the last frame's
@@ -139,6 +140,15 @@ class _Leaning(NamedTuple):
 
     home_rad: Array  # the torso's joints before the lean
     is_returning: bool = False  # whether the torso turns back to them
+
+
+class _Attempt(NamedTuple):
+    """What came of reaching for an object."""
+
+    missed: Mapping[int, Array]  # where the object (3,) m was that a hand did not reach, by hand
+    nearest_m: float = np.inf  # smallest distance of the palm in the reach under way
+    nearest_s: float = -np.inf  # its stamp
+    has_touched: bool = False  # whether the reach under way has touched anything
 
 
 class _Arm(NamedTuple):
@@ -232,13 +242,12 @@ class Pipeline:
         field = params.receptive_field if state.learning.memory.params.knows_path else CONE
         learned, felt = learner.step(field, state.learning, skin)
         hand, reachability = self._choose_hand(posture.q_rad, track)
-        is_reachable = reachability is not None and reachability.is_reachable and hand not in state.missed
+        is_reachable = reachability is not None and reachability.is_reachable and hand not in state.attempt.missed
         at_effect = self._posture_at_effect(posture, stamp_s)
         is_felt = any(np.any(felt.activation.probability[arm.on_arm] > arm.params.threshold) for arm in self._hands)
         inputs = _ControlInput(at_effect, track, felt, touched, is_reachable, hand, is_felt)
         leaning, torso_command = self._lean(state.leaning, inputs)
         arms, responses = self._move_arms(state.arms, leaning, inputs)
-        missed, has_touched = self._missed(arms, inputs)
         searching, gaze_command = self._move_gaze(state, inputs)
         wanted = combine([*(response.command for response in responses), torso_command, gaze_command])
         last_q = state.prediction.q_rad if state.prediction else None
@@ -254,8 +263,7 @@ class Pipeline:
             searching=searching,
             last_known_s=stamp_s if track.is_known else state.last_known_s,
             hand=hand,
-            missed=missed,
-            has_touched=has_touched,
+            attempt=self._attempted(arms, inputs),
             attended_id=track.track_id,
             highest=highest_by_track(felt.tracks, felt.by_track),
             commands=(*(earlier for earlier in state.commands if earlier.stamp_s > obeyed_since_s), command),
@@ -317,27 +325,35 @@ class Pipeline:
         last = self._state.hand
         margins = self.params.hand_margin * (np.arange(len(answers)) == last)
         degrees = np.nan_to_num([answer.degree for answer in answers]) + margins
-        missed = self._state.missed
+        missed = self._state.attempt.missed
         chosen = max(range(len(answers)), key=lambda k: (answers[k].is_reachable and k not in missed, degrees[k]))
         return chosen, answers[chosen]
 
-    def _missed(self, arms: tuple[ArmState, ...], inputs: _ControlInput) -> tuple[dict[int, Array], bool]:
-        """Where the object is that a hand reached for in vain, by hand, and whether the present reach has touched.
+    def _attempted(self, arms: tuple[ArmState, ...], inputs: _ControlInput) -> _Attempt:
+        """The attempt after this frame, in which the arms have moved on to their states.
 
-        A hand ends in vain where something is in its way, such as the other arm; the torso may then turn for the other
-        hand.
+        A hand misses an object that it stops before or turns back from untouched, where something is in its way, such
+        as the other arm; the other hand may then reach it, or the torso turn for it.
         """
-        state = self._state
         track = inputs.track
         if not (self._hands and track.is_known):
-            return {}, False
-        missed = {k: p for k, p in state.missed.items() if np.linalg.norm(track.position - p) < _RETRY_M}
-        number = self._arms.index(self._hands[inputs.hand])
-        was_reaching, is_reaching = (states[number].mode == "reach" for states in (state.arms, arms))
-        has_touched = state.has_touched or bool(inputs.touched[self._arms[number].on_arm].any())
-        if was_reaching and not is_reaching and inputs.is_reachable and not has_touched:
+            return _Attempt({})
+        last = self._state.attempt
+        missed = {k: p for k, p in last.missed.items() if np.linalg.norm(track.position - p) < _RETRY_M}
+        arm = self._hands[inputs.hand]
+        number = self._arms.index(arm)
+        was_reaching, is_reaching = (states[number].mode == "reach" for states in (self._state.arms, arms))
+        attempt = last if was_reaching and inputs.hand == self._state.hand else _Attempt(missed)
+        has_touched = attempt.has_touched or bool(inputs.touched[arm.on_arm].any())
+        palm = arm.skin.at(inputs.posture)[0][arm.palm]
+        gap_m = float(np.linalg.norm(palm - track.position, axis=1).min())
+        nearest = attempt.nearest_m, attempt.nearest_s
+        if gap_m < attempt.nearest_m - _PROGRESS_M:
+            nearest = gap_m, track.stamp_s
+        is_over = not is_reaching or track.stamp_s - nearest[1] > _STALLED_S
+        if was_reaching and is_over and inputs.is_reachable and not has_touched:
             missed[inputs.hand] = track.position
-        return missed, has_touched and is_reaching
+        return _Attempt(missed, *nearest, has_touched) if is_reaching else _Attempt(missed)
 
     def _lean(self, leaning: _Leaning | None, inputs: _ControlInput) -> tuple[_Leaning | None, JointVelocity]:
         """Lean until an object that the arm is to reach for is reachable; back when it is touched, lost, or cannot be.
@@ -352,7 +368,9 @@ class Pipeline:
             return None, still
         arm = self._hands[inputs.hand]
         if leaning is None:
-            if inputs.is_reachable or not (inputs.is_felt or self._state.missed):  # without a track nothing is felt
+            if inputs.is_reachable or not (
+                inputs.is_felt or self._state.attempt.missed
+            ):  # without a track nothing is felt
                 return None, still
             leaning = _Leaning(inputs.posture.q_rad[torso])
         elif not track.is_known or inputs.touched[arm.on_arm].any():
@@ -371,7 +389,7 @@ class Pipeline:
     def _reachable_by_any(self, gaze: Array) -> Mask:
         """The verdict (n,) of the maps on gaze postures (n, 3): whether any hand may be sent there that has not missed
         the object."""
-        hands = [answer for k, answer in enumerate(self._reachability) if k not in self._state.missed]
+        hands = [answer for k, answer in enumerate(self._reachability) if k not in self._state.attempt.missed]
         return np.any([np.zeros(len(gaze), bool), *(hand.reachable(gaze) for hand in hands)], axis=0)
 
     def _move_arms(
@@ -415,7 +433,7 @@ class Pipeline:
         """
         probability = inputs.felt.activation.probability[arm.on_arm]
         is_leaning = leaning is not None and not leaning.is_returning
-        if not (is_leaning or inputs.is_felt or self._state.missed) or arm is not self._hands[inputs.hand]:
+        if not (is_leaning or inputs.is_felt or self._state.attempt.missed) or arm is not self._hands[inputs.hand]:
             return probability
         distance = np.linalg.norm(arm.skin.at(inputs.posture)[0] - inputs.track.position, axis=1)
         probability = probability.copy()

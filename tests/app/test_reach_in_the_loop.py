@@ -4,6 +4,7 @@ The loop is closed on kinematics (`known_track`).
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -158,14 +159,16 @@ def test_an_arm_that_is_to_reach_needs_its_own_map(left):
 
 def test_of_two_hands_the_one_that_reaches_the_object_better_reaches_for_it(left, right):
     """Objects that come down before the left palm, the right one, and between them, where one sways by 4 cm; one at the
-    left elbow, which only the right hand reaches; one too far for both, to which the torso leans only if it may."""
+    left elbow, which only the right hand reaches; one too far for both, to which the torso leans only if it may; and
+    one behind the right forearm, where that arm is in the left hand's way until the torso turns for the right hand."""
     skin = icub_skin()
 
-    def hands(motion, leans: bool = False) -> tuple[list[str], Array]:
+    def hands(motion, leans: bool = False, seconds: float = 3.0) -> tuple[list[str], Array]:
         """The hand that reaches in each frame, "" if none does, and the joints."""
         params = PipelineParams(arm=REACH, other_arm=replace(REACH, side="right"), lean=LeanParams() if leans else None)
         tracker, memory = KnownTrack(motion), touched_by_all(skin)
-        steps, joints = run(Pipeline(params, ROBOT, skin, tracker, memory, np.random.default_rng(0), left, right), 3.0)
+        pipeline = Pipeline(params, ROBOT, skin, tracker, memory, np.random.default_rng(0), left, right)
+        steps, joints = run(pipeline, seconds)
         modes = [[response.mode == "reach" for response in step.responses] for step in steps]
         assert not any(map(all, modes))
         return ["left" if reach[0] else "right" if reach[1] else "" for reach in modes], joints
@@ -193,3 +196,15 @@ def test_of_two_hands_the_one_that_reaches_the_object_better_reaches_for_it(left
     assert set(used) == {""}
     np.testing.assert_array_equal(joints[:, ARM], np.tile(HOME_ARM_RAD, (len(joints), 1)))
     assert set(hands(too_far, leans=True)[0]) - {""} == {"left"}
+
+    begin, end = np.array([-0.21, -0.04, 0.085]), np.array([-0.17, 0.07, 0.06])
+    path_m = np.linalg.norm(end - begin)
+
+    def behind(t: float) -> tuple[Array, Array]:
+        velocity = 0.06 * (end - begin) / path_m
+        return (begin + velocity * t, velocity) if 0.06 * t < path_m else (end, np.zeros(3))
+
+    used, joints = hands(behind, leans=True, seconds=12.0)
+    changes = [side for side, following in pairwise([*used, ""]) if side and side != following]
+    assert changes[-2:] == ["left", "right"]
+    assert np.linalg.norm(ROBOT.at(joints[-1]).point("right_palm") - end) < 0.05
