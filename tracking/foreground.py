@@ -18,6 +18,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry import masks
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.masks import Box, BoxPx
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram
 from tracking.camera_pose import ROOM_M, EgoMotion, channel_maximum, color_difference
@@ -99,6 +100,7 @@ class Background:
         self._stamp_s = 0.0
         self._inverse_distance = 1 / ROOM_M
         self._measured: tuple[Image, Brightness] | None = None
+        self._expected: tuple[View, Box, Pixels] | None = None  # the last part of the mean that was warped to a view
         columns, rows = (
             (2 * np.arange(_SAMPLES) + 1) * (side - 2) // (2 * _SAMPLES) + 1 for side in (camera.width, camera.height)
         )
@@ -183,16 +185,7 @@ class Background:
             is_inside = ((projected > -0.5) & (projected < (image.shape[1] - 0.5, len(image) - 0.5))).all(axis=1)
             pixels = pixels[is_inside]
             sources = np.rint(projected[is_inside]).astype(int)
-        expected = self._mean[sources[:, 1], sources[:, 0]].astype(float)
-        is_known = expected.min(axis=1) > 0
-        if not is_known.any():
-            return Brightness(1.0, self.params.min_contrast)
-        expected = expected[is_known]
-        x, y = pixels[is_known].T
-        rows, columns = np.mgrid[-1:2, -1:2].reshape(2, -1, 1)
-        levels = image[y + rows, x + columns].mean(axis=0)
-        gain = float(np.median(levels / expected))
-        noise = 1.4826 * float(np.median(np.abs(levels - gain * expected)))  # standard deviation
+        gain, noise = _gain_and_noise(image, pixels, self._mean, sources)
         return Brightness(gain, max(self.params.noise_factor * noise, self.params.min_contrast))
 
     def update(self, image: Image, view: View, stamp_s: float, objects_px: Sequence[BoxPx] = ()) -> None:
@@ -213,7 +206,7 @@ class Background:
             self._last = current
         self._anchor = view
         self._stamp_s = stamp_s
-        self._measured = None
+        self._measured = self._expected = None
         self.is_known = True
 
     def invalidate_mask(
@@ -233,6 +226,7 @@ class Background:
             forgotten = np.zeros(image.shape[:2], np.uint8)
             forgotten[box[1] : box[3], box[0] : box[2]] = had_its_colors & (mask | ~is_alike(smoothed(image, box)))
             self._mean[self._ego.warp(forgotten, view, self._anchor, self._inverse_distance) > 0] = 0
+            self._expected = None
             return
         learned = self._mean[box[1] : box[3], box[0] : box[2]]
         differs = self.differs(image, view, box)
@@ -254,6 +248,7 @@ class Background:
         """Background as seen from a view, and the image (smoothed: `current`) at the background's brightness."""
         if not self.rests(view):
             self._fit_distance(current, view)
+            self._expected = None
         gain, threshold = self._brightness(image, view)
         saturated = channel_maximum(current) == 255
         cv2.convertScaleAbs(current, current, alpha=1 / gain)
@@ -315,7 +310,12 @@ class Background:
         """Box of an image of the anchor, warped to a view."""
         if self.rests(view):
             return image[box[1] : box[3], box[0] : box[2]]
-        return self._ego.warp(image, self._anchor, view, self._inverse_distance, box)
+        if image is not self._mean:
+            return self._ego.warp(image, self._anchor, view, self._inverse_distance, box)
+        if self._expected is None or self._expected[0] is not view or not masks.contains(self._expected[1], box):
+            self._expected = view, box, self._ego.warp(image, self._anchor, view, self._inverse_distance, box)
+        _, (x, y, _, _), expected = self._expected
+        return expected[box[1] - y : box[3] - y, box[0] - x : box[2] - x]
 
     @cached_property
     def _directions(self) -> Array:
@@ -408,6 +408,35 @@ class Foreground:
             is_cut = mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any()
             return None if is_cut else (mask, True)
         return (mask, False) if is_whole else None
+
+
+@njit(cache=True, error_model="numpy")
+def _gain_and_noise(
+    image: Image, pixels: NDArray[np.int64], mean: Image, sources: NDArray[np.int64]
+) -> tuple[float, float]:
+    """Median ratio of an image (H, W, 3), smoothed over 3×3 px, to the background at pixels (n, 2) of both, (x, y),
+    and the standard deviation of what remains; 1 and 0 if the background is unknown."""
+    levels = np.empty((len(pixels), 3))
+    expected = np.empty((len(pixels), 3))
+    n = 0
+    for i in range(len(pixels)):
+        x, y = pixels[i, 0], pixels[i, 1]
+        u, v = sources[i, 0], sources[i, 1]
+        if min(mean[v, u, 0], mean[v, u, 1], mean[v, u, 2]) == 0:
+            continue
+        for k in range(3):
+            expected[n, k] = mean[v, u, k]
+            total = 0
+            for row in range(y - 1, y + 2):
+                for column in range(x - 1, x + 2):
+                    total += image[row, column, k]
+            levels[n, k] = total / 9
+        n += 1
+    if n == 0:
+        return 1.0, 0.0
+    gain = np.median((levels[:n] / expected[:n]).ravel())
+    noise = 1.4826 * np.median(np.abs(levels[:n] - gain * expected[:n]).ravel())
+    return gain, noise
 
 
 def smoothed(image: Image, box: Box) -> Pixels:

@@ -5,7 +5,7 @@ object → sub-pixel outline.  `ImageTracker` follows in the image alone, `Camer
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal, NamedTuple
 
 import cv2
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.geometry import masks
-from pps_vision.geometry.camera import View
+from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.compiled import Vector
 from pps_vision.geometry.masks import Box, BoxPx
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
@@ -108,25 +108,40 @@ class Target:
         return math.sqrt(self.shape[0] * self.shape[1]) * self.angle_rad
 
 
-class Examined(NamedTuple):
+@dataclass(frozen=True)
+class Examined:
     """Region of an image around the predicted object.
 
     Attributes:
+        target: The object.
+        camera: The image's.
         roi: The region.
         bins: (h, w) colour bins.
         likelihoods: (h, w) likelihoods that segment the object, the most accurate first, each with a mask of likely
             background (None: unknown).
-        changed: (h, w) foreground, or unknown background.
+        changed: (h, w) foreground, or unknown background; None without a known background.
         covered: (h, w) foreground in front of known background.
-        evidence: For the particle filter.
     """
 
+    target: Target
+    camera: Camera
     roi: Box
     bins: NDArray[np.uint8]
     likelihoods: tuple[tuple[Map, Mask | None], ...]
-    changed: Mask
+    changed: Mask | None
     covered: Mask
-    evidence: Evidence
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """Input of the particle filter."""
+        model = self.target.model
+        inside = 2 * np.take(model.table(), self.bins) - 1
+        if self.changed is not None:
+            among_changed = np.take(2 * share(model.object, self.target.rivals) - 1, self.bins)
+            unchanged = np.take(np.float32(model.object / model.object.max()) - 1, self.bins)
+            inside = np.where(self.changed, np.maximum(among_changed, _RIVAL), unchanged)
+        smooth = np.asarray(cv2.blur(np.asarray(inside, np.float32), (3, 3)), np.float32)
+        return Evidence(smooth, (self.roi[0], self.roi[1]), (self.camera.width, self.camera.height))
 
 
 class ImageTracker:
@@ -188,8 +203,8 @@ class ImageTracker:
             return None
         bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
         colors = np.take(target.model.table(), bins)
-        is_changed = is_covered = np.zeros(bins.shape, bool)
-        inside = 2 * colors - 1
+        is_changed = None
+        is_covered = np.zeros(bins.shape, bool)
         likelihoods: list[tuple[Map, Mask | None]] = []
         if segmented_by == "colour":
             likelihoods.append((colors, target.model.backdrop()[bins]))
@@ -197,17 +212,11 @@ class ImageTracker:
             changed, is_known = foreground(roi)
             is_changed = changed > 0.5
             is_covered = is_changed & is_known
-            among_changed = np.take(2 * share(target.model.object, target.rivals) - 1, bins)
-            unchanged = np.take(np.float32(target.model.object / target.model.object.max()) - 1, bins)
-            inside = np.where(is_changed, np.maximum(among_changed, _RIVAL), unchanged)
             if segmented_by == "foreground":
                 likelihoods.append((changed, None))
             else:
                 likelihoods.append((colors * is_changed, ~is_changed & target.model.backdrop()[bins]))
-        camera = self.optics.camera
-        smooth = np.asarray(cv2.blur(np.asarray(inside, np.float32), (3, 3)), np.float32)
-        evidence = Evidence(smooth, (roi[0], roi[1]), (camera.width, camera.height))
-        return Examined(roi, bins, tuple(likelihoods), is_changed, is_covered, evidence)
+        return Examined(target, self.optics.camera, roi, bins, tuple(likelihoods), is_changed, is_covered)
 
     def detect(
         self, target: Target, image: Image, examined: Examined, center_px: Array, by_color: bool
@@ -263,15 +272,16 @@ class ImageTracker:
         """Whether the examined region holds the object at a centre (2,), as far as the image does."""
         w, h = (0.5 * _REACH * side for side in target.box)
         needed = self.region(center_px, w + 1, h + 1)
-        x0, y0, x1, y1 = examined.roi
-        return x0 <= needed[0] and y0 <= needed[1] and needed[2] <= x1 and needed[3] <= y1
+        return masks.contains(examined.roi, needed)
 
     def learn_rivals(self, target: Target, examined: Examined, center_px: Array) -> Target:
         """The target with the colours of the foreground beside the object, located at a centre (2,)."""
         w, h = (_REACH * side for side in target.box)
-        beside = examined.changed & ~masks.ellipse(examined.roi, center_px, w, h)
-        share_beside = min(np.count_nonzero(beside) / target.size**2, 1.0)
-        seen = share_beside * histogram(examined.bins[beside]) if share_beside > 0 else 0.0
+        seen: Array | float = 0.0
+        if examined.changed is not None:
+            beside = examined.changed & ~masks.ellipse(examined.roi, center_px, w, h)
+            share_beside = min(np.count_nonzero(beside) / target.size**2, 1.0)
+            seen = share_beside * histogram(examined.bins[beside]) if share_beside > 0 else 0.0
         rivals = (1 - _FAST_RATE) * target.rivals + _FAST_RATE * seen
         return replace(target, rivals=rivals)
 

@@ -161,3 +161,8 @@ def clipped(box: Box, width: int, height: int) -> Box:
     """Intersection of a box with an image of that size (px)."""
     x0, y0, x1, y1 = box
     return max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
+
+
+def contains(outer: Box, inner: Box) -> bool:
+    """Whether a box contains another one."""
+    return outer[0] <= inner[0] and outer[1] <= inner[1] and inner[2] <= outer[2] and inner[3] <= outer[3]
