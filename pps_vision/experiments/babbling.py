@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from learning.reach.babbling import gaze_at_hand, random_arms
-from learning.reach.params import ArmLimits
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
@@ -20,18 +19,11 @@ class Babbled:
     n_tried: int  # number of arm postures tried, fixated or not
 
 
-def babble(
-    robot: Robot,
-    side: str,
-    n: int,
-    rng: np.random.Generator,
-    arm_limits: ArmLimits | None = None,
-    gaze_limits: GazeLimits | None = None,
-) -> Babbled:
-    """Try `n` postures of four joints, uniform within their limits, and keep those whose hand (origin of the palm
-    frame) the eyes can fixate within the limits of the gaze, by kinematics.  ValueError for an unknown side."""
-    arm = random_arms(n, rng, arm_limits)
-    gaze = gaze_at_hand(robot, side, arm, gaze_limits)
+def babble(robot: Robot, n: int, rng: np.random.Generator, gaze_limits: GazeLimits | None = None) -> Babbled:
+    """Try `n` postures of the right arm's first four joints, uniform within J's limits, and keep those whose hand
+    (origin of the palm frame) the eyes can fixate within the limits of the gaze, by kinematics."""
+    arm = random_arms(n, rng)
+    gaze = gaze_at_hand(robot, "right", arm, gaze_limits)
     fixated = np.isfinite(gaze).all(axis=1)
     return Babbled(arm[fixated], gaze[fixated], n)
 

@@ -6,23 +6,21 @@ change holds 0 in its interval decides nothing here.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from tqdm import tqdm
 
-from learning.reach.labels import ReachOracle
-from learning.reach.training import train_reachable_map
 from pps_vision.app.encounters.registry import ONE_GATED, OURS
+from pps_vision.app.encounters.suite import scene
 from pps_vision.app.encounters.training import learn_from
 from pps_vision.experiments import reach_in_loop
 from pps_vision.experiments.encounters.learning import (
     RobotTask,
     mind,
     rows_of_minds,
-    scene,
     scores_of,
     side_of,
     training,
@@ -31,11 +29,9 @@ from pps_vision.experiments.films import score
 from pps_vision.experiments.films.cases import CASES, NEW_CASES
 from pps_vision.experiments.films.recordings import EYES_M, FPS, MOTIONS, Footage, from_film, moving
 from pps_vision.experiments.films.scenes import Film
-from pps_vision.experiments.reach_truth import map_params
 from pps_vision.experiments.stages import trigger
 from pps_vision.experiments.study import DATA, Part, PartsStudy, SampledStudy, interval, mean, rms
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Mask
 from tracking.kalman import KalmanParams
 from tracking.motion_trigger import TriggerParams
@@ -157,22 +153,10 @@ def _touch(study: "Decides", k: int) -> Unit:
     return {name: dict(zip(quantities, scores_of(rows, _ERROR_M, name)[k], strict=False)) for name in minds}
 
 
-@cache
-def _leaning(study: "Decides") -> tuple[Array, Callable[..., reach_in_loop.Attempt], float]:
-    """Objects beyond the reach of the upright iCub, a function that leans towards one, and the map's threshold."""
-    robot = load_icub()
-    rng = np.random.default_rng(study.seed)
-    params = replace(map_params(study.n_labels), gaze_limits=reach_in_loop.GAZE, arm_limits=reach_in_loop.ARM)
-    learned = train_reachable_map(robot, reach_in_loop.SIDE, rng, params)
-    lean_once = partial(reach_in_loop.attempt, ReachOracle(robot, reach_in_loop.SIDE, params, rng), learned)
-    points = reach_in_loop.draw_unreachable(robot, 5 * study.n, np.random.default_rng(study.seed + 1_000_000))
-    return points, lean_once, learned.threshold(reach_in_loop.MAX_FP)
-
-
 def _map(study: "Decides", k: int) -> Unit:
     """An object to which the torso leans by the map, or by one that calls everything reachable."""
-    points, lean_once, threshold = _leaning(study)
-    names = {"": threshold, "reachable map (all is within reach)": -1.0}
+    points, lean_once, learned = reach_in_loop.leaning(study.seed, 5 * study.n, study.n_labels)
+    names = {"": learned.threshold(reach_in_loop.MAX_FP), "reachable map (all is within reach)": -1.0}
     return {
         name: {"touched (%)": 100.0 * lean_once(least, points[k], True).is_touched} for name, least in names.items()
     }

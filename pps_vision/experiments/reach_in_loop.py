@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -107,6 +107,17 @@ def draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:
     return points[:n]
 
 
+@cache
+def leaning(seed: int, n: int, n_labels: int) -> tuple[Array, partial[Attempt], ReachableMap]:
+    """Return `n` objects beyond the reach of the upright iCub, `attempt` with a learned map, and that map."""
+    robot = load_icub()
+    rng = np.random.default_rng(seed)
+    params = replace(map_params(n_labels), gaze_limits=GAZE, arm_limits=ARM)
+    learned = train_reachable_map(robot, SIDE, rng, params)
+    points = draw_unreachable(robot, n, np.random.default_rng(seed + 1_000_000))
+    return points, partial(attempt, ReachOracle(robot, SIDE, params, rng), learned), learned
+
+
 _ROWS = {
     "objects": "objects that the upright robot does not reach",
     "reachable_with_torso": "reachable with the torso",
@@ -130,13 +141,9 @@ class ReachInLoop(SampledStudy):
 
     def run(self) -> dict[str, Any]:
         """Return counts; median, 95 % quantile and maximum over the objects touched."""
-        robot = load_icub()
-        rng = np.random.default_rng(self.seed)
-        params = replace(map_params(self.n_labels), gaze_limits=GAZE, arm_limits=ARM)
-        learned = train_reachable_map(robot, SIDE, rng, params)
-        lean_once = partial(attempt, ReachOracle(robot, SIDE, params, rng), learned, learned.threshold(MAX_FP))
-        points = draw_unreachable(robot, self.n, np.random.default_rng(self.seed + 1_000_000))
-        possible = can_be_reached(robot, points)
+        points, attempt_at, learned = leaning(self.seed, self.n, self.n_labels)
+        lean_once = partial(attempt_at, learned.threshold(MAX_FP))
+        possible = can_be_reached(load_icub(), points)
         attempts = [lean_once(point, compensates=True) for point in tqdm(points, desc="objects", disable=None)]
         touched = [row for row in attempts if row.is_touched]
         refused = np.array([row.status == "out of reach" for row in attempts])

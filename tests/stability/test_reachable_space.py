@@ -95,7 +95,7 @@ def test_singular_arms_are_reached_and_walked_without_nan():
 
 
 def test_an_elbow_read_wrongly_shifts_what_is_told_and_no_more():
-    babbled = babble(ROBOT, "right", 2500, rng())
+    babbled = babble(ROBOT, 2500, rng())
     off = Babbled(babbled.arm_rad + np.deg2rad([0, 0, 0, 1.0]), babbled.gaze_rad, babbled.n_tried)
     assert told_wrongly(off) < 0.03
 

@@ -1,7 +1,9 @@
 """PPS-Bench: every controller meets the same objects, on exact tracks, as our eyes track them, and with more noise."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -10,7 +12,7 @@ from matplotlib.figure import Figure
 from pps_vision.app import versions
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, Condition
 from pps_vision.app.encounters.registry import GEOMETRY, ONE, ONE_GATED, OURS, controller
-from pps_vision.app.encounters.suite import Rows, run_suite
+from pps_vision.app.encounters.suite import Rows, map_tasks, memories, rows_of_task, tasks_of, train
 from pps_vision.app.encounters.tracks import NOISE, Perception
 from pps_vision.app.intervals import percent_of
 from pps_vision.app.report import page
@@ -70,8 +72,11 @@ def benchmark(
     """
     counts = {condition: max(round(part * n), 1) for condition, part in _SHARES.items()}
     entries = {name: controller(name) for name in controllers}
-    with whole_folder(out) as folder:
-        rows = run_suite(counts, seed, entries, workers, share, get_args(Perception))
+    tasks = tasks_of(counts, seed, entries, get_args(Perception))
+    with whole_folder(out) as folder, TemporaryDirectory() as learned:
+        train(Path(learned), seed, share)
+        rows = map_tasks(partial(rows_of_task, folder=Path(learned)), workers, list(tasks.values()))
+        memories.cache_clear()
         rates = {
             perception: {name: Rates.of(_chosen(rows, perception, name)) for name in entries}
             for perception in get_args(Perception)

@@ -3,10 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
-from functools import cache, partial
+from functools import cache
 from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -36,32 +35,6 @@ class Task(NamedTuple):
     perceptions: tuple[Perception, ...] = ("track",)
 
 
-def run_suite(
-    counts: Mapping[Condition, int],
-    seed: int,
-    controllers: Mapping[str, Entry],
-    workers: int,
-    share: float,
-    perceptions: tuple[Perception, ...] = ("track",),
-) -> Rows:
-    """Return a row for each encounter, perception and controller; they do not depend on the number of `workers`.
-
-    Args:
-        counts: Number of encounters of each condition.
-        seed: Seed of the encounters and of the memories' training.
-        controllers: Controllers by name.
-        workers: Processes; with 1 everything runs in this one.
-        share: Share of the training approaches.
-        perceptions: The controllers' knowledge of the object.
-    """
-    tasks = tasks_of(counts, seed, controllers, perceptions)
-    with TemporaryDirectory() as folder:
-        train(Path(folder), seed, share)
-        rows = map_tasks(partial(rows_of_task, folder=Path(folder)), workers, list(tasks.values()))
-    memories.cache_clear()
-    return rows
-
-
 def map_tasks(rows_of: Callable[..., Rows], workers: int, *arguments: Sequence[Any]) -> Rows:
     """Return the rows of all tasks, by `rows_of` of one of each of the `arguments`, in `workers` processes; with 1 all
     run in this one."""
@@ -77,7 +50,8 @@ def tasks_of(
     controllers: Mapping[str, Entry],
     perceptions: tuple[Perception, ...] = ("track",),
 ) -> dict[str, Task]:
-    """Return the tasks of `run_suite`, by name."""
+    """Return tasks with these numbers of encounters of each condition, every one met by every controller with every
+    perception; by name.  `seed`: of the encounters and the tracks' errors."""
     return {
         f"{condition} {first}": Task(condition, first, min(PART, n - first), seed, controllers, perceptions)
         for condition, n in counts.items()

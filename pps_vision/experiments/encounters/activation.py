@@ -8,12 +8,12 @@ import numpy as np
 
 from learning.pps.memory import activation
 from pps_vision.app.encounters.encounter import HARMLESS, Condition
-from pps_vision.app.encounters.suite import Rows
+from pps_vision.app.encounters.suite import Rows, scene
 from pps_vision.app.encounters.training import Trial, events_of, training_trials
 from pps_vision.app.intervals import percent_of
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.encounters.controllers import unfinished_folder
-from pps_vision.experiments.encounters.learning import RobotTask, encounter_of, mind, scene, side_of
+from pps_vision.experiments.encounters.learning import RobotTask, encounter_of, mind, side_of
 from pps_vision.experiments.encounters.unfinished import run_tasks
 from pps_vision.experiments.study import interval
 from pps_vision.experiments.tables import Table, estimate, judged

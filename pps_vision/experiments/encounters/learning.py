@@ -14,11 +14,11 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.app.encounters.encounter import HARMLESS, Condition, Encounter, EncounterScene, draw
+from pps_vision.app.encounters.encounter import HARMLESS, Condition, Encounter, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import CONTROLLERS, GEOMETRY, ONE, ONE_GATED, OURS
 from pps_vision.app.encounters.robots import MiscalibratedRobot
-from pps_vision.app.encounters.suite import Rows, track_rng
+from pps_vision.app.encounters.suite import Rows, scene, track_rng
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, Trial, calibrate, learn_from, training_trials
 from pps_vision.app.simulation import Side
@@ -131,11 +131,6 @@ def encounter_number(robot: int, k: int, n: int) -> int:
     """Return the number of a robot's encounter k of n of a condition: the arm is the robot's, the parts alternate."""
     index = robot // 2 * n + k
     return 6 * (index // 3) + 3 * (robot % 2) + index % 3
-
-
-@cache
-def scene() -> EncounterScene:
-    return EncounterScene()
 
 
 @cache

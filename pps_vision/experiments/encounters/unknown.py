@@ -53,7 +53,6 @@ from rendering.stimuli import make_stimulus
 Case = Literal["stick", "sleeve", "radius"]
 COMPARED = (OURS, ONE_GATED, GEOMETRY)
 TOUCHES = 50
-WITHOUT = 100  # objects that then go where the stick was
 PER_CONDITION = 4
 STICK_M = 0.15  # from the foremost taxel of the palm to the tip, along the fingers
 SLEEVE_M = 0.03
@@ -73,18 +72,6 @@ _DRAWS = 6  # paths tried for a posture
 _LEAD_S = 0.5  # before the contact, at which the stick's receptive field is measured
 _AFTER = (0, 10, 25, 50)  # touches after which it is measured
 _GOAL = 80.0
-
-
-class Subject(NamedTuple):
-    """A subject's memory and body."""
-
-    side: Side
-    memory: PPSMemory
-
-    @classmethod
-    def naive(cls, side: Side) -> "Subject":
-        """Return a subject that has felt nothing."""
-        return cls(side, PPSMemory.empty(bare().skins[side]))
 
 
 class SubjectTask(NamedTuple):
@@ -127,29 +114,29 @@ def subject_rows(task: SubjectTask, folder: Path | None = None) -> Rows:
     side: Side = get_args(Side)[task.subject % 2]
     true = world(side, task.case)
     rng = np.random.default_rng((task.seed, get_args(Case).index(task.case), task.subject))
-    subject = Subject.naive(side)
+    memory = PPSMemory.empty(bare().skins[side])
     probes = [trial_of(task.case, side, "through", rng) for _ in range(PER_CONDITION)] if task.case == "stick" else []
-    ahead = {"0": activation_ahead(subject, probes)}
+    ahead = {"0": activation_ahead(memory, probes)}
     for k, until in pairwise(sorted({after for after in _AFTER if after < task.n_touches} | {0, task.n_touches})):
         paths: list[tuple[Condition, DrawPath]] = [("press", _TOUCH), ("harmless_passing", _PASS)] * (until - k)
         trials = [trial_of(task.case, side, condition, rng, path) for condition, path in paths]
-        subject = learned(subject, true, trials)
+        memory = learned(side, memory, true, trials)
         if until in _AFTER:
-            ahead[str(until)] = activation_ahead(subject, probes)
+            ahead[str(until)] = activation_ahead(memory, probes)
     rows: Rows = []
     for condition in _PATHS:
         for _ in range(PER_CONDITION):
             trial = trial_of(task.case, side, condition, rng)
             for name in COMPARED:
-                memory = subject.memory if name == OURS else PPSMemory.constant(bare().skins[side])
+                own = memory if name == OURS else PPSMemory.constant(bare().skins[side])
                 arguments = trial.encounter, name, CONTROLLERS[name].new, trial.tracks
                 erring = bare(), np.zeros(true.robot.n_joints)
-                result = simulate_encounter(true, memory, *arguments, erring=erring)
+                result = simulate_encounter(true, own, *arguments, erring=erring)
                 rows.append({**asdict(result), "subject": task.subject, "case": task.case})
     if probes:
         without = [trial_of(task.case, side, "through", rng) for _ in range(2 * task.n_touches)]
-        subject = learned(subject, bare(), without)
-        ahead["without"] = activation_ahead(subject, probes)
+        memory = learned(side, memory, bare(), without)
+        ahead["without"] = activation_ahead(memory, probes)
         rows.append({"ahead": ahead})
     return rows
 
@@ -203,9 +190,8 @@ def _seen(case: Case, track: Track3D) -> Track3D:
     return replace(track, radius_m=track.radius_m - RADIUS_ERROR_M) if case == "radius" else track
 
 
-def learned(subject: Subject, true: EncounterScene, trials: Sequence[Trial]) -> Subject:
-    """Return the subject after more trials: their touches beyond its skin tell it of a tool, as in `learn`."""
-    side, memory = subject
+def learned(side: Side, memory: PPSMemory, true: EncounterScene, trials: Sequence[Trial]) -> PPSMemory:
+    """Return a subject's memory after more trials: touches beyond its skin tell it of a tool, as in `learn`."""
     skin = bare().skins[side]
     beyond = []
     for trial in trials:
@@ -222,18 +208,18 @@ def learned(subject: Subject, true: EncounterScene, trials: Sequence[Trial]) -> 
         for events in events_of(true, trial, None, None, believed=(bare(), memory)):
             learning = observe(learning, events)
         memory = miss(finish(learning)).memory
-    return Subject(side, memory)
+    return memory
 
 
-def activation_ahead(subject: Subject, probes: Sequence[Trial]) -> float:
+def activation_ahead(memory: PPSMemory, probes: Sequence[Trial]) -> float:
     """Return the mean over objects on their way to the stick of the highest activation half a second before contact."""
     highest = []
     for probe in probes:
         until_s = probe.encounter.contact_s - _LEAD_S
-        seen = events_of(bare(), probe, None, None, believed=(bare(), subject.memory))
+        seen = events_of(bare(), probe, None, None, believed=(bare(), memory))
         *_, events = (e for e in seen if e.stamp_s <= until_s)
         miss_m = np.nan if events.miss_m is None else events.miss_m
-        highest.append(float(activation(subject.memory, events.distance_m, events.ttc_s, miss_m).max()))
+        highest.append(float(activation(memory, events.distance_m, events.ttc_s, miss_m).max()))
     return float(np.mean(highest)) if highest else np.nan
 
 

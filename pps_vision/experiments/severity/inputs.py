@@ -34,7 +34,6 @@ from pps_vision.app.track_statistics import PathStatistics
 from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.films.caster import RayCaster, SensorChain
 from pps_vision.experiments.films.scenes import FOCAL, Film, FilmScene
-from pps_vision.experiments.study import DATA
 from pps_vision.experiments.tables import Table
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, transform
@@ -66,8 +65,8 @@ class Shot(ImageFile):
 class RigFilm(Film):
     """A film by cameras at any poses in the stage frame."""
 
-    def __init__(self, scene: FilmScene, seed: int, poses: tuple[Array, Array], data: Path = DATA) -> None:
-        super().__init__(scene, seed, data)
+    def __init__(self, scene: FilmScene, seed: int, poses: tuple[Array, Array]) -> None:
+        super().__init__(scene, seed)
         self._poses = poses
 
     @cached_property
@@ -153,7 +152,7 @@ class Input:
             return self._turn_misfit_px() > VISIBLE_PX
         if self.is_video and self.recording().warnings:
             return True
-        aside, parallax = self._misfits(*self._wall_px(0.0))
+        aside, parallax = self._misfits(*self._wall_px())
         pairs = [(self.film.truth[left], self.film.truth[right]) for left, right in self.shown.tolist()]
         pairs = [pair for pair in pairs if pair[0].visible_left and pair[1].visible_right]
         left, right = ([left.left_px for left, _ in pairs], [right.right_px for _, right in pairs])
@@ -161,14 +160,14 @@ class Input:
         misfits_px = [float(np.median(np.abs(values))) for values in (aside, of_ball)]
         return bool(max(misfits_px) > VISIBLE_PX or np.mean(parallax < 0) > 0.5)
 
-    def _wall_px(self, t_s: float) -> tuple[Array, Array]:
+    def _wall_px(self) -> tuple[Array, Array]:
         """Pixels (n, 2) of points of the wall in both cameras."""
         film = self.film
         rng = np.random.default_rng(film.seed)
         room_m = film.scene.room_m
         points = rng.uniform(-1, 1, (_WALL_POINTS, 3)) * (1.25 * room_m, room_m, 0) + (0, 0, room_m)
         size = np.array([film.scene.width, film.scene.height])
-        px = [lens.project(T, points) for lens, T in zip(film._lenses, film.eye_poses(t_s), strict=True)]
+        px = [lens.project(T, points) for lens, T in zip(film._lenses, film.eye_poses(0.0), strict=True)]
         inside = np.all([np.all((p > 0) & (p < size - 1), axis=1) for p in px], axis=0)
         return px[0][inside], px[1][inside]
 
@@ -190,12 +189,12 @@ class Input:
         true = [self.film.eye_poses(float(self.film.stamps_s[k]))[0][:3, :3] for k in times]
         given = [self.rig.view(self.joints[k]).left.T_root_camera[:3, :3] for k in times]
         camera = self.rig.left
-        rays = camera.bearings(self._wall_px(0.0)[0])
+        rays = camera.bearings(self._wall_px()[0])
         by_joints, by_images = (camera.project(rays @ R[0].T @ R[1]) for R in (given, true))
         return float(np.nanmedian(np.linalg.norm(by_joints - by_images, axis=1)))
 
 
-def make_film(seed: int, head: bool = False, data: Path = DATA) -> RigFilm:
+def make_film(seed: int, head: bool = False) -> RigFilm:
     """A film by a rig of that seed."""
     rng = np.random.default_rng((seed, 7))
     width = 640 if rng.random() < 0.1 else 320
@@ -228,7 +227,7 @@ def make_film(seed: int, head: bool = False, data: Path = DATA) -> RigFilm:
         built = Rotation.from_rotvec(np.deg2rad(rng.normal(0, 1.0, 3)))  # no rig is built exactly
         roll = Rotation.from_rotvec([0, 0, np.deg2rad(rolled_deg)])
         poses.append(transform((toe * built * roll).as_matrix(), 0.5 * sign * baseline_m * axis))
-    return RigFilm(scene, seed, (poses[0], poses[1]), data)
+    return RigFilm(scene, seed, (poses[0], poses[1]))
 
 
 def _extrinsics(given: Input, change: Callable[[Array, Array], tuple[Array, Array]]) -> Input:

@@ -91,7 +91,7 @@ DISTURBANCES: dict[str, tuple[Axis, Disturb | None]] = {
 def disturbed(name: str, n_test: int, seed: int, severity: float) -> Training:
     """Return 1500 babbled samples, or labels, with one disturbance, and gaze postures from another seed."""
     robot = load_icub()
-    babbled = first(babble(robot, "right", _N_TRIED, np.random.default_rng(seed)), _N_SAMPLES)
+    babbled = first(babble(robot, _N_TRIED, np.random.default_rng(seed)), _N_SAMPLES)
     gaze = np.random.default_rng(seed + 1_000_000).uniform(_LIMITS.lower, _LIMITS.upper, (n_test, 3))
     reachable = np.isfinite(closed_form(robot).solve(fixation_points(robot, gaze))[:, 0])
     _, change = DISTURBANCES[name]

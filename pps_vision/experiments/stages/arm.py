@@ -64,9 +64,7 @@ def _quadratic(posture: Posture, task: Task) -> Array:
     return arm_velocity(_PARAMS, posture, constraints, points)
 
 
-def damped_least_squares(
-    posture: Posture, task: Task, hold_s: float | None = None, rest_rad: Array = _REST, damping_m: float = DAMPING_M
-) -> Array:
+def damped_least_squares(posture: Posture, task: Task, hold_s: float | None = None) -> Array:
     """Joint rates (n_joints,) q̇ = Jᵀ(J Jᵀ + λ²)⁻¹ v + (1 − J⁺J) k (rest − q) (Nakamura & Hanafusa 1986; Liégeois 1977).
 
     All rates are scaled by one factor to the rate limit. With `hold_s` each joint's rate is then clipped so that the
@@ -76,8 +74,8 @@ def damped_least_squares(
     columns = robot.indices(robot.names.arm(task.side))
     q = posture.q_rad[columns]
     J = posture.jacobian(task.frame, task.point)[:3, columns]
-    inverse: Array = J.T @ np.linalg.inv(J @ J.T + damping_m**2 * np.eye(3))
-    preferred = _PARAMS.posture_per_s * (rest_rad - q)
+    inverse: Array = J.T @ np.linalg.inv(J @ J.T + DAMPING_M**2 * np.eye(3))
+    preferred = _PARAMS.posture_per_s * (_REST - q)
     rates = inverse @ task.velocity + preferred - inverse @ (J @ preferred)
     rates *= min(1.0, _PARAMS.max_rate_rad_s / max(float(np.abs(rates).max()), 1e-12))
     if hold_s is not None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.app.stamp_delay import ClockParams, Delay, PointPath, estimate_delay
+from pps_vision.app.stamp_delay import ClockParams, PointPath, estimate_delay
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.study import Axis, Break, Metric, Values, compare_severities, mean, median
 from pps_vision.experiments.tables import Table, estimate
@@ -25,7 +25,7 @@ _VIEW = StereoRig.fixed(_CAMERA, _CAMERA, transform(None, np.array([0.12, 0.0, 0
 _CENTER_M = np.array([0.06, 0.0, 0.6])
 _LATE_S = 0.08
 _WAVES = 3
-_SECONDS = (4.0,)
+_SECONDS = 4.0
 _WITHIN_MS = 1.0
 
 
@@ -53,7 +53,6 @@ _METRICS = {
 
 def run(study: Any) -> dict[str, Any]:
     """Return by axis the shares found and answered, that of the intervals that hold, and the median error."""
-    methods = {f"{seconds:g} s": partial(_measured, seconds) for seconds in _SECONDS}
     seeds = range(study.seed, study.seed + 5 * study.n)
 
     def setting(name: str, seed: int, value: float) -> Setting:
@@ -62,23 +61,20 @@ def run(study: Any) -> dict[str, Any]:
 
     breaks = Break("found", 90.0, above=False)
     axes = {
-        name: compare_severities(partial(setting, name), axis, methods, _METRICS, seeds, breaks)
+        name: compare_severities(partial(setting, name), axis, {f"{_SECONDS:g} s": _measured}, _METRICS, seeds, breaks)
         for name, axis in AXES.items()
     }
     return {"axes": axes}
 
 
-def _measured(seconds: float, setting: Setting, seed: int) -> Values:
+def _measured(setting: Setting, seed: int) -> Values:
     """The delay of one recording against the true one."""
     rng = np.random.default_rng((seed, 44))
-    size, rate, phase = (
-        rng.uniform(0.03, 0.1, (_WAVES, 3)),
-        rng.uniform(0.3, 1.0, (_WAVES, 3)),
-        7 * rng.random((_WAVES, 3)),
-    )
+    size, rate = rng.uniform(0.03, 0.1, (_WAVES, 3)), rng.uniform(0.3, 1.0, (_WAVES, 3))
+    phase = 7 * rng.random((_WAVES, 3))
     rate *= setting.speed_m_s / np.sqrt(0.5 * np.sum((size * rate) ** 2))  # RMS speed
     late_s = rng.uniform(-_LATE_S, _LATE_S)
-    stamps_s = np.arange(round(seconds * setting.fps)) / setting.fps
+    stamps_s = np.arange(round(_SECONDS * setting.fps)) / setting.fps
 
     def seen(side: int, at_s: Array) -> PointPath:
         points = _CENTER_M + np.sum(size * np.sin(rate * at_s[:, None, None] + phase), axis=1)
@@ -86,7 +82,7 @@ def _measured(seconds: float, setting: Setting, seed: int) -> Values:
         return PointPath(stamps_s, pixels + setting.noise_px * rng.standard_normal(pixels.shape))
 
     paths = seen(0, stamps_s), seen(1, stamps_s - late_s)
-    found, ms = timed(partial(_estimate, paths))
+    found, ms = timed(partial(estimate_delay, ClockParams(), _VIEW, [paths]))
     if not found.is_known:
         return {"found": [False], "answered": [False], "holds": [], "error_ms": [], "ms": [ms]}
     error_s = found.delay_s - late_s
@@ -99,10 +95,6 @@ def _measured(seconds: float, setting: Setting, seed: int) -> Values:
     }
 
 
-def _estimate(paths: tuple[PointPath, PointPath]) -> Delay:
-    return estimate_delay(ClockParams(), _VIEW, [paths])
-
-
 def chart(numbers: dict[str, Any]) -> Figure:
     """Draw the share of delays found within 1 ms over each axis."""
     return severities(numbers["axes"], "found", "found within 1 ms (%)", 90.0, len(AXES))
@@ -110,14 +102,7 @@ def chart(numbers: dict[str, Any]) -> Figure:
 
 def table(numbers: dict[str, Any]) -> Table:
     """One row for each value of an axis."""
-    header = [
-        "delay of a camera",
-        "found within 1 ms (%)",
-        "answered (%)",
-        "95 % holds (%)",
-        "median error (ms)",
-        "breaks at",
-    ]
+    shares = "found within 1 ms (%)", "answered (%)", "95 % holds (%)"
     rows = [
         [
             f"{study['axis']} {value:g}",
@@ -128,4 +113,4 @@ def table(numbers: dict[str, Any]) -> Table:
         for cell in study["methods"].values()
         for k, value in enumerate(study["severities"])
     ]
-    return Table(header, rows)
+    return Table(["delay of a camera", *shares, "median error (ms)", "breaks at"], rows)

@@ -49,6 +49,15 @@ class Measurements:
         """Return the filter's defaults of an order for these measurements."""
         return kalman.scaled(KalmanParams.of_order(order), self.distance_m)
 
+    def filtered(self, params: KalmanParams) -> list[Array]:
+        """Return the states (order, 3) after each measurement."""
+        belief = self.first(params)
+        states = [belief.mean]
+        for stamp_s, position, cov in self.later():
+            belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
+            states.append(belief.mean)
+        return states
+
     def first(self, params: KalmanParams) -> Belief:
         """Return the belief after the first measurement."""
         return kalman.start(params, float(self.stamps_s[0]), self.positions[0], self.covs[0])
@@ -121,13 +130,7 @@ def _run(states_of: Filter, data: Measurements, seed: int) -> Values:
 
 
 def _ours(order: int, data: Measurements) -> list[Array]:
-    params = data.params(order)
-    belief = data.first(params)
-    states = [belief.mean]
-    for stamp_s, position, cov in data.later():
-        belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
-        states.append(belief.mean)
-    return states
+    return data.filtered(data.params(order))
 
 
 def _smoothed(order: int, data: Measurements) -> list[Array]:

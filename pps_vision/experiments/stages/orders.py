@@ -123,8 +123,10 @@ def _ratios(recordings: list[tuple[Measurements, Array]]) -> dict[str, dict[str,
     errors: dict[str, dict[str, list[float]]] = {name: {metric: [] for metric in _METRICS} for name in _ORDERS}
     for data, velocity in recordings:
         for name, params in _ORDERS.items():
-            means = _means(kalman.scaled(params, data.distance_m), data)
-            for metric, off in (("position", means[:, 0] - data.path), ("velocity", means[:, 1] - velocity)):
+            states = data.filtered(kalman.scaled(params, data.distance_m))
+            places = np.array([state[0] for state in states])
+            speeds = np.array([state[1] if len(state) > 1 else np.zeros(3) for state in states])  # order 1 has none
+            for metric, off in (("position", places - data.path), ("velocity", speeds - velocity)):
                 errors[name][metric].append(1000 * float(np.sqrt((off[data.counts] ** 2).sum(axis=1).mean())))
     return {
         name: {
@@ -140,17 +142,6 @@ def _ratios(recordings: list[tuple[Measurements, Array]]) -> dict[str, dict[str,
         }
         for name, by_metric in errors.items()
     }
-
-
-def _means(params: KalmanParams, data: Measurements) -> Array:
-    """Position and velocity (n, 2, 3) after each measurement; order 1 has no velocity."""
-    belief = data.first(params)
-    means = np.zeros((len(data.stamps_s), 2, 3))
-    means[0, : len(belief.mean)] = belief.mean[:2]
-    for k, (stamp_s, position, cov) in enumerate(data.later(), start=1):
-        belief = kalman.update(params, kalman.predict(params, belief, stamp_s), position, cov)
-        means[k, : len(belief.mean)] = belief.mean[:2]
-    return means
 
 
 def chart(numbers: dict[str, Any]) -> Figure:
