@@ -37,6 +37,7 @@ libraries:
 # The tracker's tests come first and alone, while types are checked: both workers would compile the same functions.
 FIRST := tests/tracking/test_tracker.py
 test: export OMP_NUM_THREADS := 1
+test: export PYTHONDONTWRITEBYTECODE :=
 test: setup .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
