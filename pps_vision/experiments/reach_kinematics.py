@@ -3,8 +3,12 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.resources import files
 from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
+from xml.etree import ElementTree
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,11 +24,12 @@ from pps_vision.experiments.baselines.regressors import ArmToGaze, ForwardModel,
 from pps_vision.experiments.baselines.revolute_arm import RevoluteArm
 from pps_vision.experiments.reach_truth import N_TEST, first, gaze_rmse_deg
 from pps_vision.experiments.study import Part, PartsStudy, SampledStudy, interval
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.tables import Table, judged
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
+from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
 _N_TRIED = 20_000
@@ -136,8 +141,10 @@ _STRUCTURES: dict[str, Callable[[], ForwardModel]] = {
 def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
     """Return encoders of the arm and gaze of up to `n` fixated postures of a robot with a deviation."""
     bend, make_head = DEVIATIONS[deviation]
-    head = make_head()
-    robot = load_icub()
+    return _samples(load_icub(), bend, make_head(), n, rng)
+
+
+def _samples(robot: Robot, bend: Bend, head: GazeModel, n: int, rng: np.random.Generator) -> Babbled:
     chain = robot.chain(robot.names.arm("right")[:4], "right_palm")
     arm = random_arms(n, rng)
     hand = chain.positions(bend(chain, arm))[0]
@@ -147,7 +154,7 @@ def samples(deviation: str, n: int, rng: np.random.Generator) -> Babbled:
         point, *moved = head.points(shifted).reshape(4, -1, 3)
         return point, (np.stack(moved, axis=2) - point[:, :, None]) / _H
 
-    starts = np.clip(np.nan_to_num(GazeModel(robot).gaze(hand), nan=0.5), _LIMITS.lower, _LIMITS.upper)[None]
+    starts = np.clip(np.nan_to_num(GazeModel(load_icub()).gaze(hand), nan=0.5), _LIMITS.lower, _LIMITS.upper)[None]
     solution = solve_ik(fixated, hand, starts, _LIMITS.lower, _LIMITS.upper, _PRECISE)
     return Babbled(arm[solution.converged], solution.q_rad[solution.converged], n)
 
@@ -186,6 +193,72 @@ def _deviations_table(numbers: dict[str, Any]) -> Table:
     return Table(["gaze RMSE (°)", *_STRUCTURES, f"default, noise {noise}°"], rows)
 
 
+def _other_robot(tilt_rad: float, rng: np.random.Generator) -> tuple[Robot, GazeModel]:
+    """An iCub whose arm's links are 0.75 to 1.3 times as long, each joint turned by 2° (standard deviation), and whose
+    eyes are 0.8 to 1.3 times as far apart, each panning about an axis tilted by `tilt_rad` (the same)."""
+    tree = ElementTree.fromstring((files("pps_vision.robot") / "icub.urdf").read_text())
+    for joint in tree.iter("joint"):
+        origin = joint.find("origin")
+        if origin is not None and joint.get("name", "").startswith("right_") and "eye" not in joint.get("name", ""):
+            xyz, rpy = (np.array(origin.get(name, "0 0 0").split(), dtype=float) for name in ("xyz", "rpy"))
+            origin.set("xyz", " ".join(map(repr, (xyz * rng.uniform(0.75, 1.3)).tolist())))
+            origin.set("rpy", " ".join(map(repr, (rpy + np.deg2rad(2) * rng.standard_normal(3)).tolist())))
+    with TemporaryDirectory() as folder:
+        urdf = Path(folder) / "other.urdf"
+        urdf.write_bytes(ElementTree.tostring(tree))
+        robot = Robot(urdf)
+    head = GazeModel(robot)
+    left, right = (getattr(head, name).T_root_frame[:3, 3] for name in ("_left", "_right"))
+    apart = rng.uniform(0.8, 1.3) * (left - right) / 2
+    for name, shift in (("_left", apart), ("_right", -apart)):
+        eye: Chain = getattr(head, name)
+        T = eye.T_root_frame.copy()
+        T[:3, 3] = (left + right) / 2 + shift
+        axis = Rotation.from_rotvec(tilt_rad * rng.standard_normal(3)).apply(eye.screws[2, 3:])
+        screws = np.vstack([eye.screws[:2], [*np.cross(T[:3, 3], axis), *axis]])
+        setattr(head, name, replace(eye, T_root_frame=T, screws=screws))
+    return robot, head
+
+
+_OF_OTHERS: dict[str, tuple[Bend, float]] = {
+    "sag of up to 2°": (_sag, 0.0),
+    "eyes' axes tilted by 3°": (_ideal, np.deg2rad(3)),
+    "gears, 0.5° sin 8q": (_gears, 0.0),
+    "cross-talk, 1.5 %": (_cross_talk, 0.0),
+}
+_GOAL_DEG = 0.05
+
+
+def _other_robots(study: "ReachKinematics") -> dict[str, Any]:
+    """Return by deviation and model the RMSE (°) on each of five robots of other links and eyes, without noise."""
+    errors: dict[str, dict[str, list[float]]] = {deviation: {} for deviation in _OF_OTHERS}
+    cells = list(product(_OF_OTHERS, range(study.seed, study.seed + study.robots)))
+    for deviation, seed in tqdm(cells, desc="other robots", disable=None):
+        bend, tilt_rad = _OF_OTHERS[deviation]
+        rng = np.random.default_rng(seed)
+        robot, head = _other_robot(tilt_rad, rng)
+        n = study.sizes[-1]
+        train, test = (first(_samples(robot, bend, head, int(m / _MIN_FIXATED), rng), m) for m in (n, N_TEST))
+        for name, make in {
+            "model of revolute joints": RevoluteArm,
+            "quintic spline": MODELS["quintic spline (SciPy)"],
+        }.items():
+            model = make()
+            model.learn(train.arm_rad, train.gaze_rad)
+            errors[deviation].setdefault(name, []).append(gaze_rmse_deg(model, test)[0])
+    return {"rmse_deg": errors}
+
+
+def _other_robots_table(numbers: dict[str, Any]) -> Table:
+    """Return mean and largest error by deviation and model."""
+    rows = []
+    for deviation, models in numbers["rmse_deg"].items():
+        cells = [f"{np.mean(errors):.2g} / {max(errors):.2g}" for errors in models.values()]
+        cells[0] = judged(cells[0], max(next(iter(models.values()))) > _GOAL_DEG)
+        rows.append([deviation, *cells])
+    return Table(["gaze RMSE (°): mean / largest", *next(iter(numbers["rmse_deg"].values()))], rows)
+
+
 @dataclass(frozen=True)
 class ReachKinematics(SampledStudy, PartsStudy):
     """Kinematics behind the reachable-space map."""
@@ -193,9 +266,11 @@ class ReachKinematics(SampledStudy, PartsStudy):
     PARTS: ClassVar[Mapping[str, Part]] = {
         "forward_model": Part(_forward_model, _forward_model_chart),
         "deviations": Part(_deviations, table=_deviations_table),
+        "other_robots": Part(_other_robots, table=_other_robots_table),
     }
-    SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200)}
+    SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200), "robots": 1}
 
     n: int = 3  # sets of babbled postures, each with its own test set
+    robots: int = 5  # of other links and eyes
     sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, 4400)
     """Fixated postures after which each forward model is judged; of robots with deviations, the last one only."""

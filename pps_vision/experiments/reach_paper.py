@@ -19,7 +19,7 @@ from learning.reach.labels import Labels, ReachOracle
 from learning.reach.map import both
 from learning.reach.training import train_reachable_map
 from pps_vision.app.intervals import percent_of
-from pps_vision.experiments import charts
+from pps_vision.experiments import charts, reach_seen
 from pps_vision.experiments.babbling import Babbled, babble
 from pps_vision.experiments.baselines import jamone
 from pps_vision.experiments.baselines.jamone import MapQuery
@@ -344,12 +344,14 @@ class ReachPaper(SampledStudy, PartsStudy):
         "whole_paper": Part(_whole_paper, _whole_paper_chart, _whole_paper_table),
         "repeated_maps": Part(_repeated_maps, table=_repeated_maps_table),
         "error_bound": Part(_error_bound, table=_error_bound_table),
+        "seen_hand": Part(reach_seen.run, table=reach_seen.table),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {
         "n_bounds": 1,
         "n_tried": 500,
         "n_labels_of_j": 600,
         "n_bound_test": 500,
+        "n_rendered": 20,
         "requested": (0.05,),
     }
 
@@ -361,3 +363,4 @@ class ReachPaper(SampledStudy, PartsStudy):
     n_bounds: int = 10  # maps of each arm per requested error bound
     requested: tuple[float, ...] = (0.01, 0.003, 0.001)  # requested error bounds
     n_bound_test: int = 100_000  # gaze postures at which a stated bound is judged
+    n_rendered: int = 300  # postures rendered and tracked, twice

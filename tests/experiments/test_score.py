@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES, FilteredPipeline
+from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, available_pipelines
 from pps_vision.experiments.films.recordings import EYES_M, FPS, Footage, moving
 from pps_vision.experiments.films.score import METRICS, judge
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -83,7 +83,7 @@ def film() -> Footage:
     return moving("ball", "circle", 1, 0.2, noise=0.0)
 
 
-@pytest.mark.parametrize("name", STEREO_PIPELINES)
+@pytest.mark.parametrize("name", available_pipelines())
 def test_a_pipeline_is_near_the_truth_after_one_frame(name, film):
     """A few per cent of the distance: they see a ball of 7 cm at about 0.4 m."""
     left, right = film.boxes[0]

@@ -3,8 +3,10 @@
 Images are RGB; the conversion to BGR or grey is part of a tracker's time.
 """
 
+import os
 from collections.abc import Callable
-from typing import Literal
+from pathlib import Path
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -13,14 +15,23 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array, Image
+from tracking.track2d import nano_tracker
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-ImageTrackerName = Literal["hue blob", "CamShift", "MOSSE", "KCF", "CSRT"]
+ImageTrackerName = Literal["hue blob", "CamShift", "MOSSE", "KCF", "CSRT", "NanoTrack"]
 ImageTracker = Callable[[Image], BoxPx | None]  # the object's box in the next image; None where it is lost
 Likelihood = Callable[[Image], NDArray[np.uint8]]  # an image to (H, W) 0–255
 _RANGES = (0.0, 180.0, 0.0, 256.0)  # of hue and saturation
 _SHARES = {"MOSSE": 2.0, "KCF": 1.5, "CSRT": 1.5}
 _MORE_LIKELY = 50  # hue likelihood of the blob's pixels
+_NANO = "PPS_VISION_NANO"
+NO_NANO = f"NanoTrack: {_NANO} is not set; expected the folder with the two ONNX files of NanoTrack V2"
+
+
+def available() -> tuple[ImageTrackerName, ...]:
+    """Return all trackers; NanoTrack only where `PPS_VISION_NANO` names the folder of its files."""
+    names: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
+    return names if os.environ.get(_NANO) else tuple(name for name in names if name != "NanoTrack")
 
 
 def image_tracker(name: ImageTrackerName, image: Image, box: BoxPx) -> ImageTracker:
@@ -28,11 +39,16 @@ def image_tracker(name: ImageTrackerName, image: Image, box: BoxPx) -> ImageTrac
 
     MOSSE, KCF and CSRT take boxes of fractions of a pixel. Each is given more than the box, because a plain object
     alone leaves little to correlate with; the object is in the middle of the tracked box.
+
+    Raises:
+        InputError: NanoTrack's files are missing or are no such network's.
     """
     if name == "hue blob":
         return _hue_blob(image, box)
     if name == "CamShift":
         return _camshift(image, box)
+    if name == "NanoTrack":
+        return nano_tracker(image, box, Path(os.environ[_NANO])).step
     share = _SHARES[name]
     code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
     tracker: cv2.legacy.Tracker = getattr(cv2.legacy, f"Tracker{name}").create()

@@ -11,6 +11,7 @@ import numpy as np
 from pps_vision.experiments.baselines.image_trackers import (
     BoxPx,
     ImageTrackerName,
+    available,
     image_tracker,
     middle,
 )
@@ -19,7 +20,7 @@ from pps_vision.geometry.triangulation import midpoint
 from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 
-StereoPipelineName = Literal["two hue blobs", "two CamShift", "two KCF", "two CSRT"]
+StereoPipelineName = Literal["two hue blobs", "two CamShift", "two KCF", "two CSRT", "two NanoTrack"]
 STEREO_PIPELINES: tuple[StereoPipelineName, ...] = get_args(StereoPipelineName)
 Boxes = tuple[BoxPx, BoxPx]
 PixelOf = Callable[[Image], Array | None]  # (2,) px of the object in the next image; None where it is lost
@@ -30,7 +31,13 @@ _TRACKERS: dict[StereoPipelineName, ImageTrackerName] = {
     "two CamShift": "CamShift",
     "two KCF": "KCF",
     "two CSRT": "CSRT",
+    "two NanoTrack": "NanoTrack",
 }
+
+
+def available_pipelines() -> tuple[StereoPipelineName, ...]:
+    """Return all pipelines whose image tracker is available."""
+    return tuple(name for name in STEREO_PIPELINES if _TRACKERS[name] in available())
 
 
 def intersection(view: StereoView, left_px: Array, right_px: Array) -> Array | None:

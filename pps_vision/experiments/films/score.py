@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES, FilteredPipeline, StereoPipelineName
+from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, available_pipelines
 from pps_vision.experiments.films.recordings import EYES_M, Footage, tracker_params
 from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
@@ -103,7 +103,7 @@ def measure_film(
     if baselines:
         first, boxes = film.first_boxes
         start = (film.rig, float(film.stamps_s[first]), boxes)
-        steps |= {name: FilteredPipeline(name, *start).step for name in STEREO_PIPELINES}
+        steps |= {name: FilteredPipeline(name, *start).step for name in available_pipelines()}
     tracks: dict[str, list[Sequence[Track3D]]] = {name: [] for name in steps}
     ms: dict[str, list[float]] = {name: [] for name in steps}
     for frame in film:  # once for all trackers, since it is drawn anew each time

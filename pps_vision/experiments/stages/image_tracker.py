@@ -14,9 +14,11 @@ import numpy as np
 
 from pps_vision.app.evaluate_boxes import overlaps
 from pps_vision.experiments.baselines.image_trackers import (
+    NO_NANO,
     BoxPx,
     ImageTracker,
     ImageTrackerName,
+    available,
     image_tracker,
     middle,
 )
@@ -72,6 +74,7 @@ def run(study: Any) -> dict[str, Any]:
     films = {name: lambda _, name=name: REAL[name](study.data / name) for name in present}
     cells |= compare(films, methods(), _METRICS, (study.seed,), "CSRT", TURNS)
     missing = [f"{name}: no {study.data / name}" for name in REAL if name not in present]
+    missing += [] if "NanoTrack" in available() else [NO_NANO]
     return {"cells": cells} | ({"not_measured": "; ".join(missing)} if missing else {})
 
 
@@ -151,7 +154,7 @@ def methods() -> dict[str, Method]:
     return {
         **{f"{count} particles": partial(_run, partial(_particles, count)) for count in COUNTS},
         "marker blob": partial(_run, _marker_blob),
-        **{name: partial(_run, partial(_opencv, name)) for name in BASELINES},
+        **{name: partial(_run, partial(_opencv, name)) for name in available()},
     }
 
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES
+from pps_vision.experiments.baselines.stereo_pipelines import STEREO_PIPELINES, available_pipelines
 from pps_vision.experiments.charts import cells_chart
 from pps_vision.experiments.films.recordings import Footage, moving
 from pps_vision.experiments.films.score import METRICS, baseline, tracker
@@ -64,7 +64,7 @@ def _pipeline(study: "Tracking") -> dict[str, Any]:
         return moving(stimulus, "approach", seed, _FARTHEST_M / speed + 0.1, source, speed=speed)
 
     methods: dict[str, Method] = {name: partial(_warm, tracker(mode)) for name, mode in OURS.items()}
-    methods |= {name: partial(_warm, baseline(name)) for name in STEREO_PIPELINES}
+    methods |= {name: partial(_warm, baseline(name)) for name in available_pipelines()}
     scenarios = study.scenarios(film, ("ball", "marker"))
     seeds = range(study.seed, study.seed + n)
     return {"cells": compare(scenarios, methods, _PIPELINE_METRICS, seeds, "two CSRT", TURNS)}
