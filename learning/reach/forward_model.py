@@ -15,7 +15,9 @@ N_JOINTS = 4  # the arm's (J)
 EYES_APART_M = 0.068
 NO_ERROR = 1e-9  # residuals below this count as this
 _ROUNDS = 10  # iterations until they converge
-_MODEL_ERROR_M = 0.05  # error of a hand's place by a robot's own model: "several centimetres" (R)
+# Prior error of a hand's place by a robot's own model.  Less than R's several centimetres: images in a row share the
+# joints' errors and count as more evidence than they are, so that a wider prior goes astray where no hand was seen.
+_MODEL_ERROR_M = 0.01
 
 
 @dataclass(frozen=True)
