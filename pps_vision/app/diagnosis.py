@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from pps_vision.app.scene_points import faults_by_points, faults_of_joints, length, match
+from pps_vision.geometry.camera import StereoView
 from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Pair, Recording
 from pps_vision.types import Array, Image, StereoFrame
@@ -152,6 +153,17 @@ def diagnose(
     return Diagnosis(dict(counts), faults)
 
 
+def fault_of_unit(view: StereoView, unit_m: float) -> Iterator[str]:
+    """An implausible distance of the cameras, with the units of the calibration, now `unit_m`, that make it usual."""
+    baseline = float(np.linalg.norm(view.right.center - view.left.center))
+    widest = 2 * _FARTHEST_M * np.sin(view.axes_angle_rad / 2)
+    if not _BASELINE_M[0] <= baseline <= max(_BASELINE_M[1], widest):
+        low, high = _USUAL_BASELINE_M
+        apart_m = {unit: baseline / unit_m * unit for unit in _UNITS_M}
+        units = [f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
+        yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{''.join(units)}"
+
+
 def faults_of(
     recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0), sample: FrameSample | None = None
 ) -> Iterator[str]:
@@ -177,19 +189,13 @@ def faults_of(
         yield f"more light or exposure: the mean grey level is {grey:.1f} of 255"
     if recording.rig is not None:
         view = recording.rig.view_of(frames[0])
-        baseline = float(np.linalg.norm(view.right.center - view.left.center))
         by_joints = recording.robot is not None
         of_joints = list(faults_of_joints(frames, recording.rig)) if by_joints else []
         yield from of_joints or faults_by_points(frames[::_MATCHED], recording.rig, by_joints, sample.match)
         left = recording.rig.left
         if left.field_of_view_deg > _WIDEST_DEG and not left.fisheye:
             yield f"another calibration: the left camera's field of view is {left.field_of_view_deg:.0f}°"
-        widest = 2 * _FARTHEST_M * np.sin(view.axes_angle_rad / 2)
-        if not _BASELINE_M[0] <= baseline <= max(_BASELINE_M[1], widest):
-            low, high = _USUAL_BASELINE_M
-            apart_m = {unit: baseline / recording.unit_m * unit for unit in _UNITS_M}
-            units = [f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
-            yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{''.join(units)}"
+        yield from fault_of_unit(view, recording.unit_m)
     changes = sample.changes
     if np.median([0.0, *(change.combed_share for change in changes)]) > _COMBED:
         yield (

@@ -28,7 +28,7 @@ OVERLAPS = np.linspace(0, 1, 21)
 DISTANCES_PX = np.arange(51)
 """Thresholds of the precision curve."""
 _MATCHED = 0.5  # least overlap of a match in MOTChallenge
-_EXPECTED = "frame,x,y,w,h,score; MOTChallenge's rows; or a row of 4 (x, y, w, h) or 8 (polygon) numbers a frame"
+_EXPECTED = "frame,x,y,w,h,score; MOTChallenge's rows; or a row of 4 (x, y, w, h) or 8 (polygon) numbers; frames from 1"
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def read_boxes(file: Path, first_px: int | None = None) -> Boxes:
     for line, fields in rows:
         try:
             frame, track, *box = (number(field) for field in fields)
-            if not (frame.is_integer() and track.is_integer()):
+            if not (frame.is_integer() and track.is_integer() and frame >= 1):
                 raise ValueError(f"frame {frame:g}, track {track:g}")
         except ValueError as error:
             raise InputError(file, f"{error}; expected {_EXPECTED}", line) from None

@@ -38,7 +38,7 @@ class Learned:
 
 
 def learn(
-    recordings: Iterable[Recording | Path | str],
+    recordings: Iterable[Recording | Path | str] | Recording | Path | str,
     into: PPSMemory | None = None,
     mode: Mode = "generic",
     seed: int = 0,
@@ -51,7 +51,7 @@ def learn(
     feels are more than 8 cm from it and near each other.
 
     Args:
-        recordings: Recordings, or their folders, in the order to learn from them.
+        recordings: Recordings, or their folders, in the order to learn from them; or one.
         into: An earlier memory to continue from; None: an empty one.
         mode: How the object is tracked.
         seed: Seed of the particle filter.
@@ -66,7 +66,8 @@ def learn(
     """
     robot = robot or icub_setup()
     before = PPSMemory.empty(robot.skin) if into is None else into
-    opened = [r if isinstance(r, Recording) else open_recording(r, robot=robot) for r in recordings]
+    given = (recordings,) if isinstance(recordings, Recording | Path | str) else recordings
+    opened = [r if isinstance(r, Recording) else open_recording(r, robot=robot) for r in given]
     memory = before
     used = []
     for recording in opened:

@@ -135,9 +135,9 @@ def _begin(options: RenderParams, setup: RobotSetup, rng: np.random.Generator, r
         begins_touching = touched_taxels(taxels, begin, radius_m).any()
         if not begins_touching and can_follow(robot, setup.rig, q_home, motion, options.seconds):
             return fixation.gaze_at(robot, q_home, begin), motion
-    place = options.target if options.center is None else options.center
-    problem = f"no {options.motion} about {place} stays in view of both eyes"
-    raise InputError("render", f"{problem}; expected another target or center")
+    place = options.target if options.motion in REACH_M else options.center
+    problem = f"no {options.motion}{f' about {place}' if place else ''} stays in view of both eyes"
+    raise InputError("render", f"{problem}; expected another target or center, or a slower motion")
 
 
 def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:

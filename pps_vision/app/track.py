@@ -260,6 +260,9 @@ def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: 
     """Return a tracker for the recording's cameras, InputError without a calibration; on a robot, its own body is
     ignored."""
     rig = recording.calibrated()
+    side_px = min(min(size) for size in recording.image_sizes)
+    if 2 * params.reduction > side_px:
+        raise InputError("track", f"reduction {params.reduction}; expected 1 to {side_px // 2}, half an image's side")
     own_body = None
     if recording.robot:
         from pps_vision.robot.silhouette import Silhouette  # loads the kinematics

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.app.clock import numbers
+from pps_vision.app.diagnosis import fault_of_unit
 from pps_vision.app.points import (
     Pairs,
     PointParams,
@@ -37,6 +38,7 @@ from tracking.kalman import KalmanParams
 from tracking.smoother import FilterStep, smooth
 from tracking.tracker import full_state
 
+_OUTSIDE = 0.05  # share of points outside the image, which a detector does not place there
 _CHI2_95 = 5.991464547107979  # 95 % of the chi-square distribution with 2 degrees of freedom
 
 
@@ -61,10 +63,12 @@ class TriangulatedPoints:
         max_skew_s: float = MAX_SKEW_S,
         clock: ClockParams | None = None,
         points: Sequence[str] = (),
+        warnings: Sequence[str] = (),
     ) -> None:
         """Triangulate and filter the `points` (default: all) of two tables with stamps; with `clock` correct their
-        delay first."""
+        delay first; `warnings`: of the input."""
         self.tables = left, right
+        self._of_input = warnings
         self.params = params
         self.view = rig.view()
         self.problems: list[Problem] = []
@@ -222,7 +226,14 @@ class TriangulatedPoints:
     def warnings(self) -> list[str]:
         """Probable mistakes in the points or the calibration."""
         noise = self.noise
-        found = []
+        found = list(self._of_input)
+        for table, eye in zip(self.tables, (self.view.left, self.view.right), strict=True):
+            pixels = table.pixels[np.isfinite(table.pixels[..., 0])]
+            size = eye.camera.width, eye.camera.height
+            outside = float(np.any((pixels < -0.5) | (pixels > np.array(size) - 0.5), axis=1).mean())
+            if outside > _OUTSIDE:
+                image = f"{size[0]}×{size[1]} pixels"
+                found.append(f"{100 * outside:.0f} % of the points of {table.file} are outside the image of {image}")
         if noise.inside < 0.5 * noise.pairs:
             share = f"{100 * (1 - noise.inside / noise.pairs):.0f} % of {noise.pairs} pairs of points"
             found.append(f"{share} do not fit one 3D point: are names, frames and cameras those of the calibration?")
@@ -364,7 +375,7 @@ def triangulate(
     )
     rig = StereoRig.fixed(left_camera, right_camera, T_left_right)
     stamp_files = [Path(times)] if isinstance(times, Path | str) else [Path(file) for file in times]
-    if not (len(stamp_files) <= (0 if fps else 2) and (fps is None or fps > 0)):
+    if not (len(stamp_files) <= (0 if fps else 2) and (fps is None or 0 < fps < np.inf)):
         given = f"--fps {fps}, {len(stamp_files)} files of --times"
         raise InputError("triangulate", f"{given}; expected a positive rate, or one file or two")
     is_one_clock = len(stamp_files) < 2 and not any(table.has_stamps for table in tables)
@@ -372,4 +383,9 @@ def triangulate(
     stamped = (_stamped(tables[0], fps, first, times_unit), _stamped(tables[1], fps, second, times_unit))
     params = params or PointParams(KalmanParams.of_order(order))
     clock_params = ClockParams() if clock == "auto" else None
-    return TriangulatedPoints(*stamped, rig, params, 0.0 if is_one_clock else max_skew_s, clock_params, points)
+    warnings = [f"try {fault}" for fault in fault_of_unit(rig.view(), options.get("unit_m", 1.0))]
+    if own := [str(table.file) for table in tables if table.has_stamps and (fps or stamp_files)]:
+        warnings.append(f"--{'fps' if fps else 'times'} not used: {own[0]} has stamps of its own")
+    chosen = (points,) if isinstance(points, str) else points
+    skew_s = 0.0 if is_one_clock else max_skew_s
+    return TriangulatedPoints(*stamped, rig, params, skew_s, clock_params, chosen, warnings)

@@ -108,6 +108,8 @@ def _table(file: Path, points: Iterable[_Point], has_stamps: bool) -> PointTable
     found = [point for point in points if np.isfinite(point.u + point.v)]
     if not found:
         raise InputError(file, f"no point with finite pixels; expected {_EXPECTED}")
+    if any(point.u % 1 for point in found) and all(0 <= point.u <= 1 and 0 <= point.v <= 1 for point in found):
+        raise InputError(file, "all pixels are from 0 to 1; expected pixels, not shares of the image")
     names = tuple(dict.fromkeys(point.name for point in found))
     times, rows = np.unique([point.time for point in found], return_inverse=True)
     columns = [names.index(point.name) for point in found] if len(names) > 1 else [0] * len(found)
@@ -219,8 +221,8 @@ def _mot(file: Path, rows: Sequence[tuple[int, list[str]]]) -> Iterator[_Point]:
     """The centres of MOTChallenge's boxes, whose frames and pixels count from 1."""
     for line, row in rows:
         frame, track, left, top, width, height, score = numbers(file, line, [*row, *[""] * 7][:7])
-        if not (float(frame).is_integer() and float(track).is_integer()):
-            raise InputError(file, f"frame {frame:g}, id {track:g}; expected whole numbers", line)
+        if not (float(frame).is_integer() and float(track).is_integer() and frame >= 1):
+            raise InputError(file, f"frame {frame:g}, id {track:g}; expected whole numbers, frames from 1", line)
         center = left - 1 + (width - 1) / 2, top - 1 + (height - 1) / 2
         yield _Point(frame - 1, f"{track:.0f}", *center, score, line=line)
 

@@ -46,6 +46,7 @@ from pps_vision.robot.skin import Skin, SkinPart
 from pps_vision.robot.urdf import names_in
 from pps_vision.types import Array
 
+_FARTHEST_M = 5.0  # of a taxel from its frame: farther ones are in mm
 _TAXEL = ("part", "frame", "taxel", "x_m", "y_m", "z_m", "nx", "ny", "nz")
 
 Row = tuple[int, str, str, int, list[float]]
@@ -221,6 +222,9 @@ def read_skin(files: Sequence[Path], robot: Robot) -> Skin:
                 raise InputError(file, f"taxel {part}:{taxel}; expected each number from 0 once", line)
             if not np.linalg.norm(values[3:]) > 0.5:
                 raise InputError(file, f"normal {values[3:]}; expected one of length 1", line)
+            if np.linalg.norm(values[:3]) > _FARTHEST_M:
+                expected = f"metres, at most {_FARTHEST_M:g} from its frame"
+                raise InputError(file, f"taxel {part}:{taxel} at {values[:3]}; expected {expected}", line)
             taxels_read.add((part, taxel))
             parts.setdefault((part, frame), []).append((line, part, frame, taxel, values))
     names = [part for part, _ in parts]

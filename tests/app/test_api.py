@@ -55,6 +55,8 @@ def test_what_touches_is_learned_as_by_the_command(approach, tmp_path):
 def test_bad_input_has_one_exception(approach, tmp_path):
     with pytest.raises(pv.InputError, match="nowhere"):
         pv.open_recording(tmp_path / "nowhere")
+    with pytest.raises(pv.InputError, match="nowhere: no such file"):
+        pv.learn(str(tmp_path / "nowhere"))
     with pytest.raises(pv.InputError, match="either REC"):
         pv.open_recording()
     (tmp_path / "map.npz").write_text("none")

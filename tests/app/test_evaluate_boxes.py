@@ -106,6 +106,7 @@ def test_files_of_other_tools(tmp_path, capsys):
         ("1,2,3\n", "a:1: fewer than 6"),
         ("1,1,2,3,x,5,1\n", "a:1: "),
         ("1,1.5,2,3,4,5,1\n", "a:1: frame 1, track 1.5"),
+        ("0,1,2,3,4,5,1\n", "a:1: frame 0, track 1; .*frames from 1"),
         ("1,1,2,3,4,5,1\n1,1,2,3,4,5,1\n", "a:2: track 1 twice"),
         ("nan,nan,nan,nan\n", "no box"),
         ("1,2,3,4,5,6,7,x\n", "a:1: "),

@@ -304,6 +304,25 @@ def test_the_command_writes_what_track_writes(tmp_path, calib, capsys):
     main(["triangulate", *[str(out / "detections.csv")] * 2, "--calib", str(calib), "--out", str(tmp_path / "again")])
 
 
+def test_probable_mistakes_are_warned_of(tmp_path, calib):
+    """Points of larger images, a calibration in mm, and a rate beside stamps; points as they should be warn of none."""
+    pixels = seen(paths()) + np.random.default_rng(0).normal(0, 0.3, (2, N, 2, 2))
+    for side, points in zip("lr", pixels, strict=True):
+        rows_of_points(tmp_path / f"{side}.csv", points)
+        wide(tmp_path / f"{side}_large.csv", 2 * points)
+    size = {"image_width": SIZE[0], "image_height": SIZE[1]}
+    in_mm = store(tmp_path / "mm.yml", K1=K[0], D1=D[0], K2=K[1], D2=D[1], R=R, T=1000 * T, **size)
+    tables = tmp_path / "l.csv", tmp_path / "r.csv"
+    run = pv.triangulate(*tables, calib=calib, points="tail")
+    assert (run.names, run.warnings) == (("tail",), [])
+    assert pv.triangulate(*tables, calib=in_mm, unit_m=0.001).warnings == []
+    (apart,) = pv.triangulate(*tables, calib=in_mm).warnings
+    assert "the cameras are 120.1 m apart; --unit-m 0.001 makes it 120.1 mm" in apart
+    assert "--fps not used: " in pv.triangulate(*tables, calib=calib, fps=15).warnings[0]
+    large = pv.triangulate(tmp_path / "l_large.csv", tmp_path / "r_large.csv", calib=calib, fps=FPS)
+    assert "l_large.csv are outside the image of 640×480 pixels" in large.warnings[0]
+
+
 @pytest.mark.parametrize(
     ("left", "options", "message"),
     [
@@ -319,6 +338,9 @@ def test_the_command_writes_what_track_writes(tmp_path, calib, capsys):
         ("\x89HDF\r\n\x1a\n", {"fps": 30}, "l.csv: "),
         ("1,1,5,5,9,5\n2\n", {"fps": 30}, "l.csv:2: frame 2, id nan; expected whole numbers"),
         ("{}", {"fps": 30}, "expected COCO's images and annotations"),
+        ("0,1,5,5,9,5\n", {"fps": 30}, "l.csv:1: frame 0, id 1; expected whole numbers, frames from 1"),
+        ("frame,u,v\n0,0.2,0.3\n1,1,0.5\n", {"fps": 30}, "l.csv: all pixels are from 0 to 1; expected pixels, not"),
+        ("frame,u,v\n0,1,2\n", {"fps": np.inf}, "--fps inf, 0 files of --times; expected a positive rate"),
     ],
 )
 def test_bad_input_is_named(left, options, message, tmp_path, calib):

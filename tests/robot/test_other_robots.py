@@ -213,6 +213,7 @@ def test_what_is_wrong_in_a_robot_file_is_named(tmp_path, old, new, message):
         ("forearm,forearm,1,", "forearm,forearm,0,", r"skin\.csv:3: taxel forearm:0; expected each number from 0 once"),
         ("0.00000,1.00000,0\n", "0,0,0\n", r"skin\.csv:2: normal \[.*\]; expected one of length 1"),
         ("0.03500,0.06", "nan,0.06", r"skin\.csv:2: .*nan.*; expected part,frame,taxel"),
+        ("0.03500,0.06", "35.0,0.06", r"skin\.csv:2: taxel forearm:0 at .*35.*; expected metres, at most 5 from its"),
         ("nz\n", "n\n", r"skin\.csv:1: no column nz"),
         ("forearm,forearm,0,", "fore arm,forearm,0,", r"skin\.csv:2: part 'fore arm'; expected a name of letters"),
         ("forearm,forearm,0,", "forearm,palm,0,", r"skin\.csv: part forearm in several frames; expected taxels"),

@@ -42,7 +42,11 @@ def main(args: list[str] | None = None) -> None:
         _refuse_python_control()
         if "" in args:
             raise InputError("command line", "a word is empty, as of a variable that is not set; expected none")
-        _parsed(args).run()
+        command = _parsed(args)
+        seed = getattr(getattr(command, "subcommand", command), "seed", None)
+        if seed is not None and seed < 0:
+            raise InputError("command line", f"--seed {seed}; expected a number of at least 0")
+        command.run()
     except (InputError, OSError, MemoryError) as error:
         message = "out of memory; expected smaller files, or more memory" if isinstance(error, MemoryError) else error
         print(f"pps-vision: {' '.join(str(message).split())}", file=sys.stderr)

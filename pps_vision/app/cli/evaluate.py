@@ -51,6 +51,12 @@ class Evaluate:
 
         if len(self.files) < 2:
             raise InputError("evaluate", f"{len(self.files)} files; expected TRACK … TRUTH")
+        of_paths = ("lag", "align", "fps", "track_id")
+        for name in of_paths if self.boxes else ("first_px",):
+            if getattr(self, name) != getattr(Evaluate, name):
+                where, other = ("with", "without") if self.boxes else ("without", "with")
+                option = f"--{name.replace('_', '-')}"
+                raise InputError("evaluate", f"{option} {where} --boxes; expected it only {other}")
         with whole_file(self.figure, self.files) if self.figure else nullcontext() as partial:
             scores, draw = self._score()
             if partial:

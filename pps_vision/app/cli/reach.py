@@ -66,6 +66,8 @@ class TrainMap(RobotOptions):
             raise InputError("reach train", f"--into {self.into} with --arm both; expected --into with one arm")
         if self.ik_budget < _LEAST_BUDGET:
             raise InputError("reach train", f"--ik-budget {self.ik_budget}; expected at least {_LEAST_BUDGET}")
+        if not 0 <= self.max_error < 1:
+            raise InputError("reach train", f"--max-error {self.max_error}; expected a share of at least 0 and below 1")
         sides = ("left", "right") if self.arm == "both" else (self.arm,)
         rounds = min(MapParams().round_labels, self.ik_budget // 2)
         params = replace(
