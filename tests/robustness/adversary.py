@@ -6,6 +6,7 @@ long as a command is valid.
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 from known_track import touched_by_all
@@ -15,11 +16,12 @@ from control.limits import LimitParams
 from control.reaching import ReachingParams
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.errors import InputError
+from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin, icub_skin
-from pps_vision.types import Array, JointVelocity, Reachability, ReachStatus, Status, StereoFrame, Track3D
+from pps_vision.types import Array, JointVelocity, Mask, Reachability, ReachStatus, Status, StereoFrame, Track3D
 from tracking.tracker import TrackerStep
 
 STARTS = "home", "random", "at limits", "outside limits", "near itself"
@@ -75,6 +77,21 @@ def attack(
     return result
 
 
+class Anywhere:
+    """In place of a map that calls all reachable, now better by one hand, now by the other."""
+
+    def __init__(self, robot: Robot, rng: np.random.Generator) -> None:
+        self.gaze_model = GazeModel(robot)
+        self.map = SimpleNamespace(limits=GazeLimits())
+        self.rng = rng
+
+    def __call__(self, q_rad: Array, track: Track3D) -> Reachability:
+        return Reachability(track.stamp_s, np.zeros(3), 1.0, self.rng.choice((0.6, 0.9)), ReachStatus.REACHABLE)
+
+    def reachable(self, gaze: Array) -> Mask:
+        return np.isfinite(gaze[:, 0])
+
+
 class Episode:
     """One start, one kind of path."""
 
@@ -109,12 +126,12 @@ class Episode:
         params = PipelineParams(arm=arm, other_arm=other_arm, hold_s=hold_s, latency_s=self.latency_s)
         self.pipeline = Pipeline(params, robot, skin, self.tracker, touched_by_all(skin), rng)
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
-        if behaviour == "reach":  # as with maps that call all reachable, now better by one hand, now by the other
+        if behaviour == "reach":
             self.pipeline._arms = self.pipeline._hands = [
                 own._replace(params=ReachingParams(HOME_ARM_RAD, side=own.params.side, **waits))
                 for own in self.pipeline._arms
             ]
-            self.pipeline._reachability = [self._anywhere] * len(self.pipeline._arms)
+            self.pipeline._reachability = [Anywhere(robot, rng)] * len(self.pipeline._arms)
         self.stamp_s = 0.0
         self.command = JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)
         self.taxels = skin.at(robot.at(self.q))
@@ -141,9 +158,6 @@ class Episode:
                 self.command, self.taxels = step.command, self.skin.at(step.posture)
         self._watch()
         self.result.freed += self.start == "near itself" and self.clear_m == LIMITS.clearance_m
-
-    def _anywhere(self, q_rad: Array, track: Track3D) -> Reachability:
-        return Reachability(track.stamp_s, np.zeros(3), 1.0, self.rng.choice((0.6, 0.9)), ReachStatus.REACHABLE)
 
     def _step(self, frame: StereoFrame) -> PipelineStep | None:
         try:
