@@ -117,6 +117,7 @@ class Examined:
         camera: The image's.
         roi: The region.
         bins: (h, w) colour bins.
+        colors: (h, w) likelihood of the object by its colours.
         likelihoods: (h, w) likelihoods that segment the object, the most accurate first, each with a mask of likely
             background (None: unknown).
         changed: (h, w) foreground, or unknown background; None without a known background.
@@ -127,6 +128,7 @@ class Examined:
     camera: Camera
     roi: Box
     bins: NDArray[np.uint8]
+    colors: Map
     likelihoods: tuple[tuple[Map, Mask | None], ...]
     changed: Mask | None
     covered: Mask
@@ -135,7 +137,7 @@ class Examined:
     def evidence(self) -> Evidence:
         """Input of the particle filter."""
         model = self.target.model
-        inside = 2 * np.take(model.table(), self.bins) - 1
+        inside = 2 * self.colors - 1
         if self.changed is not None:
             among_changed = np.take(2 * share(model.object, self.target.rivals) - 1, self.bins)
             unchanged = np.take(np.float32(model.object / model.object.max()) - 1, self.bins)
@@ -216,7 +218,7 @@ class ImageTracker:
                 likelihoods.append((changed, None))
             else:
                 likelihoods.append((colors * is_changed, ~is_changed & target.model.backdrop()[bins]))
-        return Examined(target, self.optics.camera, roi, bins, tuple(likelihoods), is_changed, is_covered)
+        return Examined(target, self.optics.camera, roi, bins, colors, tuple(likelihoods), is_changed, is_covered)
 
     def detect(
         self, target: Target, image: Image, examined: Examined, center_px: Array, by_color: bool

@@ -241,8 +241,7 @@ class Pipeline:
         skin = SkinFrame(stamp_s, *parts, tracking.tracks, track.track_id, self.skin.margins)
         field = params.receptive_field if state.learning.memory.params.knows_path else CONE
         learned, felt = learner.step(field, state.learning, skin)
-        hand, reachability = self._choose_hand(posture.q_rad, track)
-        is_reachable = reachability is not None and reachability.is_reachable and hand not in state.attempt.missed
+        hand, reachability, is_reachable = self._choose_hand(posture.q_rad, track)
         at_effect = self._posture_at_effect(posture, stamp_s)
         is_felt = any(np.any(felt.activation.probability[arm.on_arm] > arm.params.threshold) for arm in self._hands)
         inputs = _ControlInput(at_effect, track, felt, touched, is_reachable, hand, is_felt)
@@ -316,18 +315,19 @@ class Pipeline:
         palm = np.array([skin.parts[k].frame == frame for k in skin.part_index], dtype=bool)
         return _Arm(params, skin, on_arm, palm if palm.any() else ~palm, BareLinks(self.robot, skin, params.side))
 
-    def _choose_hand(self, q_rad: Array, track: Track3D) -> tuple[int, Reachability | None]:
-        """The number of the map of the hand to reach with, and its answer: of those that reach the object, and have not
-        missed it, else of all, the one of the highest degree R."""
+    def _choose_hand(self, q_rad: Array, track: Track3D) -> tuple[int, Reachability | None, bool]:
+        """The number of the map of the hand to reach with, its answer, and whether it may reach: of those that reach
+        the object, and have not missed it, else of all, the one of the highest degree R."""
         answers = [reachability(q_rad, track) for reachability in self._reachability]
         if not answers:
-            return 0, None
+            return 0, None, False
         last = self._state.hand
         margins = self.params.hand_margin * (np.arange(len(answers)) == last)
         degrees = np.nan_to_num([answer.degree for answer in answers]) + margins
         missed = self._state.attempt.missed
-        chosen = max(range(len(answers)), key=lambda k: (answers[k].is_reachable and k not in missed, degrees[k]))
-        return chosen, answers[chosen]
+        may_reach = [answer.is_reachable and k not in missed for k, answer in enumerate(answers)]
+        chosen = max(range(len(answers)), key=lambda k: (may_reach[k], degrees[k]))
+        return chosen, answers[chosen], may_reach[chosen]
 
     def _attempted(self, arms: tuple[ArmState, ...], inputs: _ControlInput) -> _Attempt:
         """The attempt after this frame, in which the arms have moved on to their states.
@@ -343,6 +343,8 @@ class Pipeline:
         arm = self._hands[inputs.hand]
         number = self._arms.index(arm)
         was_reaching, is_reaching = (states[number].mode == "reach" for states in (self._state.arms, arms))
+        if not (was_reaching or is_reaching):
+            return _Attempt(missed)
         attempt = last if was_reaching and inputs.hand == self._state.hand else _Attempt(missed)
         has_touched = attempt.has_touched or bool(inputs.touched[arm.on_arm].any())
         palm = arm.skin.at(inputs.posture)[0][arm.palm]

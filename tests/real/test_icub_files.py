@@ -10,8 +10,10 @@ from data import shared_data
 from learning.pps.memory import activation, load_memory
 from pps_vision.app.cli import main
 from pps_vision.recordings.formats.yarp import read_touches
+from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
 from pps_vision.recordings.warnings import Problem
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 MAPS = (
     "taxels1D_45cmRF_skinV2_learned_noLeftHand.ini",
@@ -24,6 +26,10 @@ def words(file: Path) -> list[list[str]]:
     """All but the white space."""
     lines = file.read_text().replace("(", " ( ").replace(")", " ) ").splitlines()
     return [line.split() for line in lines if line.strip()]
+
+
+def test_the_eyes_are_those_of_the_robot():
+    assert read_icub_eyes(shared_data("icub_files", "icubEyes.ini")) == (LEFT_EYE, RIGHT_EYE)
 
 
 @pytest.mark.parametrize("name", MAPS)

@@ -11,7 +11,7 @@ from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import CONTROLLERS, GEOMETRY, NONE, ONE, OURS
 from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot
 from pps_vision.app.encounters.tracks import track_of, true_track_of
-from pps_vision.experiments.encounters.learning import summary
+from pps_vision.experiments.encounters.learning import encounter_number, summary
 from pps_vision.robot.skin import icub_skin
 
 
@@ -71,6 +71,14 @@ def test_geometry_alone_leaves_what_passes_beyond_its_margin(scene, memories):
     }
     assert commands[ONE] > 0
     assert commands[GEOMETRY] == 0
+
+
+def test_each_robot_has_encounters_of_its_own_arm_and_all_parts():
+    numbers = [encounter_number(robot, k, 4) for robot in range(6) for k in range(4)]
+    assert len(set(numbers)) == 24
+    sides = np.array([number // 3 % 2 for number in numbers]).reshape(6, 4)
+    np.testing.assert_array_equal(sides, np.tile(np.arange(6)[:, None] % 2, (1, 4)))
+    assert {number % 3 for number in numbers[:4]} == {0, 1, 2}
 
 
 def test_the_scores_of_a_robot_are_the_means_of_its_hazards_and_harmless_objects():

@@ -6,7 +6,8 @@ from data import SEED
 from scipy.optimize import minimize
 from scipy.stats import mannwhitneyu, ttest_rel
 
-from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.memory import MemoryParams, PPSMemory, count_samples
+from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.pps.ridges import FINE, bin_centers, offsets, orthogonal_line, ridge_width
 from pps_vision.experiments.pps_prediction import auroc, brier, brier_gain, expected_calibration_error
 
@@ -22,6 +23,18 @@ def test_the_line_is_that_of_a_search_for_the_least_distance():
 
     best = minimize(cost, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12}).x
     np.testing.assert_allclose(orthogonal_line(x, y, weights), [best[0], np.tan(best[1])], atol=1e-5)
+
+
+def test_the_offset_of_objects_at_many_speeds():
+    offset_m = 0.05
+    rng = np.random.default_rng(SEED)
+    left_s = np.tile(np.arange(0.025, 0.4, 0.05), 200)
+    distance = offset_m + np.repeat(rng.uniform(0.05, 0.15, 200), 8) * left_s
+    samples = (np.stack([distance, np.full(len(left_s), np.nan)], axis=1), np.stack([left_s, left_s], axis=1))
+    memory = count_samples(empty_map(2, MemoryParams(ttc_range_s=(0.0, 0.4), bins=(60, 8))), *samples, np.ones(2, bool))
+    estimates = offsets(memory)
+    assert abs(estimates[0] - offset_m) < 0.003
+    assert np.isnan(estimates[1])
 
 
 def test_offset_and_width_of_worked_out_counts():
