@@ -12,6 +12,7 @@ the whole object.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -28,6 +29,7 @@ from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.films.score import OURS, Scores, measure_film, summary
 from pps_vision.experiments.study import DATA, SampledStudy, median
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.worker_pool import worker_pool
 
 CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]  # scores of each film by case and tracker
 COLUMNS = {
@@ -53,23 +55,28 @@ _CASES = {case.name: case for case in (*CASES, *NEW_CASES)}
 class Independent(SampledStudy):
     """Every case of `films.cases` by the tracker with its defaults, which gets only the rig."""
 
-    SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
+    SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale", "workers": 1}
 
     n: int = 6  # ray-cast films of each case, before different photographs
     n_compared: int = 1  # ray-cast films of each case on which the baselines run too
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
     only: str = ""  # only the cases whose names contain this
+    workers: int = 2  # processes
 
     def run(self) -> dict[str, Any]:
         """Return by case and tracker the scores of each film."""
-        chosen = [case for case in _CASES.values() if self.only in case.name]
-        by_case = {}
-        for case in tqdm(chosen, unit="case", disable=None):
-            films = [self._film(case, k) for k in range(self.n)]
-            by_case[case.name] = {name: [film[name] for film in films if name in film] for name in films[0]}
+        chosen = [name for name in _CASES if self.only in name]
+        with worker_pool(self.workers) if self.workers > 1 else nullcontext() as pool:
+            cases = (pool.map if pool else map)(self._case, chosen)
+            by_case = dict(zip(chosen, tqdm(cases, total=len(chosen), unit="case", disable=None), strict=True))
         absent = [name for name in PHOTOS if not (self.data / name).exists()]
         return {"independent": by_case, "procedural_instead_of": absent}
+
+    def _case(self, name: str) -> dict[str, list[Scores]]:
+        """Scores of the case's films by tracker."""
+        films = [self._film(_CASES[name], k) for k in range(self.n)]
+        return {tracker: [film[tracker] for film in films if tracker in film] for tracker in films[0]}
 
     def _film(self, case: Case, k: int) -> dict[str, Scores]:
         """Scores of a film by tracker."""
