@@ -349,7 +349,7 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
         is_partly_occluded = moved is not None and is_partial
         if moved is not None and not (is_distinct and mask is not None and foreground.shows_the_object(mask, moved)):
             mask, by_color = moved, False
-            model = ColorModel(histogram(bins[moved]), histogram(bins[~masks.dilated(moved, 2)]))
+            model = ColorModel(histogram(bins, moved), histogram(bins, ~masks.dilated(moved, 2)))
         elif not by_color:
             return None
     if mask is None or model is None or np.count_nonzero(mask) < _MIN_AREA_PX:
@@ -390,7 +390,7 @@ def vivid_parts(
             continue
         outline = _disc_around(image, mask, changed, box, optics)
         if outline is not None:
-            model = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
+            model = ColorModel(histogram(bins, mask), histogram(bins, ~masks.dilated(mask, 2)))
             evidence = region.evidence * (1 - model.similarity(model.background))
             candidates.append(Candidate(outline, model, evidence, True, mask, box, is_part=True))
     return candidates
@@ -530,6 +530,7 @@ def _grown(bins: NDArray[np.uint8], seed: Mask, model: ColorModel) -> Mask | Non
 
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
     """Colours of the mask (low saturations beside vivid colours are rejected) and of its surroundings."""
-    colors = histogram(bins[mask], _VIVIDNESS[bins[mask]])
+    colors = histogram(bins, mask) * _VIVIDNESS
+    colors /= colors.sum()
     colors[_LOW_SATURATION * (colors @ _VIVIDNESS) > _VIVIDNESS] = 0.0
-    return ColorModel(colors / colors.sum(), histogram(bins[~masks.dilated(mask, 2)]))
+    return ColorModel(colors / colors.sum(), histogram(bins, ~masks.dilated(mask, 2)))

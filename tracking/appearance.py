@@ -54,9 +54,14 @@ def _looked_up(image: Image, table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return bins
 
 
-def histogram(bins: NDArray[np.uint8], weights: NDArray[np.float32] | None = None) -> Array:
-    """(N_BINS,) normalised histogram of pixels, weighted; uniform where there is no weight at all."""
-    counts = np.bincount(bins.ravel(), None if weights is None else weights.ravel(), minlength=N_BINS).astype(float)
+@njit(cache=True, error_model="numpy")
+def histogram(bins: NDArray[np.uint8], where: Mask) -> Array:
+    """(N_BINS,) normalised histogram of the pixels (h, w) of a mask (h, w); uniform if the mask is empty."""
+    counts = np.zeros(N_BINS)
+    for y in range(bins.shape[0]):
+        for x in range(bins.shape[1]):
+            if where[y, x]:
+                counts[bins[y, x]] += 1
     total = counts.sum()
     return counts / total if total > 0 else np.full(N_BINS, 1 / N_BINS)
 

@@ -142,7 +142,7 @@ class Background:
         learned: its colours are those around it, in the background they are not."""
         now, learned, around = self._colors(image, view, mask, box)
         inside = ~masks.dilated(~mask, 2) & (learned < N_BINS)
-        alike, was_alike = (ColorModel(histogram(bins[inside]), around).similarity(around) for bins in (now, learned))
+        alike, was_alike = (ColorModel(histogram(bins, inside), around).similarity(around) for bins in (now, learned))
         return bool(inside.any() and alike - was_alike > _GHOST)
 
     def own_and_ghost(self, image: Image, view: View, mask: Mask, box: Box) -> tuple[Mask, Mask]:
@@ -150,7 +150,7 @@ class Background:
         since the background was learned (none if background and image have few colours in common): now in other
         colours, in the background in the object's."""
         now, learned, around = self._colors(image, view, mask, box)
-        common = np.minimum(histogram(now[mask]), histogram(learned[mask & (learned < N_BINS)]))
+        common = np.minimum(histogram(now, mask), histogram(learned, mask & (learned < N_BINS)))
         if common.sum() < _COMMON:
             return mask, np.zeros_like(mask)
         is_own = np.append(ColorModel(common / common.sum(), around).table() > 0.5, False)
@@ -164,7 +164,7 @@ class Background:
         now, learned = (color_bins(np.asarray(pixels, np.uint8)) for pixels in (smoothed(image, box), expected))
         learned[expected[..., 0] == 0] = N_BINS
         reach = max(int(_AROUND * math.sqrt(np.count_nonzero(mask))), _EDGE_PX)
-        return now, learned, histogram(now[masks.dilated(mask, reach) & ~masks.dilated(mask, 2)])
+        return now, learned, histogram(now, masks.dilated(mask, reach) & ~masks.dilated(mask, 2))
 
     def adopt(self, image: Image, view: View, mask: Mask, box: Box) -> None:
         """Take a mask (h, w) of a box of the image for background, if the camera rests."""
@@ -178,14 +178,10 @@ class Background:
         return self._measured[1]
 
     def _brightness(self, image: Image, view: View) -> Brightness:
-        pixels = self._samples
-        sources = pixels
+        sources = self._samples.astype(float)
         if not self.rests(view):
-            projected = self._ego.project(self._directions, self._anchor, view, self._inverse_distance)
-            is_inside = ((projected > -0.5) & (projected < (image.shape[1] - 0.5, len(image) - 0.5))).all(axis=1)
-            pixels = pixels[is_inside]
-            sources = np.rint(projected[is_inside]).astype(int)
-        gain, noise = _gain_and_noise(image, pixels, self._mean, sources)
+            sources = self._ego.project(self._directions, self._anchor, view, self._inverse_distance)
+        gain, noise = _gain_and_noise(image, self._samples, self._mean, sources)
         return Brightness(gain, max(self.params.noise_factor * noise, self.params.min_contrast))
 
     def update(self, image: Image, view: View, stamp_s: float, objects_px: Sequence[BoxPx] = ()) -> None:
@@ -411,17 +407,19 @@ class Foreground:
 
 
 @njit(cache=True, error_model="numpy")
-def _gain_and_noise(
-    image: Image, pixels: NDArray[np.int64], mean: Image, sources: NDArray[np.int64]
-) -> tuple[float, float]:
+def _gain_and_noise(image: Image, pixels: NDArray[np.int64], mean: Image, sources: Array) -> tuple[float, float]:
     """Median ratio of an image (H, W, 3), smoothed over 3×3 px, to the background at pixels (n, 2) of both, (x, y),
-    and the standard deviation of what remains; 1 and 0 if the background is unknown."""
+    and the standard deviation of what remains; 1 and 0 if the background is unknown.  NaN and pixels outside the
+    background have none."""
+    height, width = image.shape[:2]
     levels = np.empty((len(pixels), 3))
     expected = np.empty((len(pixels), 3))
     n = 0
     for i in range(len(pixels)):
         x, y = pixels[i, 0], pixels[i, 1]
-        u, v = sources[i, 0], sources[i, 1]
+        if not (-0.5 < sources[i, 0] < width - 0.5 and -0.5 < sources[i, 1] < height - 0.5):
+            continue
+        u, v = int(np.rint(sources[i, 0])), int(np.rint(sources[i, 1]))
         if min(mean[v, u, 0], mean[v, u, 1], mean[v, u, 2]) == 0:
             continue
         for k in range(3):
@@ -450,4 +448,4 @@ def smoothed(image: Image, box: Box) -> Pixels:
 def foreground_around(mask: Mask, foreground: Mask) -> float:
     """Share of what surrounds an object's mask (h, w), beyond the reach of smoothing, that is foreground."""
     around = masks.dilated(mask, _AROUND_PX[1]) & ~masks.dilated(mask, _AROUND_PX[0])
-    return float(foreground[around].mean()) if around.any() else 0.0
+    return float(np.count_nonzero(foreground & around)) / max(float(np.count_nonzero(around)), 1.0)

@@ -81,4 +81,4 @@ def _is_black(image: Image) -> bool:
 
 def _is_plain(image: Image) -> bool:
     """Whether all pixels are equal."""
-    return bool((image == image[0, 0]).all())
+    return np.array_equal(image[0, 0], image[-1, -1]) and bool((image == image[0, 0]).all())

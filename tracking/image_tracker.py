@@ -3,7 +3,7 @@ object → sub-pixel outline.  `ImageTracker` follows in the image alone, `Camer
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Literal, NamedTuple
@@ -118,9 +118,8 @@ class Examined:
         roi: The region.
         bins: (h, w) colour bins.
         colors: (h, w) likelihood of the object by its colours.
-        likelihoods: (h, w) likelihoods that segment the object, the most accurate first, each with a mask of likely
-            background (None: unknown).
-        changed: (h, w) foreground, or unknown background; None without a known background.
+        segmented_by: What separates the object from its surroundings.
+        difference: (h, w) probability of foreground, or unknown background; None without a known background.
         covered: (h, w) foreground in front of known background.
     """
 
@@ -129,9 +128,27 @@ class Examined:
     roi: Box
     bins: NDArray[np.uint8]
     colors: Map
-    likelihoods: tuple[tuple[Map, Mask | None], ...]
-    changed: Mask | None
+    segmented_by: SegmentedBy
+    difference: Map | None
     covered: Mask
+
+    @cached_property
+    def changed(self) -> Mask | None:
+        """(h, w) foreground, or unknown background; None without a known background."""
+        return None if self.difference is None else self.difference > 0.5
+
+    def likelihoods(self) -> Iterator[tuple[Map, Mask | None]]:
+        """Likelihoods (h, w) that segment the object, the most accurate first, each with a mask of likely background
+        (None: unknown)."""
+        backdrop = self.target.model.backdrop()[self.bins]
+        if self.segmented_by == "colour":
+            yield self.colors, backdrop
+        if self.difference is None or self.changed is None:
+            return
+        if self.segmented_by == "foreground":
+            yield self.difference, None
+        else:
+            yield self.colors * self.changed, ~self.changed & backdrop
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -176,7 +193,7 @@ class ImageTracker:
             bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
             inside = masks.ellipse(roi, center, 0.9 * w, 0.9 * h)
             around = masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
-            model = ColorModel(histogram(bins[inside]), histogram(bins[~around]))
+            model = ColorModel(histogram(bins, inside), histogram(bins, ~around))
         rivals = np.zeros(len(model.object))
         return Target(model, rivals, (w / angle_rad, h / angle_rad), angle_rad, silhouette)
 
@@ -205,27 +222,19 @@ class ImageTracker:
             return None
         bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
         colors = np.take(target.model.table(), bins)
-        is_changed = None
+        difference = None
         is_covered = np.zeros(bins.shape, bool)
-        likelihoods: list[tuple[Map, Mask | None]] = []
-        if segmented_by == "colour":
-            likelihoods.append((colors, target.model.backdrop()[bins]))
         if foreground is not None:
-            changed, is_known = foreground(roi)
-            is_changed = changed > 0.5
-            is_covered = is_changed & is_known
-            if segmented_by == "foreground":
-                likelihoods.append((changed, None))
-            else:
-                likelihoods.append((colors * is_changed, ~is_changed & target.model.backdrop()[bins]))
-        return Examined(target, self.optics.camera, roi, bins, colors, tuple(likelihoods), is_changed, is_covered)
+            difference, is_known = foreground(roi)
+            is_covered = (difference > 0.5) & is_known
+        return Examined(target, self.optics.camera, roi, bins, colors, segmented_by, difference, is_covered)
 
     def detect(
         self, target: Target, image: Image, examined: Examined, center_px: Array, by_color: bool
     ) -> tuple[Target, ImageDetection, Mask] | None:
         """The target, its detection at the centre (2,) where it was located, and its mask in the region; None if the
         mask is not its whole image."""
-        for likelihood, backdrop in examined.likelihoods:
+        for likelihood, backdrop in examined.likelihoods():
             whole = self._whole(target, image, examined, likelihood, backdrop, center_px, by_color)
             if whole is not None:
                 return whole
@@ -257,18 +266,19 @@ class ImageTracker:
             hiding = masks.opened(examined.covered, _THIN_PX)
             outline = beside_foreground(outline, foreground_around(mask, hiding))
         ratio = outline.angular_radius_rad / target.angle_rad
-        is_free = examined.covered[mask].mean() > 0.5 and around < _FREE
+        is_free = 2 * np.count_nonzero(examined.covered & mask) > np.count_nonzero(mask) and around < _FREE
         may_be_smaller = is_free if target.silhouette else outline.is_disc and (is_free or not target.is_size_known)
         if ratio < target.ratio - _ERRORS * target.ratio_std and not may_be_smaller:
             return None
         if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size:
             return None
-        bins = examined.bins
-        score = target.model.similarity(histogram(bins[mask])) if by_color else float(likelihood[mask].mean())
+        colors = histogram(examined.bins, mask)
+        score = target.model.similarity(colors) if by_color else float(likelihood[mask].mean())
         score *= min(ratio, 1 / ratio) ** 2
         if score < MIN_SCORE:
             return None
-        return *self._learn(target, examined, mask, outline, score, ratio), mask
+        newest = ColorModel(colors, histogram(examined.bins, ~masks.dilated(mask, 2)))
+        return *self._learn(target, newest, outline, score, ratio), mask
 
     def holds(self, target: Target, examined: Examined, center_px: Array) -> bool:
         """Whether the examined region holds the object at a centre (2,), as far as the image does."""
@@ -283,16 +293,14 @@ class ImageTracker:
         if examined.changed is not None:
             beside = examined.changed & ~masks.ellipse(examined.roi, center_px, w, h)
             share_beside = min(np.count_nonzero(beside) / target.size**2, 1.0)
-            seen = share_beside * histogram(examined.bins[beside]) if share_beside > 0 else 0.0
+            seen = share_beside * histogram(examined.bins, beside) if share_beside > 0 else 0.0
         rivals = (1 - _FAST_RATE) * target.rivals + _FAST_RATE * seen
         return replace(target, rivals=rivals)
 
     def _learn(
-        self, target: Target, examined: Examined, mask: Mask, outline: Outline, score: float, ratio: float
+        self, target: Target, newest: ColorModel, outline: Outline, score: float, ratio: float
     ) -> tuple[Target, ImageDetection]:
         """Update size, colours and those beside the object."""
-        bins = examined.bins
-        newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
         model = target.model.blend(newest, RATE, _FAST_RATE)
         boxes = zip(target.shape, outline.box_px[2:], strict=True)
         width, height = (side ** (1 - _FAST_RATE) * (px / target.angle_rad) ** _FAST_RATE for side, px in boxes)
@@ -369,13 +377,19 @@ def _without_thin_parts(mask: Mask, size: float) -> Mask:
 
 
 class Prior(NamedTuple):  # constructing a frozen dataclass is three times slower
-    """Predicted image: centre (2,) px with its standard deviation (px), distance (m), angular radius (rad), size."""
+    """Predicted image: centre (2,) px with its standard deviation (px), distance (m), angular radius (rad), size, and
+    the centre's gradient (2, 3) by the position (px/m)."""
 
     center_px: Array
     std_px: float
     distance_m: float
     angle_rad: float
     size_px: float
+    by_position: Array = np.zeros((2, 3))
+
+    def within(self, cov: Array) -> "Prior":
+        """The prior of a position with the covariance `cov` (3, 3) m²."""
+        return self._replace(std_px=math.sqrt(float((self.by_position @ cov * self.by_position).sum())))
 
 
 class CameraState(NamedTuple):
@@ -415,9 +429,7 @@ class CameraTracker:
         size_px = 2 * angle_rad * self.optics.camera.focal_px
         if not self.optics.camera.contains(center, margin_px=-0.5 * size_px):
             return None
-        J = np.array((of_u, of_v))
-        std_px = math.sqrt(float(np.trace(J @ cov[:3, :3] @ J.T)))
-        return Prior(np.array(center), std_px, distance_m, angle_rad, size_px)
+        return Prior(np.array(center), 0.0, distance_m, angle_rad, size_px, np.array((of_u, of_v))).within(cov)
 
     def quick(
         self, state: CameraState, camera: CameraFrame, prior: Prior

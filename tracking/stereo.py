@@ -8,7 +8,6 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoView, View, sight
-from pps_vision.geometry.se3 import move_points
 from pps_vision.geometry.triangulation import Triangulation, triangulate
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Observation3D, StereoFrame
@@ -142,12 +141,7 @@ class Association:
 
         `shift_px` moves each centre from its own stamp to the pair's, for cameras that are not synchronised.
         """
-        left_px = left.center_px
-        right_px = right.center_px
-        if shift_px is not None:
-            left_px = left_px + shift_px[0]
-            right_px = right_px + shift_px[1]
-        point = self._triangulated(view, left, right, left_px, right_px)
+        point = self.triangulated(view, left, right, shift_px)
         if isinstance(point, str):
             return None
         radius, radius_var = _radius(
@@ -197,19 +191,21 @@ class Association:
     ) -> Refusal | None:
         """Return the reason why `observe` returns None for two outlines, or "size" if their radii at the object differ
         by more than `max_ratio`; else None."""
-        result = self._triangulated(view, left, right, left.center_px, right.center_px, max_ratio)
+        result = self.triangulated(view, left, right, max_ratio=max_ratio)
         return result if isinstance(result, str) else None
 
-    def _triangulated(
+    def triangulated(
         self,
         view: StereoView,
         left: Outline,
         right: Outline,
-        left_px: Array,
-        right_px: Array,
+        shift_px: tuple[Array, Array] | None = None,
         max_ratio: float = _MAX_RADIUS_RATIO,
     ) -> Triangulation | Refusal:
-        """Return the point that two outlines with these centres show, or the reason why they do not show one object."""
+        """Return the point that two outlines show, as `observe`, or the reason why they do not show one object."""
+        left_px, right_px = left.center_px, right.center_px
+        if shift_px is not None:
+            left_px, right_px = left_px + shift_px[0], right_px + shift_px[1]
         point = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
         if point is None:
             return "point behind the cameras"
@@ -224,21 +220,23 @@ class Association:
             return "distance"
         return point
 
-    def learned(self, view: StereoView, observation: Observation3D, left: Outline, right: Outline) -> "Association":
-        """Return the association after an accepted pair; unchanged if a part of the object is hidden or may be, since
-        its centre is then off by more than the calibration.  In a hand from the start, the fitted visible edge tells
-        the calibration's error.
+    def learned(
+        self, view: StereoView, point: Triangulation | Observation3D, left: Outline, right: Outline
+    ) -> "Association":
+        """Return the association after an accepted pair, which shows a point; unchanged if a part of the object is
+        hidden or may be, since its centre is then off by more than the calibration.  In a hand from the start, the
+        fitted visible edge tells the calibration's error.
 
         Differences that are smaller than the outlines' covariances count too, or these would be counted twice.
         """
         own_var = _mean_var(left, right)
-        unexplained = 4 * observation.residual_px**2 - own_var
+        unexplained = 4 * point.residual_px**2 - own_var
         if self._is_held(left, right):
             return self._with_residual(unexplained, 0.0)
         if left.is_partial or right.is_partial or left.hidden_px + right.hidden_px > 0:
             return self
         rate = max(1 / min(self.pairs + 1, _MEMORY_PAIRS), _OUTLINE_RATE)
-        differences_px = _differences(view, observation.p_root, left, right)
+        differences_px = _differences(view, point.p_root, left, right)
         difference = float(np.mean(differences_px**2)) - own_var
         change_px = differences_px - (0.0 if self.differences_px is None else self.differences_px)
         change_var = 0.5 * float(np.mean(change_px**2))
@@ -343,16 +341,22 @@ def shift_cov(previous: Observation3D | None, observation: Observation3D) -> Arr
         return np.zeros((3, 3))
     change_m = observation.radius_m - previous.radius_m
     of_outline = max(change_m**2 - previous.radius_var_m2 - observation.radius_var_m2, 0.0)
-    growth_m, axes = np.linalg.eigh(_root(observation.correlated_cov_root) - _root(previous.correlated_cov_root))
-    cov: Array = of_outline * np.eye(3) + axes * np.maximum(growth_m, 0.0) ** 2 @ axes.T
-    return cov
+    growth = _growth_cov(previous.correlated_cov_root, observation.correlated_cov_root)
+    return of_outline * np.eye(3) + growth
 
 
+@njit(cache=True, error_model="numpy")
+def _growth_cov(before: Array, after: Array) -> Array:
+    """Covariance (3, 3) whose standard deviations are those by which a covariance (3, 3) has grown."""
+    growth, axes = np.linalg.eigh(_root(after) - _root(before))
+    return (axes * np.maximum(growth, 0.0) ** 2) @ axes.T
+
+
+@njit(cache=True, error_model="numpy")
 def _root(cov: Array) -> Array:
     """Square root (3, 3) of a covariance."""
     variances, axes = np.linalg.eigh(cov)
-    root: Array = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
-    return root
+    return (axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
 
 
 def with_pose_error(
@@ -385,13 +389,26 @@ def with_velocity_error(
 def apparent_velocity(previous: StereoView, view: StereoView, p_root: Array, dt_s: float) -> Array:
     """(3,) m/s in the root frame of a point that rests in both images, now at `p_root` (3,), while the head turns and
     the eyes converge from the previous view to this one."""
-    jacobians = []
-    drifts = []
-    for old_eye, eye in ((previous.left, view.left), (previous.right, view.right)):
-        old_p_root = move_points(old_eye.T_root_camera, move_points(eye.T_camera_root, p_root))
-        jacobian = eye.project_jacobian(p_root)
-        jacobians.append(jacobian)
-        drifts.append(jacobian @ (p_root - old_p_root) / dt_s)
-    J = np.concatenate(jacobians)
-    velocity: Array = np.linalg.solve(J.T @ J, J.T @ np.concatenate(drifts))
-    return velocity
+    left, right = (
+        (new.project_jacobian(p_root), old.T_root_camera, new.T_camera_root)
+        for old, new in ((previous.left, view.left), (previous.right, view.right))
+    )
+    return _apparent_shift(p_root, left, right) / dt_s
+
+
+EyeMotion = tuple[Array, Array, Array]
+"""Gradient (2, 3) of a point's pixel by its position, an eye's last pose (4, 4), and the inverse of its pose now."""
+
+
+@njit(cache=True, error_model="numpy")
+def _apparent_shift(p_root: Array, left: EyeMotion, right: EyeMotion) -> Array:
+    """(3,) m: `apparent_velocity` times the time between the views."""
+    normal = np.zeros((3, 3))
+    drift = np.zeros(3)
+    for J, T_root_old, T_new_root in (left, right):
+        p_eye = (T_new_root[:3, :3] * p_root).sum(axis=1) + T_new_root[:3, 3]
+        p_old = (T_root_old[:3, :3] * p_eye).sum(axis=1) + T_root_old[:3, 3]
+        weight = J.T @ J
+        normal += weight
+        drift += weight @ (p_root - p_old)
+    return np.linalg.solve(normal, drift)

@@ -309,10 +309,12 @@ class Tracker:
     def _attended(self, last_id: int | None, steps: Sequence[TrackerStep]) -> TrackerStep | None:
         """The step of the object that is attended: the one with the smallest time to contact with the cameras, else the
         nearest that moves; the last one, unless another is clearly sooner or nearer."""
+        if len(steps) < 2:
+            return steps[0] if steps else None
         known = [step for step in steps if step.track.is_known]
         last = next((step for step in steps if step.track.track_id == last_id), None)
         if not known:
-            return last or next(iter(steps), None)
+            return last or steps[0]
         urgencies = [_urgency(step) for step in known]
         best = max(range(len(known)), key=urgencies.__getitem__)
         if last is None or not last.track.is_known:
@@ -405,7 +407,7 @@ class Tracker:
                 states[k], region = tracker.examine(states[k], camera, prior)
                 if region is not None:
                     regions[k] = region
-                    priors[k] = tracker.predict(states[k], camera, predicted, search_cov, state.radius_m) or prior
+                    priors[k] = prior.within(search_cov)
         if not regions:
             return state._replace(cameras=(states[0], states[1])), (detections[0], detections[1]), None
         whole = {k: self._cameras[k].whole(states[k], cameras[k], region, priors[k]) for k, region in regions.items()}
@@ -440,16 +442,8 @@ class Tracker:
     def _search_cov(self, predicted: Belief, cameras: CameraFrames, shift: Array) -> Array:
         """(3, 3) m² within which the object is searched: of the prediction, an error of the pixels, and a `shift` (3,)
         m that a sudden stop or turn would take back."""
-        p = predicted.mean[0]
-        line = sight(np.stack([camera.view.center for camera in cameras]), p)
-        baseline_m = math.dist(cameras[0].view.place, cameras[1].view.place)
-        distance_m = float(np.linalg.norm(line))
-        pixel_m = _PIXELS * distance_m / self.searched_rig.left.focal_px
-        along = line / distance_m
-        cov = predicted.cov[:3, :3] + np.outer(shift, shift) + pixel_m**2 * np.eye(3)
-        cov += (pixel_m * distance_m / baseline_m) ** 2 * np.outer(along, along)
-        scale = min((_WIDEST_PX / _PIXELS * pixel_m) ** 2 / float(np.trace(cov)), 1.0)
-        return np.asarray(scale * cov, float)
+        centers = np.stack([camera.view.center for camera in cameras])
+        return _search_cov(centers, predicted.mean[0], predicted.cov, shift, self.searched_rig.left.focal_px)
 
     def _acquire(
         self, state: TrackerState, scene: _Scene, followed: FollowedBoxes
@@ -563,16 +557,19 @@ class Tracker:
                 -late_left_s * (view.left.project_jacobian(p) @ v),
                 -late_right_s * (view.right.project_jacobian(p) @ v),
             )
-        observation = state.association.observe(view, left.outline, right.outline, stamp_s, shift)
-        if observation is None:
+        pair = view, left.outline, right.outline
+        before = state.association
+        point = before.triangulated(*pair, shift)
+        if isinstance(point, str):
             return state, None
         if predicted is not None:
-            learned = state.association.learned(view, observation, left.outline, right.outline)
-            state = state._replace(association=learned)
-            observation = learned.observe(view, left.outline, right.outline, stamp_s, shift) or observation
-            if shift is not None:
-                late_s, velocity_cov = (late_left_s, late_right_s), predicted.cov[3:6, 3:6]
-                observation = with_velocity_error(observation, view, late_s, velocity_cov)
+            state = state._replace(association=before.learned(view, point, left.outline, right.outline))
+        observation = state.association.observe(*pair, stamp_s, shift) or before.observe(*pair, stamp_s, shift)
+        if observation is None:
+            return state, None
+        if predicted is not None and shift is not None:
+            late_s, velocity_cov = (late_left_s, late_right_s), predicted.cov[3:6, 3:6]
+            observation = with_velocity_error(observation, view, late_s, velocity_cov)
         if located is not None:
             observation = replace(
                 observation, p_root=located.measured, cov_root=observation.cov_root + located.measured_cov
@@ -677,6 +674,19 @@ class Tracker:
         if appearance is None and state.hits >= self.params.confirm_frames and left.target and right.target:
             appearance = left.target.model, right.target.model
         return state._replace(cameras=(left, right), appearance=appearance)
+
+
+@njit(cache=True, error_model="numpy")
+def _search_cov(centers: Array, p_root: Array, cov: Array, shift: Array, focal_px: float) -> Array:
+    """As `Tracker._search_cov`, with the cameras' centers (2, 3), the predicted position (3,), and its covariance in
+    the first three rows and columns."""
+    line = sight(centers, p_root)
+    distance_m = math.sqrt((line**2).sum())
+    pixel_m = _PIXELS * distance_m / focal_px
+    baseline_m = math.sqrt(((centers[0] - centers[1]) ** 2).sum())
+    along = pixel_m / baseline_m * line
+    wide = cov[:3, :3] + np.outer(shift, shift) + pixel_m**2 * np.eye(3) + np.outer(along, along)
+    return min((_WIDEST_PX / _PIXELS * pixel_m) ** 2 / np.trace(wide), 1.0) * wide
 
 
 def _urgency(step: TrackerStep) -> tuple[float, float]:

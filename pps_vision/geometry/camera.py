@@ -9,6 +9,7 @@
 | Jacobian of the pixel of one point, as an array | `project_jacobian` |
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from pps_vision.geometry.compiled import Lens, Linearised, Pose, Vector, projected, projected_from, projected_points
 from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image, StereoFrame
 
 _GRID = 17  # pixels a side at which `is_usable` tests a lens
@@ -284,7 +286,7 @@ class StereoView:
         """(3,) m, midway between the cameras."""
         return 0.5 * (self.left.center + self.right.center)
 
-    @property
+    @cached_property
     def centers(self) -> Array:
         """(2, 3) m, the left and the right camera's."""
         return np.stack([self.left.center, self.right.center])
@@ -295,15 +297,16 @@ class StereoView:
         return float(np.arccos(np.clip(self.left.T_root_camera[:3, 2] @ self.right.T_root_camera[:3, 2], -1, 1)))
 
 
+@njit(cache=True, error_model="numpy")
 def sight(centers: Array, p_root: Array) -> Array:
     """(3,) m: the mean direction of a point (3,) from cameras at `centers` (2, 3), as long as its mean distance.
 
     From cameras side by side it is the vector from their midpoint; cameras that face each other have that beside the
     point."""
-    offsets = p_root - centers
-    distances_m = np.linalg.norm(offsets, axis=1)
-    direction = (offsets / distances_m[:, None]).sum(axis=0)
-    return np.asarray(distances_m.mean() / np.linalg.norm(direction) * direction)
+    left, right = p_root - centers[0], p_root - centers[1]
+    left_m, right_m = math.sqrt((left**2).sum()), math.sqrt((right**2).sum())
+    direction = left / left_m + right / right_m
+    return 0.5 * (left_m + right_m) / math.sqrt((direction**2).sum()) * direction
 
 
 @dataclass(frozen=True)

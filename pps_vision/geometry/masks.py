@@ -105,8 +105,8 @@ def closed_component(mask: Mask, where: Mask, backdrop: Mask | None = None) -> M
 
 def centroid(mask: Mask, box: tuple[int, int, int, int]) -> Array:
     """(2,) px centroid of a mask (h, w) of the region `box` (x0, y0, x1, y1), in the image's coordinates."""
-    rows, columns = np.nonzero(mask)
-    return np.array([box[0] + columns.mean(), box[1] + rows.mean()])
+    moments = cv2.moments(mask.view(np.uint8), binaryImage=True)
+    return np.array([box[0] + moments["m10"] / moments["m00"], box[1] + moments["m01"] / moments["m00"]])
 
 
 def is_cut(mask: Mask, box: tuple[int, int, int, int], image: Image) -> bool:

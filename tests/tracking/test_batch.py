@@ -34,7 +34,8 @@ on_every_device = pytest.mark.parametrize("device", DEVICES, ids=str)
 @on_every_device
 def test_masks_are_those_of_frame_by_frame(device, rng):
     images = rng.integers(0, 256, (3, 40, 50, 3), dtype=np.uint8)
-    model = ColorModel(*(histogram(rng.integers(0, 110, 500, dtype=np.uint8)) for _ in range(2)))
+    everywhere = np.ones((20, 25), bool)
+    model = ColorModel(*(histogram(rng.integers(0, 110, (20, 25), np.uint8), everywhere) for _ in range(2)))
     marker, generic = (
         batch.color_masks(appearance, torch.from_numpy(images).to(device)).cpu().numpy() > 0
         for appearance in (MarkerParams(hue_deg=350.0), model)
