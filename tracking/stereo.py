@@ -341,22 +341,16 @@ def shift_cov(previous: Observation3D | None, observation: Observation3D) -> Arr
         return np.zeros((3, 3))
     change_m = observation.radius_m - previous.radius_m
     of_outline = max(change_m**2 - previous.radius_var_m2 - observation.radius_var_m2, 0.0)
-    growth = _growth_cov(previous.correlated_cov_root, observation.correlated_cov_root)
-    return of_outline * np.eye(3) + growth
+    growth_m, axes = np.linalg.eigh(_root(observation.correlated_cov_root) - _root(previous.correlated_cov_root))
+    cov: Array = of_outline * np.eye(3) + axes * np.maximum(growth_m, 0.0) ** 2 @ axes.T
+    return cov
 
 
-@njit(cache=True, error_model="numpy")
-def _growth_cov(before: Array, after: Array) -> Array:
-    """Covariance (3, 3) whose standard deviations are those by which a covariance (3, 3) has grown."""
-    growth, axes = np.linalg.eigh(_root(after) - _root(before))
-    return (axes * np.maximum(growth, 0.0) ** 2) @ axes.T
-
-
-@njit(cache=True, error_model="numpy")
 def _root(cov: Array) -> Array:
     """Square root (3, 3) of a covariance."""
     variances, axes = np.linalg.eigh(cov)
-    return (axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+    root: Array = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+    return root
 
 
 def with_pose_error(
@@ -389,26 +383,13 @@ def with_velocity_error(
 def apparent_velocity(previous: StereoView, view: StereoView, p_root: Array, dt_s: float) -> Array:
     """(3,) m/s in the root frame of a point that rests in both images, now at `p_root` (3,), while the head turns and
     the eyes converge from the previous view to this one."""
-    left, right = (
-        (new.project_jacobian(p_root), old.T_root_camera, new.T_camera_root)
-        for old, new in ((previous.left, view.left), (previous.right, view.right))
-    )
-    return _apparent_shift(p_root, left, right) / dt_s
-
-
-EyeMotion = tuple[Array, Array, Array]
-"""Gradient (2, 3) of a point's pixel by its position, an eye's last pose (4, 4), and the inverse of its pose now."""
-
-
-@njit(cache=True, error_model="numpy")
-def _apparent_shift(p_root: Array, left: EyeMotion, right: EyeMotion) -> Array:
-    """(3,) m: `apparent_velocity` times the time between the views."""
-    normal = np.zeros((3, 3))
-    drift = np.zeros(3)
-    for J, T_root_old, T_new_root in (left, right):
-        p_eye = (T_new_root[:3, :3] * p_root).sum(axis=1) + T_new_root[:3, 3]
-        p_old = (T_root_old[:3, :3] * p_eye).sum(axis=1) + T_root_old[:3, 3]
-        weight = J.T @ J
-        normal += weight
-        drift += weight @ (p_root - p_old)
-    return np.linalg.solve(normal, drift)
+    place = np.array((*p_root, 1.0))
+    jacobians = []
+    drifts = []
+    for old_eye, eye in ((previous.left, view.left), (previous.right, view.right)):
+        jacobian = eye.project_jacobian(p_root)
+        jacobians.append(jacobian)
+        drifts.append(jacobian @ (place - old_eye.T_root_camera @ (eye.T_camera_root @ place))[:3])
+    J = np.concatenate(jacobians)
+    velocity: Array = np.linalg.solve(J.T @ J, J.T @ np.concatenate(drifts)) / dt_s
+    return velocity

@@ -681,12 +681,20 @@ def _search_cov(centers: Array, p_root: Array, cov: Array, shift: Array, focal_p
     """As `Tracker._search_cov`, with the cameras' centers (2, 3), the predicted position (3,), and its covariance in
     the first three rows and columns."""
     line = sight(centers, p_root)
-    distance_m = math.sqrt((line**2).sum())
+    distance_m = math.sqrt(line[0] ** 2 + line[1] ** 2 + line[2] ** 2)
+    between = centers[0] - centers[1]
+    baseline_m = math.sqrt(between[0] ** 2 + between[1] ** 2 + between[2] ** 2)
     pixel_m = _PIXELS * distance_m / focal_px
-    baseline_m = math.sqrt(((centers[0] - centers[1]) ** 2).sum())
-    along = pixel_m / baseline_m * line
-    wide = cov[:3, :3] + np.outer(shift, shift) + pixel_m**2 * np.eye(3) + np.outer(along, along)
-    return min((_WIDEST_PX / _PIXELS * pixel_m) ** 2 / np.trace(wide), 1.0) * wide
+    wide = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            along = (pixel_m / baseline_m) ** 2 * line[i] * line[j]
+            wide[i, j] = cov[i, j] + shift[i] * shift[j] + along + (pixel_m**2 if i == j else 0.0)
+    scale = min((_WIDEST_PX / _PIXELS * pixel_m) ** 2 / (wide[0, 0] + wide[1, 1] + wide[2, 2]), 1.0)
+    for i in range(3):
+        for j in range(3):
+            wide[i, j] *= scale
+    return wide
 
 
 def _urgency(step: TrackerStep) -> tuple[float, float]:

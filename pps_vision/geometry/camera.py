@@ -303,10 +303,19 @@ def sight(centers: Array, p_root: Array) -> Array:
 
     From cameras side by side it is the vector from their midpoint; cameras that face each other have that beside the
     point."""
-    left, right = p_root - centers[0], p_root - centers[1]
-    left_m, right_m = math.sqrt((left**2).sum()), math.sqrt((right**2).sum())
-    direction = left / left_m + right / right_m
-    return 0.5 * (left_m + right_m) / math.sqrt((direction**2).sum()) * direction
+    line = np.zeros(3)
+    mean_m = 0.0
+    for k in range(2):
+        x, y, z = p_root[0] - centers[k, 0], p_root[1] - centers[k, 1], p_root[2] - centers[k, 2]
+        distance_m = math.sqrt(x * x + y * y + z * z)
+        mean_m += 0.5 * distance_m
+        line[0] += x / distance_m
+        line[1] += y / distance_m
+        line[2] += z / distance_m
+    scale = mean_m / math.sqrt(line[0] ** 2 + line[1] ** 2 + line[2] ** 2)
+    for i in range(3):
+        line[i] *= scale
+    return line
 
 
 @dataclass(frozen=True)
