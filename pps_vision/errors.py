@@ -1,5 +1,7 @@
 """The one exception for bad input; any package may raise it."""
 
+import re
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,28 @@ def expect_positive(source: str, params: Any) -> None:
     for field in fields(params):
         if isinstance(value := getattr(params, field.name), int | float) and not value > 0:
             raise InputError(source, f"{field.name} {value}; expected more than 0")
+
+
+def expect_kinds(source: str, values: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:
+    """InputError for an argument that is not of its annotation in `kinds`, and for a negative seed.
+
+    NumPy's numbers stand for Python's, lists and arrays for tuples; a truth value is no number.
+    """
+    from typeguard import ForwardRefPolicy, TypeCheckError, check_type
+
+    for name, value in values.items():
+        kind = kinds.get(name, Any)
+        words = kind.__name__ if isinstance(kind, type) else re.sub(r"\b(?:\w+\.)+(?=\w)", "", str(kind))
+        plain: Any = value.tolist() if hasattr(value, "tolist") else value
+        plain = tuple(plain) if isinstance(plain, list) else plain
+        try:
+            if isinstance(plain, bool) and re.search("int|float", words):
+                raise TypeCheckError("a truth value")
+            check_type(plain, kind, forward_ref_policy=ForwardRefPolicy.IGNORE)
+        except TypeCheckError as error:
+            raise InputError(source, f"{name} {value!r}; expected {words}") from error
+        if name == "seed" and plain < 0:
+            raise InputError(source, f"seed {value}; expected a number of at least 0")
 
 
 def cite(source: Path | str, line: int | None, message: str) -> str:

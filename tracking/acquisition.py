@@ -124,7 +124,7 @@ class Acquisition:
                 right = self._trigger(1, cameras[1], followed[1], confirm=False)
             else:
                 right = self._remember(1, cameras[1], followed[1])
-        self._counts.update(frames=1, motion_left=bool(left), motion_right=bool(right))
+        self._counts.update(frames=1, motion_left=int(bool(left)), motion_right=int(bool(right)))
         if not (left and right):
             return None
         with self.stages("image"):

@@ -223,7 +223,7 @@ def run_batch(
     with locked_folder(task.out):
         if parquet:
             require_pyarrow()  # before hours of work
-        _begin(task)
+        _begin(task, jobs)
         reasons = _run(jobs, task, workers, cluster)
         return _write_results(jobs, task, reasons, parquet)
 
@@ -238,7 +238,7 @@ def run_shard(jobs: Sequence[Job], task: Task, workers: int, shard: tuple[int, i
     while True:
         try:
             with locked_folder(task.out):
-                _begin(task)
+                _begin(task, jobs)
             break
         except InputError as error:  # another shard begins
             if not str(error).endswith(BUSY):
@@ -258,7 +258,7 @@ def collect(jobs: Sequence[Job], task: Task, parquet: bool = False) -> list[dict
     """Write what `run_batch` writes of the results that are there; a job without a result has failed."""
     _check(jobs, task)
     with locked_folder(task.out):
-        _begin(task)
+        _begin(task, jobs)
         return _write_results(jobs, task, [task.kept_reason(job) for job in jobs], parquet)
 
 
@@ -270,17 +270,31 @@ def _check(jobs: Sequence[Job], task: Task, workers: int = 1) -> None:
             raise InputError(job.source, f"a result called {name}; expected none of {', '.join(_OWN)}")
 
 
-def _begin(task: Task) -> None:
-    """Note the options in the folder; InputError if it was begun with others."""
+def _begin(task: Task, jobs: Sequence[Job]) -> None:
+    """Note the options and the recordings in the folder.
+
+    InputError if it was begun with other options, holds the result of another recording of the same name, or is not of
+    a batch and holds files that this one would replace.
+    """
     settings = task.out / SETTINGS
-    if not settings.exists():
+    requested = [task.command, *task.options]
+    words = {job.name: [*job.rec, *job.options] for job in jobs}
+    noted: dict[str, list[str]] = {}
+    if settings.exists():
+        expected = "the settings of a batch, or another folder"
+        begun = read_result(settings, list[str | dict[str, list[str]]], expected)
+        noted = next((entry for entry in begun if isinstance(entry, dict)), noted)
+        if difference := _difference([word for word in begun if isinstance(word, str)], requested):
+            raise InputError(task.out, f"was begun {difference}; expected the same options, or another folder")
+    elif others := [name for name in _OWN if (task.out / name).exists()]:
+        raise InputError(task.out, f"already holds {others[0]}; expected a new folder, or one of a batch")
+    for job in jobs:
+        if noted.get(job.name, words[job.name]) != words[job.name] and task.is_done(job):
+            reason = f"{task.result(job)} is of {shlex.join(noted[job.name])}, not of {shlex.join(words[job.name])}"
+            raise InputError(job.source, f"{reason}; expected another name, or another --out")
+    if not words.items() <= noted.items():
         with whole_file(settings) as partial:
-            partial.write_text(json.dumps([task.command, *task.options]) + "\n")
-    elif difference := _difference(
-        read_result(settings, list[str], "the settings of a batch, or another folder"),
-        [task.command, *task.options],
-    ):
-        raise InputError(task.out, f"was begun {difference}; expected the same options, or another folder")
+            partial.write_text(json.dumps([*requested, noted | words]) + "\n")
 
 
 def _run(jobs: Sequence[Job], task: Task, workers: int, cluster: Cluster | None = None) -> list[str]:

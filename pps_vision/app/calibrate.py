@@ -1,7 +1,7 @@
 """Calibrate a stereo camera from images of a chessboard or charuco board: `pps-vision calibrate`."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.app.diagnosis import BASELINE_M
 from pps_vision.app.progress import progress
+from pps_vision.app.scene_points import length
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import decode, used_bits
@@ -146,6 +148,15 @@ class StereoCalibration:
                 for view, (left, right) in zip(self.views, self.residuals_px, strict=True)
             },
         }
+
+    def faults(self) -> Iterator[str]:
+        """Warnings of an implausible pose of the cameras to each other."""
+        right = -self.R.T @ self.T  # in the left camera's frame
+        apart = length(float(np.linalg.norm(right)))
+        if not BASELINE_M[0] <= np.linalg.norm(right) <= BASELINE_M[1]:
+            yield f"the cameras are {apart} apart: another --square-mm, or are left and right images the same?"
+        elif right[0] == -np.abs(right).max():
+            yield f"the right camera lies {apart} to the LEFT of the left one: are --left and --right exchanged?"
 
     def figure(self) -> Figure:
         """Reprojection errors: as arrows in each image, as a scatter plot, and as RMS per view."""

@@ -21,7 +21,7 @@ _SAMPLED = 5  # frames, spread over the recording
 _REST = 10  # share of the recording, at its end, that is not sampled: the sample is examined beside it
 _MATCHED = 2  # of them every second one is searched for points
 _DARK = 12.0  # mean grey level of 255, below which colours are noise
-_BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
+BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
 _FARTHEST_M = 10.0  # where the axes of cameras far apart meet
 _WIDEST_DEG = 150.0  # field of view that a pinhole with distortion describes
 _RADIANS = np.pi  # largest reading in degrees that is suspected to be in radians
@@ -32,6 +32,7 @@ _UNITS_M = (0.001, 0.01, 0.0254, 1.0)  # mm, cm, inch and m, in which boards are
 _USUAL_BASELINE_M = (0.02, 1.0)  # within which a unit is proposed
 _RESIDUAL_PX = 0.5  # median reprojection error; up to 0.07 px in rendered and independent recordings, 2.1 in baseball
 _SLOWEST = 1.0  # pairs a second, below which no motion is followed from one to the next
+_FASTEST = 1e4  # pairs a second, of high-speed cameras
 _MOVED = 30.0  # change of a pixel between successive frames where something moves, grey levels of 255
 _COMBED = 0.06  # share of them in combed rows: at most 0.03 in real films, 0.12–0.21 in interlaced ones
 _MOVED_SHARE = 2e-4  # of such pixels in the image: a disc of 5 px in 320×240
@@ -157,7 +158,7 @@ def fault_of_unit(view: StereoView, unit_m: float) -> Iterator[str]:
     """An implausible distance of the cameras, with the units of the calibration, now `unit_m`, that make it usual."""
     baseline = float(np.linalg.norm(view.right.center - view.left.center))
     widest = 2 * _FARTHEST_M * np.sin(view.axes_angle_rad / 2)
-    if not _BASELINE_M[0] <= baseline <= max(_BASELINE_M[1], widest):
+    if not BASELINE_M[0] <= baseline <= max(BASELINE_M[1], widest):
         low, high = _USUAL_BASELINE_M
         apart_m = {unit: baseline / unit_m * unit for unit in _UNITS_M}
         units = [f"; --unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
@@ -172,10 +173,13 @@ def faults_of(
     frames = sample.spread
     if not frames:
         return
-    if len(recording) > 1 and recording.fps < _SLOWEST:
+    if len(recording) == 1:
+        yield "a longer recording: there is a single pair"
+    elif not _SLOWEST <= recording.fps <= _FASTEST:
+        many = "too few to follow a motion from one to the next" if recording.fps < _SLOWEST else "too many"
         yield (
-            f"--times-unit, --fps or other stamps: there are {recording.fps:.2g} pairs/s, too few to follow a motion "
-            "from one to the next, if the stamps are right"
+            f"--times-unit, --fps or other stamps: there are {recording.fps:.2g} pairs/s, {many}, if the stamps are "
+            "right"
         )
     if all(np.array_equal(frame.left, frame.right) for frame in frames):
         yield "other images: left and right are the same in every frame (the patterns --left and --right?)"
@@ -237,11 +241,11 @@ def _by_counts(recording: Recording, sample: FrameSample, mode: Mode, counts: Ma
     elif mode == "marker" and not in_both:
         yield "--mode generic: no blob of the marker's green is in both images"
     elif mode == "generic" and not counts.get("motion_left"):
-        if recording.robot is None and _image_shift_px(sample.changes):
-            pass  # it was not searched, and the cameras' motion is a fault
+        if not successive or (recording.robot is None and _image_shift_px(sample.changes)):
+            pass  # it was not searched, and a single pair or the cameras' motion is a fault
         elif _moved_share(successive) < _MOVED_SHARE:
             yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
-        elif recording.fps >= _SLOWEST:
+        elif _SLOWEST <= recording.fps <= _FASTEST:
             yield "a larger object, nearer or of more contrast: what changes in the images is too little to be followed"
     elif mode == "generic" and not counts.get("motion_right"):
         yield (

@@ -14,7 +14,7 @@ from learning.pps.tool import with_tool
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.progress import progress
 from pps_vision.app.track import tracker_for, tracker_params
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, expect_kinds
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording, Touch
 from pps_vision.robot.icub import icub_setup
@@ -64,10 +64,13 @@ def learn(
     Raises:
         InputError: A recording cannot be read or is not of a robot, or `into` has other taxels than the skin.
     """
+    expect_kinds("learn", locals(), learn.__annotations__)
     robot = robot or icub_setup()
     before = PPSMemory.empty(robot.skin) if into is None else into
     given = (recordings,) if isinstance(recordings, Recording | Path | str) else recordings
     opened = [r if isinstance(r, Recording) else open_recording(r, robot=robot) for r in given]
+    if not opened:
+        raise InputError("learn", "no recording given; expected one or more")
     memory = before
     used = []
     for recording in opened:

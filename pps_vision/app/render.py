@@ -14,7 +14,7 @@ from pps_vision.app.progress import progress
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
 from pps_vision.app.versions import versions
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, expect_kinds
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.robot_file import robot_setup
@@ -177,6 +177,7 @@ def render(stimulus: StimulusName | Path, motion: MotionName, out: Path | str, *
     Raises:
         InputError: An option is out of its range, nothing can be seen so, or the folder cannot be written.
     """
+    expect_kinds("render", locals() | options, RenderParams.__annotations__ | render.__annotations__)
     params = RenderParams(stimulus, motion, Path(out), **options)
     record(params)
     return open_recording(params.out, robot=robot_setup(params.robot))

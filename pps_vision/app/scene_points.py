@@ -84,13 +84,17 @@ def faults_by_points(
             return
     elif view.axes_angle_rad > _ALIKE:  # the images have nothing in common
         return
-    for name in ("left", "right"):
-        mirrored = [replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames]
-        found = matches(mirrored, rig)
-        n = sum(len(m.left_px) for m in found)
-        if n > _MANY_MORE * sum(len(m.left_px) for m in kept) and fit(found).cost_px <= fits_px:
-            yield f"the {name} image not mirrored: {n} points match and fit the cameras once it is mirrored back"
-            return
+    found = {
+        name: matches([replace(frame, **{name: np.fliplr(getattr(frame, name)).copy()}) for frame in frames], rig)
+        for name in ("left", "right")
+    }
+    more = _MANY_MORE * sum(len(m.left_px) for m in kept)
+    costs_px = {name: fit(both).cost_px for name, both in found.items() if sum(len(m.left_px) for m in both) > more}
+    name = min(costs_px, key=costs_px.__getitem__, default="")
+    if name and costs_px[name] <= _SAME_SCENE_PX:
+        n = sum(len(m.left_px) for m in found[name])
+        yield f"the {name} image not mirrored: {n} points match and fit the cameras once it is mirrored back"
+        return
     if not kept:
         if side == _LEFT:
             yield f"--left and --right exchanged, or another calibration: by it {lies}"

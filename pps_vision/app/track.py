@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track_statistics import CameraStatistics
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, expect_kinds
 from pps_vision.geometry.masks import BoxPx
 from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.open import open_recording
@@ -207,6 +207,7 @@ def track(
         InputError: The recording cannot be read or has no calibration, or `mode`, `order`, `reduction` or `objects`
             contradicts `params` or is out of range.
     """
+    expect_kinds("track", locals(), track.__annotations__)
     tracker_parameters = tracker_params(mode, order, reduction, objects, params)
     if not isinstance(recording, Recording):
         recording = open_recording(recording)

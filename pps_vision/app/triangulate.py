@@ -23,12 +23,12 @@ from pps_vision.app.results import Reprojection, TrackNumbers, TrackSummary
 from pps_vision.app.stamp_delay import ClockParams, Interpolator, PointPath, estimate_delay
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import TrackArrays, track_arrays
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, expect_kinds
 from pps_vision.geometry.camera import StereoRig, sight
 from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Clock, TimeUnit
 from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.point_tables import PointTable, read_points
-from pps_vision.recordings.source import CalibrationArguments, Names
+from pps_vision.recordings.source import CalibrationArguments, Names, expect_skew
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.times import read_times
 from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
@@ -300,10 +300,11 @@ def _stamped(table: PointTable, fps: float | None, file: Path | None, unit: Time
         raise InputError(table.file, "has frames, no stamps; expected --fps RATE or --times FILE")
     seconds = np.array(read_times(file, unit).seconds())
     first, last = table.times[[0, -1]]
-    if not 0 <= first <= last < len(seconds):
+    frames = table.times.astype(int)
+    if not 0 <= first <= last < len(seconds) or np.any(frames != table.times):
         problem = f"{len(seconds)} stamps, frames {first:g} to {last:g} in {table.file}"
-        raise InputError(file, f"{problem}; expected a stamp for each frame, the first of frame 0")
-    return replace(table, times=seconds[table.times.astype(int)], has_stamps=True)
+        raise InputError(file, f"{problem}; expected a stamp for each frame, whole numbers from 0")
+    return replace(table, times=seconds[frames], has_stamps=True)
 
 
 def _paired(left: PointTable, right: PointTable, max_skew_s: float, problems: list[Problem]) -> NDArray[np.intp]:
@@ -367,6 +368,9 @@ def triangulate(
     Raises:
         InputError: A table or calibration cannot be read, or both tables share no name or no time.
     """
+    kinds = CalibrationArguments.__annotations__ | triangulate.__annotations__
+    expect_kinds("triangulate", locals() | options, kinds)
+    expect_skew(max_skew_s)
     tables = read_points(Path(left), "left", times_unit), read_points(Path(right), "right", times_unit)
     files = [Path(calib)] if isinstance(calib, Path | str) else [Path(file) for file in calib]
     images = ([str(left)], [str(right)])

@@ -2,19 +2,22 @@
 
 A format is a module of `pps_vision.recordings.formats` with `FORMAT`, its description, `recognises(source)` and
 `open_source(source)`; it is found there without being named here.  `HAS_STAMPS` says that its stamps are always its
-own, `TAKES_TOPICS` that left and right are topics.
+own, `TAKES_TOPICS` that left and right are topics, `TAKES_LAYOUT` that one image may show both views, `IS_ROBOT` that
+the cameras are a robot's.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from types import ModuleType
 from typing import Unpack
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import formats
 from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.source import Options, make_source
+from pps_vision.recordings.source import CalibrationArguments, Options, Source, make_source
 from pps_vision.recordings.tables import read_joint_offsets
 
 
@@ -51,8 +54,19 @@ def open_recording(folder: Path | str | None = None, **options: Unpack[Options])
     if source.joints and recording.robot:
         offsets_rad = read_joint_offsets(source.joints, recording.robot.joint_names)
         recording = recording.with_joint_offsets(offsets_rad)
-    unused = [f"--{name}" for name in ("fps", "times") if getattr(source, name)]
-    if unused and getattr(module, "HAS_STAMPS", False):
-        warning = f"{' and '.join(unused)} not used: {source.folder} has stamps of its own"
-        recording = replace(recording, warnings=(*recording.warnings, warning))
+    recording = replace(recording, warnings=(*recording.warnings, *_unused(source, module)))
     return replace(recording.part(source.start_s, source.stop_s, source.roi), unit_m=source.unit_m)
+
+
+def _unused(source: Source, module: ModuleType) -> Iterator[str]:
+    """Warnings of options that say nothing about this recording."""
+    shows_both = source.folder is not None and hasattr(module, "TAKES_LAYOUT")
+    unused: dict[str, Iterable[str]] = {
+        f"{source.folder} has stamps of its own": ("fps", "times") if hasattr(module, "HAS_STAMPS") else (),
+        "without --times": () if source.times else ("times_unit",),
+        "no image shows both views": () if shows_both else ("layout", "squeezed"),
+        "the cameras are a robot's": CalibrationArguments.__annotations__ if hasattr(module, "IS_ROBOT") else (),
+    }
+    for reason, names in unused.items():
+        if given := [f"--{n.replace('_', '-')}" for n in names if getattr(source, n) != getattr(Source, n)]:
+            yield f"{' and '.join(given)} not used: {reason}"

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, expect_kinds
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.parent import tell_progress
 from pps_vision.recordings.image_file import ImageFile, decode, only_within, used_bits
 from pps_vision.recordings.read_ahead import read_ahead
+from pps_vision.recordings.source import expect_skew
 from pps_vision.recordings.warnings import Problem, ProblemKind
 from pps_vision.types import Array, StereoFrame, Truth
 
@@ -104,6 +105,7 @@ class Recording:
 
         InputError where nothing is left.
         """
+        expect_kinds("recording", locals(), Recording.part.__annotations__)
         if roi is not None:
             x, y, w, h = roi
             if not (0 <= x < x + w <= self.image_size[0] and 0 <= y < y + h <= self.image_size[1]):
@@ -222,8 +224,7 @@ def pair_by_stamp(
     Both lists are in the order of their stamps; pairs are one to one and never cross.  The
     unpaired are noted.
     """
-    if not 0 <= max_skew_s < float("inf"):
-        raise InputError("recording", f"max_skew_s {max_skew_s}; expected a finite time of at least 0 s")
+    expect_skew(max_skew_s)
     matches = _match([file.stamp_s for file in left], [file.stamp_s for file in right], max_skew_s)
     wanted = f"image within {1000 * max_skew_s:g} ms"
     note_unpaired(left, {i for i, _ in matches}, f"right {wanted}", problems)

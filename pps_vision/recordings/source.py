@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
+from pps_vision.errors import InputError, expect_kinds
 from pps_vision.recordings import MAX_SKEW_S, CalibrationOptions, Layout, Lens, TimeUnit
 
 if TYPE_CHECKING:
@@ -109,11 +110,21 @@ class Source(SourceOptions):
 
 
 def make_source(folder: Path | str | None, options: Options) -> Source:
-    """The source of these options; TypeError for an unknown one."""
-    given: dict[str, Any] = {name: value for name, value in options.items() if value not in (None, "")}
+    """The source of these options; InputError for one of another type or out of its range, TypeError for an unknown
+    one."""
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None and str(value)}
+    expect_kinds("recording", {"folder": folder} | given, {"folder": Path | str | None} | Options.__annotations__)
     for name in _FILES & given.keys():
         given[name] = Path(given[name])
     for name in _SEVERAL & given.keys():
         names = (given[name],) if isinstance(given[name], Path | str) else given[name]
         given[name] = tuple(map(str if name in ("left", "right") else Path, names))
-    return Source(folder=None if folder is None else Path(folder), **given)
+    source = Source(folder=None if folder is None else Path(folder), **given)
+    expect_skew(source.max_skew_s)
+    return source
+
+
+def expect_skew(max_skew_s: float) -> None:
+    """InputError for what cannot be the largest difference of the stamps of a pair."""
+    if not 0 <= max_skew_s < float("inf"):
+        raise InputError("recording", f"max_skew_s {max_skew_s}; expected a finite time of at least 0 s")

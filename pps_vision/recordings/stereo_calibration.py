@@ -190,11 +190,13 @@ def _fitted(camera: Camera, image_size: tuple[int, int], options: CalibrationOpt
     """The camera for images of this size; InputError where it must be said how they come from those of the
     calibration."""
     width, height = image_size
+    reason = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
+    if (camera.width, camera.height) == image_size and any(options.crop or ()):
+        raise InputError(file, f"{reason}; expected no --crop, or the calibration of the whole images")
     if (camera.width, camera.height) == image_size or (options.scaled and not options.crop):
         return fit_to_images(camera, image_size, file)
     if options.scaled:
         raise InputError("calibration", "crop and scaled; expected one of them")
-    reason = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
     if options.crop:
         x, y = options.crop
         if not (0 <= x <= camera.width - width and 0 <= y <= camera.height - height):

@@ -1,5 +1,6 @@
 """Shared by the readers of text formats: lines of a file, and the numbers in them."""
 
+import codecs
 from math import isfinite
 from pathlib import Path
 
@@ -9,7 +10,9 @@ from pps_vision.files import read_bytes
 def read_lines(file: Path, expected: str, errors: str = "replace") -> list[str]:
     """Return the lines of a file without a byte-order mark; bytes that are not UTF-8 become U+FFFD, or what `errors`
     says.  InputError where the file cannot be read; the message ends in `expected`."""
-    return read_bytes(file, expected).decode("utf-8-sig", errors).split("\n")
+    content = read_bytes(file, expected)
+    is_utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # as PowerShell and Excel write it
+    return content.decode("utf-16" if is_utf16 else "utf-8-sig", errors).split("\n")
 
 
 def first_row(file: Path) -> str:

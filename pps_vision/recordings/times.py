@@ -21,7 +21,7 @@ from pps_vision.recordings.text import finite, read_lines
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
 FileT = TypeVar("FileT", bound=ImageFile)
-_EXPECTED = "a stamp a row (s, ms, µs, ns or a date), each later than the last"
+_EXPECTED = "a stamp a row (s, ms, µs, ns with a decimal point, or a date), each later than the last"
 _EXPONENTS: dict[TimeUnit, int] = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 _SINCE_1970: dict[int, TimeUnit] = {13: "ms", 16: "us", 19: "ns"}  # by the number of digits
 _UNITS: dict[str, TimeUnit] = {"s": "s", "ms": "ms", "us": "us", "µs": "us", "ns": "ns"}
@@ -98,7 +98,7 @@ def read_times(file: Path, unit: TimeUnit | None = None) -> Times:
     rows: list[tuple[int, list[str]]] = []  # line and words
     header = ""
     for line, text in enumerate(read_lines(file, _EXPECTED), start=1):
-        content, _, comment = text.partition("#")
+        content, _, comment = text.replace('"', "").partition("#")
         if not rows and not re.match(r"\s*[-+.0-9]|\s*(nan|inf)\b", content, re.IGNORECASE):
             header += f" {content.strip()} {comment.strip()}"
         elif content.strip():
@@ -107,7 +107,7 @@ def read_times(file: Path, unit: TimeUnit | None = None) -> Times:
             rows.append((line, [*([date[0]] if date else []), *(re.split(r"[\s,;]+", rest) if rest else [])]))
     column = _column([words for _, words in rows], header)
     values: list[int | float] = []
-    names: list[str] = []
+    names: dict[str, None] = {}
     for line, words in rows:
         try:
             word, *name = words[column:] if column == 0 or _is_number(words[0]) else (words[1], words[0])
@@ -116,8 +116,10 @@ def read_times(file: Path, unit: TimeUnit | None = None) -> Times:
             raise InputError(file, f"{error}; expected {_EXPECTED}", line) from None
         if values and value <= values[-1]:
             raise InputError(file, f"{word} after {values[-1]}; expected {_EXPECTED}", line)
+        if name and PurePath(name[0]).name in names:
+            raise InputError(file, f"image {name[0]} again; expected {_EXPECTED}, and each image once", line)
         values.append(value)
-        names += [PurePath(word).name for word in name[:1]]
+        names |= {PurePath(word).name: None for word in name[:1]}
     if not values or (names and len(names) != len(values)):
         reason = f"{len(values)} stamps, {len(names)} names"
         raise InputError(file, f"{reason}; expected {_EXPECTED}, all with a name or none")

@@ -65,6 +65,8 @@ class Video:
         self._bottom_first = False
         try:
             with self._open() as container:
+                if not container.streams.video:
+                    raise ValueError("it holds no images")
                 stream = container.streams.video[0]
                 if stream.codec_context is None:
                     raise ValueError("no decoder for it")

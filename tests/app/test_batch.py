@@ -78,6 +78,17 @@ def test_a_folder_begun_with_other_options_or_with_settings_that_are_none(tmp_pa
         assert re.search("settings.json: .*; expected the settings of a batch", refused_with(*words)[-1])
 
 
+def test_a_result_of_another_recording_or_row_is_not_taken_for_its_own(tmp_path, calib, refused):
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+    words = ["batch", str(tmp_path / "list.csv"), "--calib", str(calib), "--out", str(tmp_path / "out")]
+    for row, other in ((",a.mp4", ""), (",b.mp4", r"/b\.mp4"), ("9,a.mp4", r"/a\.mp4 --fps 9")):
+        (tmp_path / "list.csv").write_text(f"name,fps,rec\nrun,{row}\n")
+        said = rf"list\.csv:2: \S*/run is of \S*/a\.mp4, not of \S*{other}; expected another name"
+        assert re.search(said, refused(*words)) if other else main(words) is None
+    (tmp_path / "out" / "settings.json").unlink()
+    assert "out: already holds summary.json; expected a new folder, or one of a batch" in refused(*words)
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

@@ -66,6 +66,9 @@ def test_known_cameras_are_found(tmp_path, charuco, capsys):
     main([*words, "--board", *(("9", "6", "--marker-mm", "22") if charuco else ("8", "5"))])
     said = capsys.readouterr()
     assert "left99.png and right99.png: no board found" in said.err
+    exchanged = [{"--left": "--right", "--right": "--left"}.get(word, word) for word in words[:-1]]
+    main([*exchanged, str(tmp_path / "o"), "--board", *(("9", "6", "--marker-mm", "22") if charuco else ("8", "5"))])
+    assert "mm to the LEFT of the left one: are --left and --right exchanged?" in capsys.readouterr().err
     assert re.match(r"7 of 8 pairs; RMS left 0\.\d{3}, .* baseline 1[12]\d\.\d{2} mm, .* px → ", said.out)
     left, right, T_left_right = read_stereo_calibration([out / "calibration.yml"], SIZE)
     for camera, truth in ((left, K[0]), (right, K[1])):

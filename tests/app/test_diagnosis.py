@@ -208,6 +208,7 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(rendered, tmp_path, cap
     [
         (0.05, 0, "--mode marker for a green marker, or a faster object: nothing moves against the scene"),
         (0.05, 3, "a larger object, nearer or of more contrast: what changes in the images is too little"),
+        (1e-5, 3, "--times-unit, --fps or other stamps: there are 1e+05 pairs/s, too many, if the stamps are right"),
         (33.3, 3, "--times-unit, --fps or other stamps: there are 0.03 pairs/s, too few to follow a motion"),
     ],
 )

@@ -44,6 +44,12 @@ def test_an_unpaired_image_is_named_and_leaves_a_gap_in_time(tmp_path):
     assert [problem.file.name for problem in recording.problems] == ["1L20.png", "1R30.png"]
 
 
+def test_numbers_that_begin_apart_are_told(tmp_path):
+    assert "end +1 from the left ones" in open_stereo_images(*stereo(tmp_path, [0, 1], [1, 2]), fps=20).warnings[0]
+    with pytest.raises(InputError, match=r"1R9.png: no image of the number of a left one; .* end \+9 from"):
+        open_stereo_images(*stereo(tmp_path / "far", [0, 1], [9, 10]), fps=20)
+
+
 def test_a_bad_image_is_named_once_and_its_pair_skipped(tmp_path):
     patterns = stereo(tmp_path, [1, 2, 3], [1, 2, 3])
     (tmp_path / "1R1.png").write_bytes(b"")
@@ -77,7 +83,7 @@ def test_an_image_of_another_size_is_left_out(tmp_path, odd):
 
 def test_no_usable_pair_is_refused(tmp_path):
     with pytest.raises(InputError, match="no usable frame"):
-        open_stereo_images(*stereo(tmp_path, [1, 2], [3, 4]), fps=10)
+        open_stereo_images(*stereo(tmp_path, [1, 2], [3, 5]), fps=10)
     with pytest.raises(InputError, match=r"x\*\.png: matches no file"):
         open_stereo_images([str(tmp_path / "x*.png")], [str(tmp_path / "1R*.png")], fps=10)
     gone = [str(tmp_path / f"gone{i}.png") for i in range(40)]

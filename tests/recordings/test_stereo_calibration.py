@@ -83,6 +83,8 @@ def test_how_images_of_another_size_come_from_those_of_the_calibration_is_asked(
         read_stereo_calibration([sized], SIZE, CalibrationOptions(crop=(700, 0)))
     with pytest.raises(InputError, match=message.format("1280×1000", "images of the same camera")):
         read_stereo_calibration([sized], (1280, 1000))
+    with pytest.raises(InputError, match=r"images are .*; expected no --crop, or the calibration of the whole images"):
+        read_stereo_calibration([sized], None, CalibrationOptions(crop=(1, 0)))
     with pytest.raises(InputError, match="crop and scaled; expected one of them"):
         read_stereo_calibration([sized], SIZE, CalibrationOptions(crop=(0, 0), scaled=True))
 

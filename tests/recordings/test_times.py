@@ -39,6 +39,8 @@ FORMS = {
     "counted": lines(lambda k: f"{k},{1e3 * k * STEP_S}", "frame,time_ms\n"),
     "counted without a header": lines(lambda k: f"{k + 1} {k * STEP_S}"),
     "a unit in words": lines(lambda k: 10**6 + 1e3 * k * STEP_S, "Time (milliseconds)\n"),
+    "quoted": lines(lambda k: f'"{k}","{k * STEP_S}"', '"frame","time_s"\n'),
+    "UTF-16": lines(lambda k: f"{k * STEP_S:.6f}"),
     "dates": lines(dated),
     "ISO dates": lines(lambda k: dated(k).replace(" ", "T") + "Z"),
     "times of day": lines(lambda k: dated(k).split()[1]),
@@ -56,7 +58,7 @@ def videos(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_stamps_are_read_in_their_unit(videos, tmp_path, form):
-    (tmp_path / "times.txt").write_text(FORMS[form])
+    (tmp_path / "times.txt").write_text(FORMS[form], "utf-16" if form == "UTF-16" else "utf-8")
     recording = open_recording(left=videos["left"], right=videos["left"], times=tmp_path / "times.txt")
     stamps_s = np.array([left.stamp_s for left, _ in recording.pairs])
     np.testing.assert_allclose(
@@ -82,6 +84,12 @@ def test_stamps_that_disagree_with_the_video_are_told(videos, tmp_path):
     (tmp_path / "t.txt").write_text(lines(lambda k: k / 25))
     recording = open_recording(left=videos["left"], right=videos["left"], times=tmp_path / "t.txt")
     assert recording.warnings == (f"--times {tmp_path / 't.txt'} (25 frames/s) replaces the files' own 30.04",)
+
+
+def test_an_image_with_two_stamps_is_named(videos, tmp_path):
+    (tmp_path / "t.txt").write_text("0.1 a.png\n0.2 a.png\n")
+    with pytest.raises(InputError, match=r"t\.txt:2: image a.png again; expected .*, and each image once"):
+        open_recording(**videos, times=tmp_path / "t.txt")
 
 
 def images(folder: Path, stamps: list[str]) -> str:

@@ -52,6 +52,7 @@ class Calibrate:
             if result.rms_px >= WARNED_RMS_PX:
                 reason = f"the RMS reprojection error is {result.rms_px:.1f} px; expected below {WARNED_RMS_PX:g}"
                 print_skipped((), [f"{reason}: see reprojection.png for views to leave out"])
+            print_skipped((), result.faults())
             result.write(folder / "calibration.yml")
             result.figure().savefig(folder / "reprojection.png", dpi=130)
             write_json(folder / SUMMARY, result.summary() | {"skipped": skipped, "versions": versions()})

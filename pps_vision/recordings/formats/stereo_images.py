@@ -11,6 +11,7 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings import MAX_SKEW_S, Layout
 from pps_vision.recordings.image_file import (
+    Half,
     ImageFile,
     Page,
     halves,
@@ -37,6 +38,7 @@ from pps_vision.recordings.video import is_video
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
 FORMAT = "images by --left and --right, or a folder of images that show both (--layout)"
+TAKES_LAYOUT = True
 
 
 def recognises(source: Source) -> bool:
@@ -87,7 +89,21 @@ def with_calibration(
             continue
         rig = StereoRig.fixed(left.stretched(*recorded[0]), right.stretched(*recorded[1]), T_left_right)
         return replace(recording, rig=rig)
+    if isinstance(half := recording.pairs[0][0], Half):
+        _refuse_one_camera(source, half, recording.image_size)
     raise errors[0]
+
+
+def _refuse_one_camera(source: Source, half: Half, size: tuple[int, int]) -> None:
+    """Raise InputError for images, with halves of this size, whose calibration is for the whole."""
+    width, height = size
+    try:
+        read_stereo_calibration(source.calib, (2 * width, height) if half.axis else (width, 2 * height), source)
+    except InputError:
+        return
+    reason = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
+    expected = "both images side by side, or two videos or folders by --left and --right; --squeezed if each half is a"
+    raise InputError(str(source.folder), f"{reason}; expected {expected} whole image")
 
 
 def squeezed_aspect(source: Source) -> float:
@@ -154,9 +170,10 @@ def open_stereo_images(
         pairs = pair_by_stamp(sides[0], sides[1], max_skew_s, problems)
         warnings = tuple(clocks_apart(sides[0], sides[1], len(pairs), max_skew_s)) if all(sides) else ()
     else:
-        pairs = _by_frame(left, right, fps, problems)
+        pairs, warnings = _by_frame(left, right, fps, problems)
         stamps_s = [stamp_in(image.path) for image, _ in pairs]
-        warnings = replaced_rate(f"--fps {fps:g}", fps, sorted(filter(None, stamps_s))) if None not in stamps_s else ()
+        if None not in stamps_s:
+            warnings += replaced_rate(f"--fps {fps:g}", fps, sorted(filter(None, stamps_s)))
     turned = orientation_of(left[0].path) != 1
     notes = (f"{left[0].path}: its orientation (EXIF) is ignored: images are as recorded",) if turned else ()
     size, right_size = usual_sizes(name, pairs, problems)
@@ -179,12 +196,19 @@ def _stamped(images: Sequence[ImageFile], times: Times | None, problems: list[Pr
 
 def _by_frame(
     left_images: Sequence[ImageFile], right_images: Sequence[ImageFile], fps: float, problems: list[Problem]
-) -> tuple[Pair, ...]:
-    """Pairs of one number at a constant rate."""
+) -> tuple[tuple[Pair, ...], tuple[str, ...]]:
+    """Pairs of one number at a constant rate, and a warning where as many numbers of both sides begin and end equally
+    far apart."""
     if not 0 < fps < float("inf"):
         raise InputError("recording", f"fps {fps}; expected a positive number of frames a second")
     left, right = (_by_number(images, problems) for images in (left_images, right_images))
     numbers = sorted(left | right)
+    apart = {max(right) - max(left), min(right) - min(left)} if left and right else {0}
+    warning = (
+        f"the numbers of the right images begin and end {max(apart):+d} from the left ones: if both cameras began "
+    )
+    warning += "together, number them alike, since --fps pairs equal numbers"
+    warnings = (warning,) if len(left) == len(right) and len(apart) == 1 and 0 not in apart else ()
     step = median_low([b - a for a, b in pairwise(numbers)] or [1])
 
     def files(images: dict[int, ImageFile]) -> list[ImageFile]:
@@ -195,7 +219,9 @@ def _by_frame(
         note_unpaired(files(mine), paired, f"{which} image of the same number, by which --fps pairs", problems)
     common = left.keys() & right.keys()
     columns = [files({n: images[n] for n in common}) for images in (left, right)]
-    return tuple(zip(*columns, strict=True))
+    if warnings and not common:
+        raise InputError(right_images[0].path, f"no image of the number of a left one; {warning}")
+    return tuple(zip(*columns, strict=True)), warnings
 
 
 def matched(patterns: Sequence[str]) -> list[Path]:

@@ -24,11 +24,11 @@ from pps_vision.recordings.recording import (
     usual_step_s,
 )
 from pps_vision.recordings.source import Source
-from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.video import VideoFrame, is_video, open_video
 from pps_vision.recordings.warnings import Problem
 
 FORMAT = "videos by --left and --right, or one with both images (--layout)"
+TAKES_LAYOUT = True
 _MORE = 2  # frames by which cameras that are stopped one after the other may differ
 
 
@@ -77,8 +77,6 @@ def open_source(source: Source) -> Recording:
     try:
         return with_calibration(recording, source.calib, source)
     except InputError as error:
-        if source.folder is not None:
-            _refuse_one_camera(source, video.image_size)
         if video.turns:
             source_file, message, line = error.args
             turned = f"{video.path} is turned as its header says; --no-rotate takes it as it was recorded"
@@ -96,17 +94,6 @@ def _notes(frame: VideoFrame) -> Iterator[str]:
         yield f"{video.path}: interlaced; each frame is read as two fields, the second half an interval later"
     if video.pixel_aspect != 1:
         yield f"{video.path}: pixels are {video.pixel_aspect:.4g} times as wide as high by its header"
-
-
-def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
-    """Raise InputError for a video whose calibration is for its whole frames of this size: that of one camera."""
-    try:
-        read_stereo_calibration(source.calib, size, source)
-    except InputError:
-        return
-    reason = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
-    expected = "both images side by side, or two videos by --left and --right; --squeezed if each half is a whole image"
-    raise InputError(str(source.folder), f"{reason}; expected {expected}")
 
 
 def _ends_early(left: list[VideoFrame], right: list[VideoFrame], max_skew_s: float) -> Iterator[str]:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 FORMAT = "a yarpdatadumper recording, folders with a data.log each"
 HAS_STAMPS = True
+IS_ROBOT = True
 MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
 MAX_BEYOND_S = 0.025  # from an image to the end of a log: a head moves on
 _IMAGE_SUFFIXES = (".ppm", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
