@@ -158,7 +158,7 @@ def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
         if Path(source).suffix == ".csv":
             jobs += _manifest(Path(source), columns)
             continue
-        matched = sorted(glob(source, recursive=True))
+        matched = [source] if os.path.exists(source) else sorted(glob(source, recursive=True))
         if not matched:
             raise InputError(source, "matches no recording; expected folders, videos, a pattern, or a manifest .csv")
         jobs += [Job(Path(path).resolve().name, (os.path.abspath(path),), ()) for path in matched]
@@ -281,8 +281,7 @@ def _begin(task: Task, jobs: Sequence[Job]) -> None:
     words = {job.name: [*job.rec, *job.options] for job in jobs}
     noted: dict[str, list[str]] = {}
     if settings.exists():
-        expected = "the settings of a batch, or another folder"
-        begun = read_result(settings, list[str | dict[str, list[str]]], expected)
+        begun = read_result(settings, list[str | dict[str, list[str]]], "the settings of a batch, or another folder")
         noted = next((entry for entry in begun if isinstance(entry, dict)), noted)
         if difference := _difference([word for word in begun if isinstance(word, str)], requested):
             raise InputError(task.out, f"was begun {difference}; expected the same options, or another folder")

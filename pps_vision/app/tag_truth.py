@@ -35,8 +35,6 @@ def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, 
         raise InputError("truth", f"dictionary {dictionary!r}; expected one of OpenCV's, such as 4X4_50")
     if not 0 < side_m < np.inf:
         raise InputError("truth", f"a tag of {1000 * side_m:g} mm; expected a positive length")
-    if not np.isfinite(offset_m).all():
-        raise InputError("truth", f"an offset of {1000 * offset_m} mm; expected finite lengths")
     params = cv2.aruco.DetectorParameters()
     params.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))

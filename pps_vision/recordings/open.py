@@ -2,8 +2,7 @@
 
 A format is a module of `pps_vision.recordings.formats` with `FORMAT`, its description, `recognises(source)` and
 `open_source(source)`; it is found there without being named here.  `HAS_STAMPS` says that its stamps are always its
-own, `TAKES_TOPICS` that left and right are topics, `TAKES_LAYOUT` that one image may show both views, `IS_ROBOT` that
-the cameras are a robot's.
+own, `TAKES_TOPICS` that left and right are topics, `IS_ROBOT` that the cameras are a robot's.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,6 +15,7 @@ from typing import Unpack
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import formats
+from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.source import CalibrationArguments, Options, Source, make_source
 from pps_vision.recordings.tables import read_joint_offsets
@@ -54,13 +54,12 @@ def open_recording(folder: Path | str | None = None, **options: Unpack[Options])
     if source.joints and recording.robot:
         offsets_rad = read_joint_offsets(source.joints, recording.robot.joint_names)
         recording = recording.with_joint_offsets(offsets_rad)
-    recording = replace(recording, warnings=(*recording.warnings, *_unused(source, module)))
-    return replace(recording.part(source.start_s, source.stop_s, source.roi), unit_m=source.unit_m)
+    warnings = (*recording.warnings, *_unused(source, module, isinstance(recording.pairs[0][0], Half)))
+    return replace(recording.part(source.start_s, source.stop_s, source.roi), unit_m=source.unit_m, warnings=warnings)
 
 
-def _unused(source: Source, module: ModuleType) -> Iterator[str]:
-    """Warnings of options that say nothing about this recording."""
-    shows_both = source.folder is not None and hasattr(module, "TAKES_LAYOUT")
+def _unused(source: Source, module: ModuleType, shows_both: bool) -> Iterator[str]:
+    """Warnings of options that say nothing about this recording; `shows_both`: one image shows both views."""
     unused: dict[str, Iterable[str]] = {
         f"{source.folder} has stamps of its own": ("fps", "times") if hasattr(module, "HAS_STAMPS") else (),
         "without --times": () if source.times else ("times_unit",),

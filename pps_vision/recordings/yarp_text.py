@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.text import number, read_lines, whole
 from pps_vision.recordings.warnings import Problem, ProblemKind
@@ -139,15 +141,21 @@ def read_log(log: Path, n_numbers: int | None, problems: list[Problem], distinct
     expected = "index, stamp and " + ("words" if n_numbers is None else f"{n_numbers} numbers")
     rows = []
     bad = []
+    stamps: list[tuple[float, float]] = []  # of rows that seem to have two
     for line, text in enumerate(read_lines(log, f"rows of {expected}"), start=1):
         words = text.split()
         row = _parse(line, words, n_numbers) if words else None
         if row is not None:
             rows.append(row)
+            if n_numbers and len(words) == n_numbers + 3:
+                stamps.append((row.stamp_s, float(words[2])))
         elif words:
             bad.append(Problem(ProblemKind.ROW, log, line, f"'{' '.join(words)[:60]}'; expected {expected}"))
     if bad and not rows:
         raise InputError(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
+    step_s, other_s = np.median(np.diff(stamps, axis=0), axis=0) if len(stamps) > 1 else (0.0, 0.0)
+    if not 0.5 * step_s <= other_s <= 2 * step_s:
+        raise InputError(log, f"one number too many, which is no second stamp; expected {expected}", rows[0].line)
     problems += bad
     return _in_order(log, rows, problems, distinct_stamps)
 

@@ -97,6 +97,7 @@ def test_files_that_are_given_twice_count_once(tmp_path, monkeypatch):
     recording = open_stereo_images([*left, "1L1.png", *left], right * 2, fps=10)
     assert ([number for number, _ in recording.numbered()], recording.problems) == ([1, 2], [])
     assert recording.name == f"{left[0]} (and 2 more)"
+    assert len(open_stereo_images(["1L1.png"], [str(Path("1R1.png").rename("1R[1].png"))], fps=10)) == 1
 
 
 def test_a_number_that_comes_twice_is_refused(tmp_path):

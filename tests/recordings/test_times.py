@@ -76,6 +76,9 @@ def test_each_side_may_have_its_own_file_and_number_of_frames(videos, tmp_path):
     np.testing.assert_allclose([left.stamp_s for left, _ in recording.pairs], 0.04 + STEP_S * np.arange(N), atol=1e-6)
     with pytest.raises(InputError, match=r"8 stamps for 10 images of the video; expected .* --times LEFT RIGHT"):
         open_recording(**videos, times=files[0])
+    files[1].write_text("0.1 a.png\n0.2 a.png\n")
+    with pytest.raises(InputError, match=r"right\.txt:2: image a.png again; expected .*, and each image once"):
+        open_recording(**videos, times=files)
     with pytest.raises(InputError, match="3 files of times; expected one, or one for each side"):
         open_recording(**videos, times=[*files, files[0]])
 
@@ -84,12 +87,6 @@ def test_stamps_that_disagree_with_the_video_are_told(videos, tmp_path):
     (tmp_path / "t.txt").write_text(lines(lambda k: k / 25))
     recording = open_recording(left=videos["left"], right=videos["left"], times=tmp_path / "t.txt")
     assert recording.warnings == (f"--times {tmp_path / 't.txt'} (25 frames/s) replaces the files' own 30.04",)
-
-
-def test_an_image_with_two_stamps_is_named(videos, tmp_path):
-    (tmp_path / "t.txt").write_text("0.1 a.png\n0.2 a.png\n")
-    with pytest.raises(InputError, match=r"t\.txt:2: image a.png again; expected .*, and each image once"):
-        open_recording(**videos, times=tmp_path / "t.txt")
 
 
 def images(folder: Path, stamps: list[str]) -> str:

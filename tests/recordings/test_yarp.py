@@ -76,6 +76,15 @@ def test_a_stamp_that_goes_back_or_comes_again_is_skipped(rec, side, later_s):
     assert numbers == [0, 1, 3]
 
 
+def test_a_joint_too_many_is_no_second_stamp_and_a_torso_that_was_not_recorded_is_told(rec):
+    log = rec.folder / "torso/data.log"
+    log.write_text(log.read_text().replace("\n", " 7\n"))
+    with pytest.raises(InputError, match=r"torso/data\.log:1: one number too many, which is no second stamp; ex"):
+        open_recording(rec.folder)
+    log.unlink()
+    assert open_recording(rec.folder).warnings == ("no joints of the torso: taken as 0",)
+
+
 @pytest.mark.parametrize("value", ["nan", "inf", "1.2e4"])
 def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec, value):
     change(rec.folder / "torso/data.log", 3, f"2 {START_S + 0.05} 0 {value} 0")

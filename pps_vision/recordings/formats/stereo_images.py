@@ -38,7 +38,6 @@ from pps_vision.recordings.video import is_video
 from pps_vision.recordings.warnings import Problem, ProblemKind
 
 FORMAT = "images by --left and --right, or a folder of images that show both (--layout)"
-TAKES_LAYOUT = True
 
 
 def recognises(source: Source) -> bool:
@@ -228,7 +227,8 @@ def matched(patterns: Sequence[str]) -> list[Path]:
     """The files that patterns, folders or names (where the shell expanded them) stand for, in natural order."""
     matched: dict[Path, Path] = {}
     for pattern in patterns:
-        names = images_in(Path(pattern)) if Path(pattern).is_dir() else map(Path, glob(pattern, recursive=True))
+        named = glob(pattern, recursive=True) or [pattern]  # a name may hold brackets
+        names = images_in(Path(pattern)) if Path(pattern).is_dir() else map(Path, named)
         matched |= {name.absolute(): name for name in names}
     paths = [path for path in matched.values() if path.is_file()]
     if not paths:

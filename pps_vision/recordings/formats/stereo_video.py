@@ -28,7 +28,6 @@ from pps_vision.recordings.video import VideoFrame, is_video, open_video
 from pps_vision.recordings.warnings import Problem
 
 FORMAT = "videos by --left and --right, or one with both images (--layout)"
-TAKES_LAYOUT = True
 _MORE = 2  # frames by which cameras that are stopped one after the other may differ
 
 

@@ -101,6 +101,7 @@ def open_source(source: Source) -> Recording:
         touches=touches,
         truth=read_truth(truth, problems) if os.path.lexists(truth) else (),
         calibration_at="icubEyes.ini there or by --calib",
+        warnings=("no joints of the torso: taken as 0",) * ("torso" in setup.ports.keys() - ports.keys()),
     )
 
 
