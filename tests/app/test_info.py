@@ -2,8 +2,6 @@
 
 import importlib.metadata
 import json
-import os
-import platform
 import re
 import shlex
 from pathlib import Path
@@ -11,11 +9,9 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-import scipy
 from calibrations import store, write_calibration
 from videos import write_video
 
-from pps_vision.app import versions
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -118,24 +114,3 @@ def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(ref
     square = write_calibration(tmp_path / "other.yml", 80.0, (79.5, 79.5), (160, 160))
     line = refused("info", video, "--calib", square)
     assert "other.yml: calibrated for 160×160 pixels, images are 80×120; expected --crop" in line
-
-
-def test_how_a_calibration_for_another_size_is_meant_is_asked(tmp_path, capsys):
-    calib = write_calibration(tmp_path / "calib.yml", 40.0, (40.0, 30.0), (80, 60))
-    write_video(tmp_path / "both.mp4", [0.0, 0.05, 0.1], size=(320, 120))
-    command = ["info", str(tmp_path / "both.mp4"), "--calib", str(calib)]
-    with pytest.raises(SystemExit):
-        main(command)
-    assert "calibrated for 80×60 pixels, images are 160×120; expected --scaled" in capsys.readouterr().err
-    main([*command, "--scaled"])
-    assert "focal length 80.0 px" in capsys.readouterr().out
-
-
-def test_versions_are_those_of_the_packages_themselves():
-    packages = versions.versions()
-    expected = {"numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
-    assert expected.items() <= packages.items()
-    machine = versions.machine("abc1234")
-    assert machine["commit"] == "abc1234"
-    assert all(machine[key] == packages[key] for key in ("numpy", "python", "pps-vision"))
-    assert machine["processor"].endswith(f", {os.cpu_count()} cores")

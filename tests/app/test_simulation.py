@@ -13,7 +13,6 @@ from learning.pps.memory import PPSMemory
 from pps_vision.app.simulation import (
     Episode,
     SimulationScene,
-    first_contact,
     make_episode,
     open_scene,
     own_rate,
@@ -59,24 +58,6 @@ def test_episodes(scene, memory, case):
         assert 1e-4 < np.nanmedian(log.track_std_m) < 0.02  # before the arm, which might hide parts of it
         assert np.nanmedian(np.linalg.norm(log.track_m - log.truth_m, axis=1)) < 0.02
     np.testing.assert_allclose(log.q_rad, scene.robot.clamp(log.q_rad), atol=1e-9)
-
-
-def test_first_contact_is_where_the_reach_is_met():
-    """Which begins beside another taxel, or comes from afar."""
-    target, start = np.zeros(3), np.array([0.0, 0.0, 0.26])
-    beside = np.stack([target, [0.0, 0.03, 0.25]])
-    assert first_contact(start, target, beside, 0.05) == pytest.approx([0, 0, 0.05])
-    rng = np.random.default_rng(5)
-    reach = 0.035 + TOUCH_RADIUS_M
-    for _ in range(50):
-        taxels = rng.normal(0, 0.02, (8, 3))
-        start = taxels[0] + 0.28 * np.array([0.0, 0.6, 0.8])
-        end = first_contact(start, taxels[0], taxels, reach)
-        gaps = np.linalg.norm(taxels - end, axis=1)
-        assert gaps.min() == pytest.approx(reach)
-        way = np.linspace(0, 1, 500)[:, None]
-        positions = start + way * (end - start)
-        assert np.linalg.norm(positions[:, None] - taxels, axis=2).min() >= reach - 1e-9
 
 
 @pytest.mark.parametrize(

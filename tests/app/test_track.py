@@ -1,20 +1,12 @@
 """The numbers of a path against a truth that is known, on made-up tracks."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.app.track import TrackedRecording
-from pps_vision.app.track_files import headline
 from pps_vision.app.track_statistics import CameraStatistics, PathStatistics
-from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.recording import Recording
 from pps_vision.types import Status, Track3D, Truth
 from tracking.camera_pose import CameraMotion
-from tracking.tracker import TrackerParams
 
 FRAMES = 10
 """That come first and are not counted."""
@@ -69,24 +61,6 @@ def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s
         assert np.isnan(errors["position_rms_mm"])
 
 
-def test_the_objects_size_is_the_median_where_it_is_tracked():
-    """Radii of 30, 31 and 40 mm with standard deviations of 1 mm; predictions do not count."""
-    tracks = [replace(track(0.1, 0.0), radius_m=radius_m) for radius_m in (0.04, 0.03, 0.031)]
-    tracks.append(replace(track(0.2, 0.0, Status.COASTING), radius_m=9.0))
-    assert numbers_of(tracks).size() == pytest.approx(
-        {"diameter_m": 0.062, "low_95_m": 0.062 - 0.00392, "high_95_m": 0.062 + 0.00392}
-    )
-
-
-def recorded(*stamps_s: tuple[float, float]) -> TrackedRecording:
-    """Pairs of images that no file holds."""
-    pairs = tuple(
-        (ImageFile(Path(f"left{k}"), left_s), ImageFile(Path(f"right{k}"), right_s))
-        for k, (left_s, right_s) in enumerate(stamps_s)
-    )
-    return TrackedRecording(Recording("made up", pairs, (40, 30), []), TrackerParams())
-
-
 def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last():
     warned: list[str] = []
     cameras = CameraStatistics(warned.append)
@@ -96,18 +70,3 @@ def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last(
         {"rotation_deg": 2.8648, "rotation_deg_s": 2.2918, "joint_delay_ms": 4.0, "joint_delay_std_ms": 2.0}, rel=1e-4
     )
     assert warned == ["the cameras move although declared fixed, at 0.50 s; only their rotation is compensated"]
-
-
-def test_the_headline_says_what_is_known():
-    """3 mm off where it is tracked, 5 mm where it is predicted."""
-    run = recorded((0.0, 0.0))
-    run.stopwatch.ms["total"].extend([2.0, 3.0, 10.0])
-    numbers = numbers_of([Track3D.unknown(0.0)])
-    assert headline(run, numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
-    run.recording = replace(run.recording, truth=(truth(0.1), truth(0.11)))
-    assert headline(run, numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
-    numbers = numbers_of(later(track(0.1, 0.003), track(0.11, 0.005, Status.COASTING)), run.recording.truth)
-    assert headline(run, numbers) == (
-        "11 of 12 pairs tracked, median 3.0 ms a pair, 3D RMS 3.00 mm where tracked, 4.12 mm with predicted positions, "
-        "object 60 mm across (95 %: 56.1–63.9)"
-    )

@@ -363,28 +363,6 @@ def test_links_keep_three_centimetres_from_the_object(robot):
     assert clearance_rows(arm, beside)[1].min() == 0.0
 
 
-def test_predicted_distance_is_that_of_the_simulated_motion(robot, rng):
-    """A ball passes the arm that turns slowly, one joint at its limit; the simulation asks the kinematics 400 times."""
-    q = home(robot)
-    columns = robot.indices(robot.names.arm("left"))
-    q[columns[3]] = robot.upper_rad[columns[3]] - 0.01
-    taxels, normals = BOTH_PARTS.at(robot.at(q))
-    for taxel in (0, 5, 9, 13):
-        across = np.cross(normals[taxel], rng.standard_normal(3))
-        velocity = 0.2 * across / np.linalg.norm(across)
-        start = taxels[taxel] + 0.1 * normals[taxel] - 0.6 * velocity
-        rates = 0.08 * rng.uniform(-1, 1, (2, len(columns)))
-        arm = arm_input(robot, q, skin=BOTH_PARTS, track=track_at(start, velocity, radius_m=BALL_M))
-        for rate, predicted in zip(rates, predicted_distances(arm, columns, rates), strict=True):
-            smallest = np.inf
-            for t in np.linspace(0.0, 1.5, 400):
-                later = q.copy()
-                later[columns] = np.clip(q[columns] + t * rate, robot.lower_rad[columns], robot.upper_rad[columns])
-                d = np.linalg.norm(BOTH_PARTS.at(robot.at(later))[0] - start - t * velocity, axis=1)
-                smallest = min(smallest, float(d.min()) - BALL_M)
-            assert predicted == pytest.approx(smallest, abs=0.006)
-
-
 def escape_of(robot: Robot, taxel: int, ball_m_s: float, distance_m: float, **params: float) -> Array | None:
     """The joint rates that leave the path of a ball that flies along a taxel's normal towards it."""
     points, normals = FOREARM.at(robot.at(home(robot)))

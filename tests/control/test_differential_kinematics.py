@@ -7,30 +7,6 @@ from scipy.optimize import minimize
 from control.differential_kinematics import rate_limits, solve_rates
 
 
-def test_rates_are_the_bounded_minimum(rng):
-    """The gradient is zero where a rate is free and points outwards where it is at a bound (Karush–Kuhn–Tucker)."""
-    for _ in range(200):
-        J = rng.normal(size=(4, 7))
-        wanted = rng.choice([1, 30]) * rng.normal(size=4)
-        preferred = rng.normal(size=7)
-        lower = -rng.uniform(0, 1, 7)
-        upper = rng.uniform(0, 1, 7)
-        weights = rng.choice([0.003, 0.3], 7)
-        x = solve_rates(J, wanted, preferred, weights, (lower, upper))
-        assert np.all((x >= lower - 1e-8) & (x <= upper + 1e-8))
-        gradient = J.T @ (J @ x - wanted) + weights**2 * (x - preferred)
-        low = np.isclose(x, lower, atol=1e-7)
-        high = np.isclose(x, upper, atol=1e-7)
-        assert np.abs(gradient[~low & ~high]).max(initial=0.0) < 1e-4
-        assert gradient[low].min(initial=0.0) > -1e-4
-        assert gradient[high].max(initial=0.0) < 1e-4
-
-
-def test_a_singular_task_gives_finite_rates():
-    rates = solve_rates(np.zeros((3, 4)), np.ones(3), np.array([0.1, 0.2, 0.3, 5.0]), 0.01, (-np.ones(4), np.ones(4)))
-    np.testing.assert_allclose(rates, [0.1, 0.2, 0.3, 1.0], atol=1e-9)
-
-
 def test_rows_hold_where_they_can_and_limits_everywhere(rng):
     """Against SciPy's general solver; where a row excludes the limits, it is left by as little as possible."""
     for _ in range(30):

@@ -12,7 +12,6 @@ from control.double_touch import (
     DoubleTouching,
     DoubleTouchParams,
     Infeasible,
-    minimum_jerk,
 )
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import SkinPart, icub_skin
@@ -101,10 +100,3 @@ def test_every_reason_of_failure_is_reported(robot):
     assert set(shy.plan(0, 2, rng)) == {"self-collision"}
     distant = SkinPart("far", "left_forearm", (1,), np.array([[0.0, 0.9, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
     assert set(DoubleTouching(robot, distant).plan(0, 2, rng)) == {"out of reach"}
-
-
-def test_a_minimum_jerk_movement_by_hand():
-    """Begins and ends at rest, half done at half time at 1.875 times its mean speed."""
-    np.testing.assert_allclose(minimum_jerk([0.0, 0.25, 0.5, 1.0]), [0.0, 0.103515625, 0.5, 1.0])
-    speed = (minimum_jerk(np.array([0.0, 0.5, 1.0]) + 1e-6) - minimum_jerk(np.array([0.0, 0.5, 1.0]) - 1e-6)) / 2e-6
-    np.testing.assert_allclose(speed, [0.0, 1.875, 0.0], atol=1e-5)

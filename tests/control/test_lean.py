@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control import head, lean
+from control import lean
 from control.lean import LeanParams
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
@@ -83,18 +83,6 @@ def test_within_reach_and_out_of_reach_the_torso_rests():
         assert status == expected
         assert not command.dq_rad_s.any()
         assert command.stamp_s == 3.0
-
-
-def test_a_carried_point_moves_with_the_torso_whatever_else_moves():
-    q = START + 0.05
-    dq = np.full(ROBOT.n_joints, 0.3)
-    h = 1e-6
-    of_torso = np.zeros(ROBOT.n_joints)
-    of_torso[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3
-    moved = q + h * of_torso
-    T = ROBOT.at(moved).T_root("chest") @ np.linalg.inv(ROBOT.at(q).T_root("chest"))
-    expected = ((T @ np.append(ASIDE, 1))[:3] - ASIDE) / h
-    np.testing.assert_allclose(head.carried_velocity(ROBOT.at(q), ASIDE, dq), expected, atol=1e-5)
 
 
 def test_the_torso_stands_up_straight_and_then_rests():

@@ -97,18 +97,6 @@ def test_reaching_outlasts_the_activation_by_three_seconds_but_not_the_track(
     assert step(AT_ONCE, state, arm, is_reachable=lambda taxel: True)[1].mode == mode
 
 
-@pytest.mark.parametrize(("elapsed_s", "share"), [(0.15, 0.5), (1.0, 1.0)])
-def test_the_way_home_is_eased_into(robot, elapsed_s, share):
-    """Over 0.3 s; a degree from home, at three times the angle left per second."""
-    q = home(robot)
-    (elbow,) = robot.indices(("left_elbow",))
-    q[elbow] += np.deg2rad(1)
-    stamp_s = 100.0 + elapsed_s
-    arm = ArmInput(stamp_s, robot.at(q), SKIN, 0 * felt_by("left_palm:101"), Track3D.unknown(stamp_s))
-    dq = step(PARAMS, ArmState("return", 100.0), arm, is_reachable=lambda taxel: False)[1].command.dq_rad_s
-    assert dq[elbow] == pytest.approx(-3 * np.deg2rad(1) * share)
-
-
 def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot):
     """A ball comes to the forearm for 0.3 s and waits beside the palm, whose taxels are activated more."""
     points, normals = SKIN.at(robot.at(home(robot)))

@@ -137,7 +137,9 @@ def test_names_with_the_time_of_a_clock_are_stamps(tmp_path, names, stamps_s):
     assert recording.problems == []
 
 
-@pytest.mark.parametrize("name", ["99-99-99-123", "2024-13-45_10-00-00.000", "000012", "12-30-05"])
+@pytest.mark.parametrize(
+    "name", ["99-99-99-123", "2024-13-45_10-00-00.000", "000012", "12-30-05", "20261122", "14036365797635"]
+)
 def test_names_without_a_time_are_no_stamps(tmp_path, name):
     for side in "ab":
         write(tmp_path / side / f"{name}.png", 9)

@@ -10,7 +10,6 @@ from calibrations import write_calibration
 from pps_vision.errors import InputError
 from pps_vision.recordings import CalibrationOptions
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
-from pps_vision.recordings.image_file import stamp_in
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
@@ -38,22 +37,6 @@ def own(folder: Path, left: list[str], right: list[str], times: str | None = Non
     )
 
 
-@pytest.mark.parametrize(
-    ("name", "stamp_s"),
-    [
-        ("1403636579.763555584.png", 1403636579.763555584),
-        ("1403636579763.png", 1403636579.763),
-        ("1403636579763555.png", 1403636579.763555),
-        ("left_1403636579763555584.png", 1403636579.763555584),
-        ("0001.png", None),
-        ("20261122.png", None),
-        ("14036365797635.png", None),
-    ],
-)
-def test_a_name_is_a_stamp_or_none(name, stamp_s):
-    assert stamp_in(Path(name)) == stamp_s
-
-
 def test_folders_of_stamps_pair_by_them(tmp_path):
     left, right = ([f"{t + shift}.png" for t in NS] for shift in (0, 3_000_000))
     recording = own(tmp_path, left, [right[0], *right[2:]])
@@ -69,11 +52,6 @@ def test_a_rate_that_replaces_stamps_in_names_is_told(tmp_path):
         write(Path(folder), [f"{t}.png" for t in NS])
     assert open_stereo_images(*sides, fps=20).warnings == ()
     assert open_stereo_images(*sides, fps=30).warnings == ("--fps 30 replaces the files' own 20.00",)
-
-
-def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path):
-    with pytest.raises(InputError, match=r"0001\.png: its name is no stamp; expected --fps, --times, or"):
-        own(tmp_path, ["0001.png"], ["0001.png"])
 
 
 @pytest.mark.parametrize(

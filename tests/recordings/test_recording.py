@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_size
-from pps_vision.recordings.warnings import Problem, ProblemKind, count_by_kind
+from pps_vision.recordings.warnings import Problem, ProblemKind
 
 
 def images(side: str, stamps: list[float]) -> list[ImageFile]:
@@ -22,18 +22,6 @@ def pair(left: list[float], right: list[float], skew: float = 0.02) -> tuple[lis
     problems: list[Problem] = []
     pairs = pair_by_stamp(images("left", left), images("right", right), skew, problems)
     return [(a.stamp_s, b.stamp_s) for a, b in pairs], problems
-
-
-def test_the_unpaired_are_named_by_file_and_line():
-    pairs, problems = pair([0.0, 0.1, 0.2], [0.005, 0.23])
-    assert pairs == [(0.0, 0.005)]
-    assert {problem.kind for problem in problems} == {ProblemKind.UNPAIRED}
-    assert [str(problem) for problem in problems] == [
-        "left/data.log:2: 2.ppm to 3.ppm (2) are unpaired; expected a right image within 20 ms",
-        "right/data.log:2: 2.ppm is unpaired; expected a left image within 20 ms",
-    ]
-
-    assert count_by_kind(problems)["unpaired_frame"] == 3
 
 
 @pytest.mark.parametrize("skew", [-0.1, float("nan"), float("inf")])

@@ -14,7 +14,6 @@ from pps_vision.robot.icub import load_icub, set_gaze
 from pps_vision.robot.model import FrameNames, Robot
 
 ROBOT = load_icub()
-MODEL = GazeModel(ROBOT)
 ZERO = np.zeros(ROBOT.n_joints)
 
 
@@ -60,27 +59,6 @@ def test_the_corners_of_the_limits_are_within_them_and_just_beyond_is_not():
     for axis in 1e-6 * np.eye(3):
         outwards = np.where(corners == limits.lower, corners - axis, corners + axis)
         assert np.isnan(gaze_for_points(ROBOT, fixation_points(ROBOT, outwards))).all()
-
-
-def test_a_gaze_posture_fixates_its_point_wherever_the_point_is():
-    """Before, beside, behind, above and below the head, near and far; most cannot be fixated within J's limits."""
-    points = np.random.default_rng(1).uniform([-1.0, -0.5, -0.2], [0.3, 0.5, 0.9], (300, 3))
-    for limits in (GazeLimits(), GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))):
-        gaze = MODEL.gaze(points, limits)
-        fixated = np.isfinite(gaze[:, 0])
-        assert 0.1 < fixated.mean() < 0.9
-        np.testing.assert_allclose(MODEL.points(gaze[fixated]), points[fixated], atol=1e-9)
-
-
-def test_points_that_the_torso_carries_back_to_upright():
-    """Pinocchio's chest, which all joints of the torso move, roll too, and no joint of the neck or an arm."""
-    rng = np.random.default_rng(2)
-    for _ in range(20):
-        q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
-        point = rng.uniform(-0.5, 0.5, 3)
-        in_chest = np.linalg.inv(ROBOT.at(ZERO).T_root("chest")) @ [*point, 1]
-        turned = (ROBOT.at(q).T_root("chest") @ in_chest)[:3]
-        np.testing.assert_allclose(MODEL.to_upright(ROBOT.at(q).q_rad[None], turned), point[None], atol=1e-12)
 
 
 def head(folder: Path, yaw_first: bool) -> Robot:

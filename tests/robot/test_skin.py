@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from data import shared_data
 
-from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import (
     INNER_FOREARM,
@@ -75,30 +74,6 @@ def test_the_inner_left_forearm_faces_the_robots_eyes_at_home():
     assert facing[inner].min() > -0.1
     assert np.median(facing[inner]) > 0.3
     assert facing[outer].max() < -0.9
-
-
-def test_normals_turn_with_the_body_but_are_not_translated():
-    posture = ROBOT.at(home(ROBOT))
-    positions, normals = SKIN.at(posture)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    tips = positions + 0.01 * normals  # a point above each taxel, carried by the body as a point
-    for i in range(len(SKIN.taxel_ids)):
-        part = SKIN.parts[SKIN.part_index[i]]
-        k = part.ids.index(int(SKIN.taxel_ids[i].split(":")[1]))
-        above = move_points(posture.T_root(part.frame), part.positions_m[k] + 0.01 * part.normals[k])
-        np.testing.assert_allclose(tips[i], above, atol=1e-12)
-
-
-def test_taxels_move_as_their_jacobians_say():
-    """By differences, for joints of both arms and the torso, in any order."""
-    q = home(ROBOT)
-    joints = ROBOT.indices(("right_wrist_yaw", "torso_yaw", "left_elbow", "right_elbow"))
-    J = SKIN.jacobians(ROBOT.at(q), joints)
-    assert J.shape == (32, 3, 4)
-    for k, joint in enumerate(joints):
-        step = 1e-6 * np.eye(ROBOT.n_joints)[joint]
-        expected = (SKIN.at(ROBOT.at(q + step))[0] - SKIN.at(ROBOT.at(q - step))[0]) / 2e-6
-        np.testing.assert_allclose(J[:, :, k], expected, atol=1e-8)
 
 
 @pytest.mark.parametrize("part", icub_skin().parts, ids=lambda part: part.name)

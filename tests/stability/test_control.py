@@ -172,14 +172,6 @@ def test_an_object_that_stays_on_the_way_home():
     assert log.reversals() <= 4
 
 
-def test_vision_lost_in_mid_avoidance():
-    """The arm holds still, then goes home, and meets nothing that it does not see."""
-    log = encounter(lambda t: visit(t) if t < 1.8 else None)
-    first = [mode for k, mode in enumerate(log.modes) if k == 0 or log.modes[k - 1] != mode]
-    assert first == ["idle", "avoid", "hold", "return", "idle"]
-    log.at_rest_at_home()
-
-
 def test_a_joint_that_is_stuck():
     """The elbow does not move: the others withdraw and return; the return is given up, and all rest."""
     elbow = ARM[3]

@@ -73,13 +73,6 @@ def test_vergence_near_zero_and_other_nonsense(learned, vergence):
         assert not verdict.reachable[0]
 
 
-def test_targets_behind_the_head_and_at_the_eyes_are_not_fixated():
-    left, right = ROBOT.eye_poses(np.zeros(ROBOT.n_joints))
-    eyes = (left + right)[:3, 3] / 2
-    points = eyes + np.array([[0.3, 0, 0], [0.0, 0, 0.5], [0.0, 0, 0], [np.nan, 0, 0]])  # the robot looks along −x
-    assert np.isnan(gaze_for_points(ROBOT, points)).all()
-
-
 def test_singular_arms_are_reached_and_walked_without_nan():
     """The elbow as straight as it goes, and the upper arm along the first axis, where the next turns nothing new."""
     lower = np.array(ArmLimits().lower_rad)

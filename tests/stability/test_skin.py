@@ -6,12 +6,9 @@ from data import SEED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.pps import learner
-from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import TaxelEvents
 
 SKIN = icub_skin(("left_palm",))
 UP = np.array([0.0, 0.0, 1.0])
@@ -81,27 +78,3 @@ def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
     for at in (d[1], d[-2], np.nextafter(d[-2], 1), np.nextafter(d[1], -1)):
         expected = activation(MEMORY, np.full(4, at), np.full(4, 0.4))
         assert np.all(expected > 0) == (PARAMS.distance_range_m[0] <= at <= PARAMS.distance_range_m[1])
-
-
-def run(stamps, tracks, touched_at=()):
-    """A learner fed with tracks (None: unknown) at stamps; the taxels touched at the steps named."""
-    state = LearnerState(PPSMemory.empty(SKIN, MemoryParams()))
-    for k, (stamp, track) in enumerate(zip(stamps, tracks, strict=True)):
-        D, TTC = (np.full(4, np.nan),) * 2 if track is None else sees(*track)
-        touched = (np.arange(4) == 1) & (k in touched_at)
-        state = learner.observe(state, TaxelEvents(stamp, SKIN.taxel_ids, D, TTC, touched))
-    return learner.finish(state)
-
-
-def approach(n=30):
-    return [((0.03, 0.0, 0.005 * (n - k)), (0.0, 0.0, -0.1)) for k in range(n)]
-
-
-def test_a_touch_with_no_track_and_a_track_with_no_touch():
-    stamps = 0.05 * np.arange(30)
-    unseen = run(stamps, [None] * 30, touched_at=(28,))
-    assert (unseen.memory.counts.sum(), unseen.unseen) == (0, 1)
-    untouched = run(stamps, approach())
-    assert (untouched.memory.counts.sum(), untouched.unseen) == (0, 0)
-    samples = run(stamps, approach(), touched_at=(28,))
-    assert (samples.memory.counts[1, ..., 0].sum() > 20, samples.unseen) == (True, 0)

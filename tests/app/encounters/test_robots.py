@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from learning.pps.memory import PPSMemory, activation
 from pps_vision.app.encounters.encounter import draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import CONTROLLERS, GEOMETRY, NONE, ONE, OURS
 from pps_vision.app.encounters.robots import ErrorSources, MiscalibratedRobot
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.experiments.encounters.learning import encounter_number, summary
-from pps_vision.robot.skin import icub_skin
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +48,6 @@ def test_an_erring_robot_moves_its_true_arm_by_what_it_believes(scene, memories,
     seen = robot.see(true_track_of(touches[0]), touches[0].q_rad, reading)
     arguments = scene, memories["left"].of_both, touches[0], ONE, CONTROLLERS[NONE].new, seen
     assert simulate_encounter(*arguments, erring=(robot.scene, reading)).touched
-
-
-def test_what_has_learned_nothing_is_fully_activated_within_the_ranges_alone():
-    memory = PPSMemory.constant(icub_skin(("left_palm",)))
-    D = np.array([-0.09, 0.0, 0.19, 0.21])
-    np.testing.assert_allclose(activation(memory, D, np.full(4, 1.0)), [1, 1, 1, 0])
-    np.testing.assert_allclose(activation(memory, D, np.full(4, np.inf)), 0)
 
 
 def test_geometry_alone_leaves_what_passes_beyond_its_margin(scene, memories):

@@ -228,38 +228,3 @@ def test_the_probability_is_that_of_smoothed_counts_shrunk_to_the_body_part_and_
     beyond = [activation(memory, 0.05, 1.0, miss) for miss in (0.12, 0.5, -0.04, -np.inf)]
     np.testing.assert_array_equal(beyond[0], beyond[1])
     np.testing.assert_array_equal(beyond[2], beyond[3])
-
-
-def test_a_taxel_without_samples_expects_what_its_part_knows_and_an_empty_memory_nothing():
-    memory = PPSMemory.empty(FOREARMS)
-    assert not activation(memory, 0.05, 1.0, 0.0).any()
-    D = np.full((40, N), np.nan)
-    D[:, :5] = 0.05
-    left = FOREARMS.part_index == 0
-    memory = count_samples(memory, D, np.ones((40, N)), touched(*range(5)), 0.0)
-    P = activation(memory, 0.05, 1.0, 0.0)
-    assert P[:5].min() > P[left][5:].max() > 0.3
-    np.testing.assert_allclose(P[left][5:], P[left][5])
-    assert not P[~left].any()
-
-
-def test_the_path_tells_touches_from_passes_where_distance_and_time_do_not():
-    """Objects at the same D and TTC: some head for the taxel and touch it, others pass at 8 cm."""
-    memory = PPSMemory.empty(FOREARMS)
-    at = np.full((30, N), 0.08), np.full((30, N), 0.9)
-    for _ in range(5):
-        memory = count_samples(memory, *at, touched(0), np.where(touched(0), 0.0, 0.1))
-        memory = learn_miss(memory, *at, 0.08)
-    assert activation(memory, 0.08, 0.9, 0.0)[0] > 0.8
-    assert activation(memory, 0.08, 0.9, 0.08)[0] < 0.1
-    r_map = count_samples(PPSMemory.empty(FOREARMS, MemoryParams()), *at, touched(0))
-    np.testing.assert_array_equal(activation(r_map, 0.08, 0.9, 0.0), activation(r_map, 0.08, 0.9, 0.08))
-
-
-def learn_miss(memory, D, TTC, miss_m):
-    """Negative samples of all taxels."""
-    buffer = EventBuffer()
-    for k in range(len(D)):
-        events = TaxelEvents(0.05 * k, FOREARMS.taxel_ids, D[k], TTC[k], touched(), np.full(N, miss_m))
-        buffer = push(buffer, events)
-    return learn(memory, buffer, None)
