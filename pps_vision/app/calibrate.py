@@ -271,9 +271,9 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
     if len(views) < _FEWEST_VIEWS:
         expected = f"at least {_FEWEST_VIEWS}, better 10 or more"
         raise InputError("calibrate", f"the board is seen by both cameras in {len(views)} pairs; expected {expected}")
-    corners = [view.corners for view in views]
-    left_px = [view.left_px for view in views]
-    right_px = [view.right_px for view in views]
+    corners, left_px, right_px = (
+        [getattr(view, name) for view in views] for name in ("corners", "left_px", "right_px")
+    )
     try:
         singles = [
             cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in (left_px, right_px)
@@ -297,18 +297,18 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
         raise InputError("calibrate", "the views do not determine the cameras; add boards at other angles")
     residuals = []
     for view, turn, shift in zip(views, rotations, shifts, strict=True):
-        in_left = view.corners @ np.array(cv2.Rodrigues(turn)[0], dtype=float).T + np.array(shift, dtype=float).ravel()
+        in_left = view.corners @ _rotation(turn).T + np.array(shift, dtype=float).ravel()
         in_right = in_left @ R.T + T.ravel()
         residuals.append((view.left_px - _projected(in_left, KL, DL), view.right_px - _projected(in_right, KR, DR)))
-    rms_px = _rms(np.concatenate([px for view in residuals for px in view]))
-    if rms_px >= REFUSED_RMS_PX:
+    D = np.stack([DL.ravel()[:5], DR.ravel()[:5]])
+    focal_std_px = np.array([single[5].ravel()[0] for single in singles])
+    cameras = np.stack([KL, KR]), D, R, T.ravel(), focal_std_px
+    calibration = StereoCalibration(image_size, *cameras, tuple(views), tuple(residuals))
+    if (rms_px := calibration.rms_px) >= REFUSED_RMS_PX:
         worst = max(zip(views, residuals, strict=True), key=lambda item: _rms(np.concatenate(item[1])))[0].name
         expected = f"sharp views of one board by cameras that do not move to each other; {worst} fits worst"
         raise InputError("calibrate", f"the RMS reprojection error is {rms_px:.1f} px; expected below 1 px: {expected}")
-    D = np.stack([DL.ravel()[:5], DR.ravel()[:5]])
-    focal_std_px = np.array([single[5].ravel()[0] for single in singles])
-    K = np.stack([KL, KR])
-    return StereoCalibration(image_size, K, D, R, T.ravel(), focal_std_px, tuple(views), tuple(residuals))
+    return calibration
 
 
 def _reversed_views(turns: Sequence[Sequence[Array]]) -> list[bool]:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from pps_vision.app.results import ClockNumbers
 from pps_vision.app.stamp_delay import ClockParams, Delay, Interpolator, PointPath, estimate_delay
 from pps_vision.geometry.camera import View, reduced_image
 from pps_vision.recordings.recording import Pair, Recording, pair_by_stamp
@@ -37,20 +36,12 @@ class Clocks(NamedTuple):
         rows = {"right camera": self.cameras, "joints": self.joints}
         return "\n".join(f"clock of the {name}: {delay}" for name, delay in rows.items() if delay is not None)
 
-    @property
-    def are_late(self) -> bool:
-        """Whether there is something to correct."""
-        return any(delay is not None and delay.is_late for delay in self)
-
-    def numbers(self) -> ClockNumbers:
+    def numbers(self) -> dict[str, object]:
         """For summary.json."""
-        content = numbers(self.cameras)
-        if self.joints is not None:
-            content["joints"] = numbers(self.joints)
-        return content
+        return numbers(self.cameras) | ({} if self.joints is None else {"joints": numbers(self.joints)})
 
 
-def numbers(delay: Delay) -> ClockNumbers:
+def numbers(delay: Delay) -> dict[str, object]:
     """A delay for summary.json."""
     return {
         "delay_ms": 1000 * delay.delay_s,
@@ -97,7 +88,7 @@ def _between(left: Delay, right: Delay) -> Delay:
 def corrected(recording: Recording, late: Clocks) -> Recording:
     """The recording with the right images' stamps, and the joints, by one clock, paired anew; images without joints
     then are left out."""
-    if not late.are_late:
+    if not any(delay is not None and delay.is_late for delay in late):
         return recording
     left, right = ([pair[side] for pair in recording.pairs] for side in (0, 1))
     right_s = np.array([file.stamp_s for file in right])

@@ -16,7 +16,7 @@ from learning.pps.memory import PPSMemory, save_memory
 from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
-from pps_vision.app import versions
+from pps_vision.app import simulation, versions
 from pps_vision.app.encounters.encounter import HAZARDS, TRIALS, EncounterScene, draw
 from pps_vision.app.encounters.robots import MiscalibratedRobot
 from pps_vision.app.encounters.training import calibrate, learn, learn_from, training_trials
@@ -25,21 +25,7 @@ from pps_vision.app.progress import progress
 from pps_vision.app.report import figures, page
 from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
 from pps_vision.app.report.path3d import PATH_SCRIPT, body_lines, path3d
-from pps_vision.app.simulation import (
-    PERIOD_S,
-    Episode,
-    EpisodeLog,
-    Kind,
-    Policy,
-    SimulationScene,
-    SimulationStep,
-    log_of,
-    make_episode,
-    new_pipeline,
-    open_scene,
-    simulate,
-    train,
-)
+from pps_vision.app.simulation import Episode, EpisodeLog, Kind, Policy, SimulationScene, SimulationStep
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
 from pps_vision.recordings import REPORT, SUMMARY
@@ -83,8 +69,8 @@ _COLUMNS = {
 def demo(out: Path, trials: int, noise: float, seed: int, robot: Path | None = None) -> None:
     """Train, run the episodes, and write the report; arguments as of `pps-vision demo`."""
     setup = read_robot(robot) if robot else None
-    with whole_folder(out) as folder, open_scene(noise, seed, setup) as scene:
-        memory = train(scene, trials, _TOUCH_EVERY)
+    with whole_folder(out) as folder, simulation.open_scene(noise, seed, setup) as scene:
+        memory = simulation.train(scene, trials, _TOUCH_EVERY)
         save_memory(folder / "memory.npz", memory)
         with progress(total=1, desc="reachable space", unit="map", after_s=0.0) as bar:
             map_params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
@@ -131,11 +117,11 @@ def _run_episodes(
     for kind, avoid, title, taxel, erring in progress(runs, desc="episodes", unit="episode", after_s=0.0):
         # the same seed for all approaches: the same path without avoidance and with it
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
-        episode = replace(make_episode(kind, scene, taxel, "octopus", rng, speed_m_s=0.10), title=title)
-        policy = erring or new_pipeline(scene, memory, timer, reachable_map).step
-        steps = list(simulate(scene, episode, policy, avoid))
+        episode = replace(simulation.make_episode(kind, scene, taxel, "octopus", rng, speed_m_s=0.10), title=title)
+        policy = erring or simulation.new_pipeline(scene, memory, timer, reachable_map).step
+        steps = list(simulation.simulate(scene, episode, policy, avoid))
         images.append([drawn(scene, step, title) for step in steps])
-        logs.append(log_of(scene, episode, steps, avoid))
+        logs.append(simulation.log_of(scene, episode, steps, avoid))
     write_side_by_side(folder / "demo.mp4", *zip(images[::2], images[1::2], strict=True))
     touching = int(np.argmax(logs[0].touched.any(axis=1)))
     save_png(folder / "demo.png", np.hstack([images[0][touching], images[1][touching]]))
@@ -161,13 +147,13 @@ def _misjudging(scene: SimulationScene, robot: MiscalibratedRobot, memory: PPSMe
     """The pipeline of a robot that takes itself to be another than the scene's, with these errors of its encoders."""
     skin = robot.skin.on_arm(robot.model, scene.side)
     setup = replace(scene.setup, robot=robot.model, rig=robot.rig, skin=skin)
-    pipeline = new_pipeline(replace(scene, setup=setup), memory)
+    pipeline = simulation.new_pipeline(replace(scene, setup=setup), memory)
     return lambda frame, touched: pipeline.step(with_offsets(frame, reading), touched)
 
 
 def write_side_by_side(file: Path, *pairs: tuple[Sequence[Image], Sequence[Image]]) -> None:
     """Write a film of pairs of episodes side by side; the shorter episode's last frame is repeated."""
-    with VideoFile(file, 1 / PERIOD_S) as film:
+    with VideoFile(file, 1 / simulation.PERIOD_S) as film:
         for left, right in pairs:
             for k in range(max(len(left), len(right))):
                 film.add(np.hstack([images[min(k, len(images) - 1)] for images in (left, right)]))
@@ -195,12 +181,11 @@ def drawn(scene: SimulationScene, row: SimulationStep, title: str) -> Image:
 
 def _outcome(logs: Sequence[EpisodeLog]) -> str:
     """What happened, in a sentence for each episode."""
-    said = []
-    for log in logs:
-        touched = "it touched the arm" if log.was_touched else "it did not touch the arm"
-        moved = "which moved" if log.was_commanded else "which stayed"
-        said.append(f"{log.title[0].upper()}{log.title[1:]}: {touched}, {moved}.")
-    return " ".join(said)
+    return " ".join(
+        f"{log.title[0].upper()}{log.title[1:]}: it {'touched' if log.was_touched else 'did not touch'} the arm, "
+        f"which {'moved' if log.was_commanded else 'stayed'}."
+        for log in logs
+    )
 
 
 def _numbers(log: EpisodeLog) -> dict[str, object]:
@@ -357,13 +342,13 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             encounter = draw(scene, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
             runs = []
             for avoid in (False, True):
-                with open_scene(noise, seed + k, scene.setup_of(encounter), encounter.side) as simulation:
-                    pipeline = new_pipeline(simulation, memories[encounter.side])
+                with simulation.open_scene(noise, seed + k, scene.setup_of(encounter), encounter.side) as rendered:
+                    pipeline = simulation.new_pipeline(rendered, memories[encounter.side])
                     title = "avoidance on" if avoid else "avoidance off"
                     episode = Episode(title, encounter.stimulus, encounter.motion, encounter.seconds)
-                    steps = list(simulate(simulation, episode, pipeline.step, avoid))
-                    images = [drawn(simulation, step, title) for step in steps]
-                    runs.append((log_of(simulation, episode, steps, avoid), images))
+                    steps = list(simulation.simulate(rendered, episode, pipeline.step, avoid))
+                    images = [drawn(rendered, step, title) for step in steps]
+                    runs.append((simulation.log_of(rendered, episode, steps, avoid), images))
             (off, images_off), (on, images_on) = runs
             video = Path(videos) / f"{k}.mp4"
             write_side_by_side(video, (images_off, images_on))

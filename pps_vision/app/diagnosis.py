@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -36,7 +35,7 @@ _FASTEST = 1e4  # pairs a second, of high-speed cameras
 _MOVED = 30.0  # change of a pixel between successive frames where something moves, grey levels of 255
 _COMBED = 0.06  # share of them in combed rows: at most 0.03 in real films, 0.12–0.21 in interlaced ones
 _MOVED_SHARE = 2e-4  # of such pixels in the image: a disc of 5 px in 320×240
-Successive = list[tuple[StereoFrame, StereoFrame]]
+
 _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
 
 
@@ -56,13 +55,6 @@ class Diagnosis:
         return "\n  try ".join([f"searched {n['frames']} frames: {', '.join(results)}", *self.advice])
 
 
-class Change(NamedTuple):
-    """Change of a left image to the next one."""
-
-    shift_px: float  # 0 for a shift that does not explain the change of most pixels
-    combed_share: float
-
-
 class FrameSample:
     """A few frames, spread over a recording, `spread` alone and `successive` with the next one; points that both images
     of a frame show are matched, and changes measured, in another thread as soon as frames are there."""
@@ -76,7 +68,7 @@ class FrameSample:
         self._frames: dict[float, StereoFrame] = {}  # by stamp
         self._thread = ThreadPoolExecutor(1)
         self._matches: dict[float, Future[tuple[Array, Array]]] = {}
-        self._changes: list[Future[Change]] = []
+        self._changes: list[Future[tuple[float, float]]] = []
 
     @classmethod
     def of(cls, recording: Recording) -> "FrameSample":
@@ -96,7 +88,7 @@ class FrameSample:
             self._matches[stamp_s] = self._thread.submit(match, frame.left, frame.right)
         for first_s, second_s in self._successive:
             if stamp_s == second_s and first_s in self._frames:
-                self._changes.append(self._thread.submit(_change_between, self._frames[first_s], frame))
+                self._changes.append(self._thread.submit(_change_between, self._frames[first_s].left, frame.left))
 
     def match(self, frame: StereoFrame) -> tuple[Array, Array]:
         """Return `scene_points.match` of a frame of the sample."""
@@ -104,8 +96,8 @@ class FrameSample:
         return matches.result() if matches else match(frame.left, frame.right)
 
     @property
-    def changes(self) -> list[Change]:
-        """Changes between successive frames."""
+    def changes(self) -> list[tuple[float, float]]:
+        """Shift (px) and combed share from one left image to the next."""
         return [change.result() for change in self._changes]
 
     @property
@@ -114,7 +106,7 @@ class FrameSample:
         return [self._frames[stamp_s] for stamp_s in self._spread if stamp_s in self._frames]
 
     @property
-    def successive(self) -> Successive:
+    def successive(self) -> list[tuple[StereoFrame, StereoFrame]]:
         """Frames with their successors."""
         frames = self._frames
         return [(frames[a], frames[b]) for a, b in self._successive if a in frames and b in frames]
@@ -201,7 +193,7 @@ def faults_of(
             yield f"another calibration: the left camera's field of view is {left.field_of_view_deg:.0f}°"
         yield from fault_of_unit(view, recording.unit_m)
     changes = sample.changes
-    if np.median([0.0, *(change.combed_share for change in changes)]) > _COMBED:
+    if np.median([0.0, *(combed_share for _, combed_share in changes)]) > _COMBED:
         yield (
             "a video without interlacing (ffmpeg -i FILE -vf bwdif OUT): every second row of what moves shows another "
             "moment, though the file does not say so"
@@ -273,14 +265,13 @@ def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
     return {reason: count for reason, count in counts.items() if reason.startswith("rejected by ")}
 
 
-def _image_shift_px(changes: Sequence[Change]) -> float:
+def _image_shift_px(changes: Sequence[tuple[float, float]]) -> float:
     """Second largest shift between successive left images of fixed cameras."""
-    return sorted([0.0, 0.0, *(change.shift_px for change in changes)])[-2]
+    return sorted([0.0, 0.0, *(shift_px for shift_px, _ in changes)])[-2]
 
 
-def _change_between(first: StereoFrame, second: StereoFrame) -> Change:
-    """Shift and combed share of successive left images."""
-    return Change(_shift_px(first.left, second.left), _combed_share(first.left, second.left))
+def _change_between(first: Image, second: Image) -> tuple[float, float]:
+    return _shift_px(first, second), _combed_share(first, second)
 
 
 def _shift_px(first: Image, second: Image) -> float:
@@ -308,13 +299,13 @@ def _combed_share(first: Image, second: Image) -> float:
     return float(np.mean(combed[moved])) if np.mean(moved) > _MOVED_SHARE else 0.0
 
 
-def _change(successive: Successive) -> float:
+def _change(successive: list[tuple[StereoFrame, StereoFrame]]) -> float:
     """Median change of the left image's pixels from a frame to the next, grey levels of 255."""
     changes = [np.median(np.abs(b.left.astype(float) - a.left)) for a, b in successive]
     return float(np.median(changes)) if changes else 0.0
 
 
-def _moved_share(successive: Successive) -> float:
+def _moved_share(successive: list[tuple[StereoFrame, StereoFrame]]) -> float:
     """Largest share of the pixels of either image that change from a frame to the next."""
     changes = [
         np.mean(np.abs(getattr(b, side).astype(np.int16) - getattr(a, side)).max(axis=2) > _MOVED)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
 from pps_vision.errors import InputError
@@ -105,7 +106,7 @@ def _rows(file: Path) -> tuple[list[tuple[int, list[str]]], int]:
     return [(line, fields[:6]) for line, fields in split], 1
 
 
-def overlaps(boxes: Array, others: Array) -> Array:
+def overlaps(boxes: ArrayLike, others: ArrayLike) -> Array:
     """(n, m) intersection over union of boxes (n, 4) and others (m, 4)."""
     a = np.reshape(boxes, (-1, 1, 4))
     b = np.reshape(others, (1, -1, 4))
@@ -172,7 +173,7 @@ def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
         matched = {a: b for a, b in followed.items() if overlaps(true[a], tracked[b])[0, 0] >= _MATCHED}
         names = [name for name in true if name not in matched]
         others = [name for name in tracked if name not in matched.values()]
-        iou = overlaps(_stack(true, names), _stack(tracked, others))
+        iou = overlaps([true[name] for name in names], [tracked[name] for name in others])
         allowed = iou >= _MATCHED
         for i, j in zip(*linear_sum_assignment(np.where(allowed, -iou, 1e3)), strict=True):
             if allowed[i, j]:
@@ -182,10 +183,6 @@ def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
         missed += len(true) - len(matched)
         false += len(tracked) - len(matched)
     return n, missed, false, switches
-
-
-def _stack(boxes: Mapping[int, Array], names: Sequence[int]) -> Array:
-    return np.reshape([boxes[name] for name in names], (-1, 4))
 
 
 def box_curves(tracks: Sequence[Boxes], truth: Boxes) -> "Figure":

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pps_vision.app.results import Reprojection
 from pps_vision.errors import InputError, expect_positive
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.geometry.compiled import triangulated_points
@@ -32,6 +33,7 @@ _MIN_VAR_PX2 = 0.005**2  # covariances stay regular
 _ITERATIONS = 100
 _MEDIAN_CHI2 = 0.4549  # median of χ² with one degree of freedom
 _DIMENSIONS = 3
+_CHI2_95 = 5.991464547107979  # 95 % of the chi-square distribution with 2 degrees of freedom
 _QUANTILE_95 = 4.0  # the 95 % quantile of F(3, n) is that of χ²(3) / 3 times about 1 + 4/n
 
 
@@ -299,21 +301,13 @@ def _distance_m(centers: Array, p: Array) -> float:
     return 0.5 * (math.dist(p, centers[0]) + math.dist(p, centers[1]))
 
 
-def reprojection_nis(
-    eye: View, steps: Sequence[FilterStep | None], pixels: Array, cov_px2: Array
-) -> tuple[Array, Array]:
-    """Reprojection errors of one camera's points, predicted by the filter from the past alone.
+def reprojection(eye: View, steps: Sequence[FilterStep | None], pixels: Array, cov_px2: Array) -> Reprojection:
+    """Reprojection errors of one camera's points, predicted by the filter from the past alone, at each of its `steps`
+    that was updated and not started.
 
-    Returns the distances (m,) px of the pixels from the predicted ones and their NIS (m,), of which 2 are expected,
-    for each step that was updated and not started at its stamp.
-
-    Args:
-        eye: The camera.
-        steps: The filter's steps.
-        pixels: (n, 2) px measured at each.
-        cov_px2: (n, 2, 2) px² covariances of their errors that are independent from image to image.
+    `pixels` (n, 2) measured at the steps; `cov_px2` (n, 2, 2) of their errors that are independent from image to image.
     """
-    distances, nis = [], []
+    distances_px, nis = [], []
     for k, step in enumerate(steps):
         if step is None or step.prediction is None or step.belief.updated_s != step.belief.stamp_s:
             continue
@@ -322,6 +316,13 @@ def reprojection_nis(
         J = np.array((of_u, of_v))
         nu = pixels[k] - (u, v)
         S = J @ predicted.cov[:3, :3] @ J.T + cov_px2[k]
-        distances.append(float(np.hypot(*nu)))
+        distances_px.append(float(np.hypot(*nu)))
         nis.append(float(nu @ np.linalg.solve(S, nu)))
-    return np.array(distances), np.array(nis)
+    return {
+        "pairs": len(nis),
+        "median_px": float(np.median(distances_px)) if nis else None,
+        "nis": float(np.mean(nis)) if nis else None,
+        "nis_expected": 2.0,
+        "outside_95": float(np.mean(np.array(nis) > _CHI2_95)) if nis else None,
+        "outside_95_expected": 0.05,
+    }

@@ -44,30 +44,6 @@ class Reprojection(TypedDict):
     outside_95_expected: float
 
 
-class PointNoise(TypedDict):
-    """Standard deviation of image points, px (a factor where their covariance is stated), of each group by its largest
-    likelihood (of the last: any, or none), and how much of the variance successive images share."""
-
-    likelihood_up_to: list[float]
-    std: list[float]
-    correlated_share: float
-    inside_gate: int  # pairs inside the epipolar gate
-    pairs: int
-
-
-class ClockNumbers(TypedDict):
-    """Delay of the right camera's stamps at the mean stamp, its drift, their standard errors, whether it was corrected,
-    or why it is unobservable."""
-
-    delay_ms: float | None
-    delay_std_ms: float | None
-    drift_ppm: float | None
-    drift_std_ppm: float | None
-    corrected: bool
-    unobservable: str
-    joints: NotRequired["ClockNumbers"]
-
-
 class TrackNumbers(TypedDict):
     """Results of one track: the number of its frames by status and of those in which it was attended."""
 
@@ -114,8 +90,8 @@ class TrackSummary(TypedDict):
     errors: NotRequired[Mapping[str, float | None]]
     objects: NotRequired[int]  # largest number at a time
     tracks: NotRequired[list[TrackNumbers]]  # the longest attended first
-    points: NotRequired[PointNoise]
-    clock: NotRequired[ClockNumbers]
+    points: NotRequired[Mapping[str, object]]  # noise of the image points
+    clock: NotRequired[Mapping[str, object]]  # delay of the right camera's stamps, and of the joints
     smoothed: NotRequired[bool]
     joints: NotRequired[str | None]
     map: NotRequired[str | None]

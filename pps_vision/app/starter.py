@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from importlib import import_module
 from types import TracebackType
 from typing import IO
@@ -21,16 +21,13 @@ _MODULES = ("app.cli.track", "app.progress", "app.track_files", "recordings.form
 _ENDS_S = 5.0  # in which a process that is told to end removes its unfinished files
 
 
-class Starter:
+class Starter(AbstractContextManager["Starter"]):
     """Runs one command at a time.  Its process begins with the first one and ends with this context."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._control, self._theirs = socket.socketpair()
         self._replies = self._control.makefile("rb")
-
-    def __enter__(self) -> "Starter":
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self._replies.close()

@@ -1,7 +1,7 @@
 """Track the objects in a recording: `pps_vision.track`, on which `pps-vision track` is built."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -94,28 +94,22 @@ class TrackedRecording:
         self.followed_by.clear()
         tracker = tracker_for(self.recording, self.params, self.seed, self.stopwatch)
         self.search_counts = tracker.search_counts
-        steps = self._frame_by_frame(tracker) if self.device is None else self._in_batches(tracker, self.device)
-        for number, frame, step in steps:
-            if step.followed_by and step.track.is_known:
-                self.followed_by[step.followed_by] += 1
-            yield number, frame, step
 
-    def _frame_by_frame(self, tracker: Tracker) -> Iterator[tuple[int, StereoFrame, TrackerStep]]:
-        for number, frame in self.recording.read_ahead():
-            with self.stopwatch("total"):
-                step = tracker.step(frame)
-            self.cameras.add(tracker.camera_motion, step.track.stamp_s)
-            yield number, frame, step
+        def one_by_one(frames: Sequence[StereoFrame]) -> list[TrackerStep]:
+            return [tracker.step(frame) for frame in frames]
 
-    def _in_batches(self, tracker: Tracker, device: str) -> Iterator[tuple[int, StereoFrame, TrackerStep]]:
-        from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
+        size, steps_of = 1, one_by_one
+        if self.device is not None:
+            from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
 
-        batch_tracker = BatchTracker(tracker, torch_device(device))
-        for batch in chunks(self.recording.read_ahead(), _BATCH_PAIRS):
+            size, steps_of = _BATCH_PAIRS, BatchTracker(tracker, torch_device(self.device)).steps
+        for batch in chunks(self.recording.read_ahead(), size):
             with self.stopwatch("total", len(batch)):
-                steps = batch_tracker.steps([frame for _, frame in batch])
+                steps = steps_of([frame for _, frame in batch])
             self.cameras.add(tracker.camera_motion, steps[-1].track.stamp_s)
             for (number, frame), step in zip(batch, steps, strict=True):
+                if step.followed_by and step.track.is_known:
+                    self.followed_by[step.followed_by] += 1
                 yield number, frame, step
 
     def path(self, steps: Iterable[TrackerStep], smooth: bool) -> Iterator[TrackerStep]:
@@ -135,9 +129,7 @@ class TrackedRecording:
         for step in steps:
             stamp_s = step.track.stamp_s
             left, right = next(pair for pair in pairs if 0.5 * (pair[0].stamp_s + pair[1].stamp_s) == stamp_s)
-            images = left.path, right.path
-            others = tuple(_tracked_pair(images, other) for other in step.others if other.track.is_known)
-            yield _tracked_pair(images, step, others)
+            yield _tracked_pair((left.path, right.path), step)
 
     def arrays(self, smooth: bool = False) -> TrackArrays:
         """Track the recording and return the path of the attended object as arrays; `smooth` as in `path`."""
@@ -156,8 +148,9 @@ class TrackedRecording:
         }
 
 
-def _tracked_pair(images: tuple[Path, Path], step: TrackerStep, others: tuple[TrackedPair, ...] = ()) -> TrackedPair:
+def _tracked_pair(images: tuple[Path, Path], step: TrackerStep) -> TrackedPair:
     residual_px = step.observation.residual_px if step.observation else np.nan
+    others = tuple(_tracked_pair(images, other) for other in step.others if other.track.is_known)
     return TrackedPair(images, step.track, step.detections, residual_px, others)
 
 

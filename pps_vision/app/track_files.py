@@ -3,7 +3,7 @@ failure."""
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,17 +15,8 @@ from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
 from pps_vision.app.results import TrackSummary
 from pps_vision.app.track import TrackedRecording
 from pps_vision.app.track_statistics import PathStatistics
-from pps_vision.recordings import KEY_FRAMES, Form
+from pps_vision.recordings import KEY_FRAMES, Form, tables
 from pps_vision.recordings.exchange import TrackedPair, open_forms
-from pps_vision.recordings.tables import (
-    ACTIVATION,
-    DETECTIONS,
-    REACHABILITY,
-    TRAJECTORY,
-    detection_row,
-    open_table,
-    trajectory_row,
-)
 from pps_vision.recordings.warnings import count_by_kind
 from pps_vision.types import Array, Image, ReachStatus, Status, StereoFrame
 from tracking.tracker import TrackerStep
@@ -49,7 +40,7 @@ class Extras:
     activation: "TrackActivation | None"  # activation.csv, and taxels in the pictures
 
 
-class TrackFiles:
+class TrackFiles(AbstractContextManager["TrackFiles"]):
     """Open output files of a recording that is being tracked.
 
     `steps` writes the causal results of each pair and yields the tracker's steps; `add` writes the path, which may be
@@ -69,22 +60,19 @@ class TrackFiles:
         recording = run.recording
         with ExitStack() as files:
             self._film = files.enter_context(VideoFile(folder / "overlay.mp4", recording.fps))
-            self._write_detection = files.enter_context(open_table(folder / "detections.csv", DETECTIONS))
-            columns = TRAJECTORY + REACHABILITY if extras.reach else TRAJECTORY
-            self._write_track = files.enter_context(open_table(folder / "trajectory.csv", columns))
+            self._write_detection = files.enter_context(tables.open_table(folder / "detections.csv", tables.DETECTIONS))
+            columns = tables.TRAJECTORY + tables.REACHABILITY if extras.reach else tables.TRAJECTORY
+            self._write_track = files.enter_context(tables.open_table(folder / "trajectory.csv", columns))
             self._write_forms = files.enter_context(open_forms(folder, extras.also, recording.image_size))
             if extras.activation:
                 taxels = ("stamp_s", *extras.activation.skin.taxel_ids)
-                self._write_activation = files.enter_context(open_table(folder / ACTIVATION, taxels))
+                self._write_activation = files.enter_context(tables.open_table(folder / tables.ACTIVATION, taxels))
             self._view = None
             if extras.viewer:
                 from pps_vision.app.report.viewer import VIEW, ViewFile
 
                 self._view = files.enter_context(ViewFile(folder / VIEW))
             self._files = files.pop_all()
-
-    def __enter__(self) -> "TrackFiles":
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         if self._view and kind is None:
@@ -103,7 +91,7 @@ class TrackFiles:
             known = [other for other in attended.others if other.track.is_known]
             for item in (attended, *known):
                 for detection in item.detections:
-                    self._write_detection(detection_row(number, detection, item.track))
+                    self._write_detection(tables.detection_row(number, detection, item.track))
             if self._view:
                 self._view.add(frame, attended)
             self._draw(k, frame, attended, skin)
@@ -117,7 +105,7 @@ class TrackFiles:
             reachability = reach(joints, item.track) if reach and joints is not None else None
             if reachability and item is pair:
                 self.reached[reachability.status] += 1
-            self._write_track(trajectory_row(item.track, reachability))
+            self._write_track(tables.trajectory_row(item.track, reachability))
         self._write_forms(pair)
 
     def _activation(self, frame: StereoFrame, step: TrackerStep) -> tuple[TrackerStep, tuple[Array, Array] | tuple[()]]:

@@ -16,10 +16,10 @@ from pps_vision.app.points import (
     PointParams,
     estimate_noise,
     follow_points,
-    reprojection_nis,
+    reprojection,
     triangulate_points,
 )
-from pps_vision.app.results import Reprojection, TrackNumbers, TrackSummary
+from pps_vision.app.results import TrackNumbers, TrackSummary
 from pps_vision.app.stamp_delay import ClockParams, Interpolator, PointPath, estimate_delay
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import TrackArrays, track_arrays
@@ -39,7 +39,6 @@ from tracking.smoother import FilterStep, smooth
 from tracking.tracker import full_state
 
 _OUTSIDE = 0.05  # share of points outside the image, which a detector does not place there
-_CHI2_95 = 5.991464547107979  # 95 % of the chi-square distribution with 2 degrees of freedom
 
 
 class TriangulatedPoints:
@@ -172,11 +171,12 @@ class TriangulatedPoints:
         known = [i for i, step in enumerate(steps) if step]
         is_measured = np.array([step is not None and _is_measured(step) for step in steps])
         is_found = np.isfinite(positions.residual_px)
-        share = self.noise.correlated_share
-        checks: dict[str, Reprojection] = {}
-        for side, (name, eye) in enumerate({"left": self.view.left, "right": self.view.right}.items()):
-            white = (1 - share) * positions.cov_px2[:, side]
-            checks[name] = _reprojection(*reprojection_nis(eye, steps, self.points[k].pixels[:, side], white))
+        eyes = {"left": self.view.left, "right": self.view.right}
+        white = (1 - self.noise.correlated_share) * positions.cov_px2
+        checks = {
+            name: reprojection(eye, steps, self.points[k].pixels[:, side], white[:, side])
+            for side, (name, eye) in enumerate(eyes.items())
+        }
         return {
             "track_id": k + 1,
             "name": self.names[k],
@@ -246,18 +246,6 @@ class TriangulatedPoints:
 
 def _is_measured(step: FilterStep) -> bool:
     return step.belief.updated_s == step.belief.stamp_s
-
-
-def _reprojection(distance_px: Array, nis: Array) -> Reprojection:
-    n = len(nis)
-    return {
-        "pairs": n,
-        "median_px": float(np.median(distance_px)) if n else None,
-        "nis": float(np.mean(nis)) if n else None,
-        "nis_expected": 2.0,
-        "outside_95": float(np.mean(nis > _CHI2_95)) if n else None,
-        "outside_95_expected": 0.05,
-    }
 
 
 def _pairs(tables: tuple[PointTable, PointTable], rows: NDArray[np.intp], columns: tuple[int, int]) -> Pairs:

@@ -40,10 +40,11 @@ class Truth(RecordingSource):
 
         with whole_file(self.out, [self.rec]) as partial:
             recording = self.open()
-            path = tag_path(recording, self.aruco, self.tag_mm / 1000, np.array(self.offset_mm) / 1000, self.dictionary)
-            write_tum_rows(partial, path.stamps_s, path.position)
+            offset_m = np.array(self.offset_mm) / 1000
+            stamps_s, position, sides_m = tag_path(recording, self.aruco, self.tag_mm / 1000, offset_m, self.dictionary)
+            write_tum_rows(partial, stamps_s, position)
         print_skipped(recording.problems, recording.warnings)
-        side_mm = 1000 * float(np.median(path.sides_m))
+        side_mm = 1000 * float(np.median(sides_m))
         if abs(side_mm / self.tag_mm - 1) > _SIDE_TOLERANCE:
             print(f"warning: the tag measures {side_mm:.1f} mm, not {self.tag_mm:g}: wrong unit?", file=sys.stderr)
-        print(f"tag {self.aruco} in {len(path.stamps_s)} of {len(recording)} pairs, {side_mm:.2f} mm → {self.out}")
+        print(f"tag {self.aruco} in {len(stamps_s)} of {len(recording)} pairs, {side_mm:.2f} mm → {self.out}")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, get_args
@@ -77,10 +78,10 @@ def benchmark(
         train(Path(learned), seed, share)
         rows = map_tasks(partial(rows_of_task, folder=Path(learned)), workers, list(tasks.values()))
         memories.cache_clear()
-        rates = {
-            perception: {name: Rates.of(_chosen(rows, perception, name)) for name in entries}
-            for perception in get_args(Perception)
-        }
+        rates: dict[Perception, dict[str, Rates]] = {perception: {} for perception in get_args(Perception)}
+        for perception, name in product(rates, entries):
+            of = [row for row in rows if row["perception"] == perception and row["controller"] == name]
+            rates[perception][name] = Rates.of(of)
         settings = {"versions": versions.versions(), "seed": seed, "n": n}
         write_json(folder / "encounters.json", {**settings, "encounters": rows})
         lead = (
@@ -89,10 +90,6 @@ def benchmark(
         )
         page.write_page(folder, "Controllers by score", lead, page.image(_chart(rates)), _sections(rates))
     return rates
-
-
-def _chosen(rows: Rows, perception: Perception, name: str) -> Rows:
-    return [row for row in rows if row["perception"] == perception and row["controller"] == name]
 
 
 def _sections(rates: Mapping[Perception, Mapping[str, Rates]]) -> list[page.Section]:

@@ -13,17 +13,8 @@ import coal
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.app.simulation import (
-    PERIOD_S,
-    REACH_M,
-    OwnMotion,
-    Side,
-    at_taxel,
-    can_follow,
-    facing_taxels,
-    first_contact,
-    own_rate,
-)
+from pps_vision.app import simulation
+from pps_vision.app.simulation import PERIOD_S, REACH_M, OwnMotion, Side
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.paths import arrival_s
@@ -158,7 +149,7 @@ class EncounterScene:
     def taxels(self, side: Side, part: Part) -> list[int]:
         """Return the indices of a part's taxels at which objects come."""
         skin = self.skins[side]
-        faces = None if self.is_icub else facing_taxels(self.setup, skin, self.setup.home_rad)
+        faces = None if self.is_icub else simulation.facing_taxels(self.setup, skin, self.setup.home_rad)
         own = (k for k, id_ in enumerate(skin.taxel_ids) if self.body_part(id_) == part)
         return [k for k in own if faces is None or faces[k]]
 
@@ -178,7 +169,7 @@ class EncounterScene:
     def may_swing(self, q_rad: Array, side: Side) -> bool:
         """Return whether an arm that swings by itself keeps clear of the body."""
         times = np.arange(0.0, _REST_S, PERIOD_S)
-        swing = PERIOD_S * np.cumsum([own_rate(self.robot, "arm", self.arm(side), t) for t in times], axis=0)
+        swing = PERIOD_S * np.cumsum([simulation.own_rate(self.robot, "arm", self.arm(side), t) for t in times], axis=0)
         return min(self.self_collision.distance_m(self.robot.clamp(q_rad + dq)) for dq in swing) > _CLEARANCE_M
 
     def hidden_share(self, posture: Posture, eye: Array, center: Array, radius_m: float) -> float:
@@ -305,15 +296,12 @@ def draw_visible(
         return None
     q = gaze_at(scene.robot, aim.posture.q_rad, motion(0.0)[0])
     until_s = min(seconds, contact_s)
-    if not (
-        scene.shows(q, motion, aim.radius_m, until_s) and can_follow(scene.robot, scene.rig, q, motion, until_s, 3)
-    ):
+    if not scene.shows(q, motion, aim.radius_m, until_s):
         return None
-    taxel = aim.skin.taxel_ids[aim.taxel]
-    path_of_object = motion, seconds, contact_s
-    return Encounter(
-        number, condition, side, part, taxel, stimulus, aim.radius_m, aim.speed_m_s, *path_of_object, q_rad=q
-    )
+    if not simulation.can_follow(scene.robot, scene.rig, q, motion, until_s, 3):
+        return None
+    target = side, part, aim.skin.taxel_ids[aim.taxel]
+    return Encounter(number, condition, *target, stimulus, aim.radius_m, aim.speed_m_s, motion, seconds, contact_s, q)
 
 
 def start_posture(robot: Robot, session: SessionName) -> Array:
@@ -357,7 +345,7 @@ def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
 
     def path(aim: Aim) -> Path:
         speed = aim.speed_m_s
-        target = at_taxel(aim.skin, aim.posture, aim.taxel, aim.radius_m + REACH_M["approach"])
+        target = simulation.at_taxel(aim.skin, aim.posture, aim.taxel, aim.radius_m + REACH_M["approach"])
         visit = make_approach(aim.rng, target, speed)
         ahead = (visit.end - visit.start) / np.linalg.norm(visit.end - visit.start)
         end = visit.end + end_m * ahead
@@ -372,7 +360,7 @@ def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
 
 
 def _recede(aim: Aim) -> Path:
-    target = at_taxel(aim.skin, aim.posture, aim.taxel, aim.radius_m + REACH_M["recede"])
+    target = simulation.at_taxel(aim.skin, aim.posture, aim.taxel, aim.radius_m + REACH_M["recede"])
     visit = make_approach(aim.rng, target, aim.speed_m_s)
     return Recede(visit.end, visit.start, aim.speed_m_s), visit.contact_s + 0.5, np.inf
 
@@ -385,7 +373,7 @@ def _rest(rest_m: tuple[float, float]) -> DrawPath:
         distance = aim.radius_m + aim.rng.uniform(*rest_m)
         away = in_cap(aim.rng, normals[aim.taxel])
         start = positions[aim.taxel] + (distance + START_M[1]) * away
-        end = first_contact(start, positions[aim.taxel], positions, distance)
+        end = simulation.first_contact(start, positions[aim.taxel], positions, distance)
         return Recede(end - 0.05 * away, end, aim.speed_m_s), _REST_S, np.inf
 
     return path

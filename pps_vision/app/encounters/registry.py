@@ -14,21 +14,8 @@ from control.arm import ArmParams, KeepIn
 from control.limits import MAX_HOLD_S
 from learning.pps.memory import PPSMemory
 from learning.pps.receptive_field import CONE, NEAR, ReceptiveField
-from pps_vision.app.encounters.controllers import (
-    RADIUS_M,
-    SPEED_M_S,
-    ArmScene,
-    Controller,
-    ControllerParams,
-    HomeReturn,
-    at_rest,
-    gated,
-    geometry_only,
-    on_arm,
-    ours,
-    paper,
-    room,
-)
+from pps_vision.app.encounters import controllers
+from pps_vision.app.encounters.controllers import ArmScene, Controller, ControllerParams, HomeReturn
 from pps_vision.app.encounters.training import Memories, MemoryName
 from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture
@@ -62,14 +49,14 @@ def taxel_constraints(scene: ArmScene, numbers: ControllerParams) -> Controller:
         _, normals = scene.skin.at(posture)
         outwards = np.einsum("ndk,nd->nk", scene.skin.jacobians(posture, scene.arm), normals)
         margin = (threshold - activations) / threshold
-        most = SPEED_M_S * np.clip(np.where(margin < 0, numbers["gain"] * margin, margin), -1.0, 1.0)
+        most = controllers.SPEED_M_S * np.clip(np.where(margin < 0, numbers["gain"] * margin, margin), -1.0, 1.0)
         distance, parting = scene.self_collision.parting(posture.q_rad, arm.near_m, scene.arm)
-        sphere = KeepIn(scene.palm, scene.palm_home, RADIUS_M)
+        sphere = KeepIn(scene.palm, scene.palm_home, controllers.RADIUS_M)
         out, out_m_s = sphere.row(posture, scene.arm)
         rows = np.vstack([outwards, -parting, out])
         limits = np.concatenate([most, (distance - arm.clearance_m) / MAX_HOLD_S, [out_m_s]])
-        rates = nearest_rates(pull[scene.arm], room(scene, posture), rows, limits)
-        return on_arm(scene, np.where(np.abs(rates) < 1e-6, 0.0, rates))
+        rates = nearest_rates(pull[scene.arm], controllers.room(scene, posture), rows, limits)
+        return controllers.on_arm(scene, np.where(np.abs(rates) < 1e-6, 0.0, rates))
 
     return act
 
@@ -115,13 +102,13 @@ TUNED: dict[str, ControllerParams] = {
 }
 """Parameters of the baselines: the best of the part `tuning` of `bench encounters`."""
 CONTROLLERS = {
-    OURS: Entry(ours),
-    ONE: Entry(ours, "constant"),
-    ONE_GATED: Entry(gated, "constant"),
-    GEOMETRY: Entry(partial(geometry_only, numbers=TUNED[GEOMETRY]), "constant"),
-    "R eq. 6": Entry(partial(paper, numbers=TUNED["R eq. 6"]), "of_both"),
+    OURS: Entry(controllers.ours),
+    ONE: Entry(controllers.ours, "constant"),
+    ONE_GATED: Entry(controllers.gated, "constant"),
+    GEOMETRY: Entry(partial(controllers.geometry_only, numbers=TUNED[GEOMETRY]), "constant"),
+    "R eq. 6": Entry(partial(controllers.paper, numbers=TUNED["R eq. 6"]), "of_both"),
     "taxel constraints": Entry(partial(taxel_constraints, numbers=TUNED["taxel constraints"]), "of_both"),
-    NONE: Entry(at_rest),
+    NONE: Entry(controllers.at_rest),
 }
 """The controllers of the command; the studies have more."""
 

@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from learning.pps.joint_offsets import TouchTrial, verified_offsets
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
@@ -123,11 +122,6 @@ class MiscalibratedRobot:
             mean = np.array([at, (after - before) / (2 * H_S), *track.mean[2:]])
             seen[k] = replace(track, mean=mean) if np.isfinite(mean).all() else Track3D.unknown(track.stamp_s)
         return seen
-
-    def calibrated_where_verified(self, observed: Sequence[TouchTrial]) -> "MiscalibratedRobot":
-        """Return the robot with its encoder offsets corrected if held-out touches clearly confirm the correction."""
-        offsets = verified_offsets(self.model, self.rig, self.skin, observed).offsets_rad
-        return replace(self, joint_offsets_rad=self.joint_offsets_rad + offsets)
 
     def triangulate(self, points: Array, q_true: Array, q: Array) -> Array:
         """Return points (k, 3), projected by the true cameras and triangulated with the assumed ones; NaN if

@@ -1,12 +1,13 @@
 """PPS memories learned without rendering, from as many approaches as R's robot had of each body part."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from learning.pps import learner
-from learning.pps.joint_offsets import TouchTrial
+from learning.pps.joint_offsets import TouchTrial, verified_offsets
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.receptive_field import CONE, NEAR, ReceptiveField
@@ -123,7 +124,8 @@ def calibrate(trials: Iterable[Trial], robot: MiscalibratedRobot, rng: np.random
         touched = touched_taxels(taxels, encounter.motion(seen.stamp_s)[0], encounter.radius_m)
         if seen.is_known and touched.any():
             observed.append(TouchTrial.at_touch(seen, encounter.q_rad + reading, touched))
-    return robot.calibrated_where_verified(observed)
+    offsets_rad = verified_offsets(robot.model, robot.rig, robot.skin, observed).offsets_rad
+    return replace(robot, joint_offsets_rad=robot.joint_offsets_rad + offsets_rad)
 
 
 def events_of(

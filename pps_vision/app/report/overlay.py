@@ -1,6 +1,7 @@
 """Overlay of the track on the eyes' images, and video files."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from fractions import Fraction
 from pathlib import Path
 
@@ -25,7 +26,7 @@ _SMALL = 960  # width (px) of images that are shown twice as large
 _SHIFT = 4  # cv2 draws at 1/16 px
 
 
-class VideoFile:
+class VideoFile(AbstractContextManager["VideoFile"]):
     """An .mp4 (H.264, which every browser plays), written as images come; no image, no file."""
 
     def __init__(self, path: Path, fps: float) -> None:
@@ -33,9 +34,6 @@ class VideoFile:
         self._rate = Fraction(fps).limit_denominator(1000)
         self._file: av.container.OutputContainer | None = None
         self._stream: av.VideoStream | None = None
-
-    def __enter__(self) -> "VideoFile":
-        return self
 
     def add(self, image: Image) -> None:
         """Append an RGB image; all have the first one's size, cut to even numbers."""

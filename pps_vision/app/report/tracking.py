@@ -14,18 +14,9 @@ from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.report import page
 from pps_vision.app.report.colors import track_hex
 from pps_vision.app.report.path3d import PATH_SCRIPT, distance_and_ttc_of_origin, path3d
-from pps_vision.app.results import BatchSummary, TrackNumbers, TrackSummary, read_result, read_track_summary
+from pps_vision.app.results import BatchSummary, TrackSummary, read_result, read_track_summary
 from pps_vision.errors import InputError
-from pps_vision.recordings import BATCH, KEY_FRAMES, REPORT, SUMMARY
-from pps_vision.recordings.tables import (
-    ACTIVATION,
-    COVARIANCE,
-    attended_rows,
-    column_names,
-    covariances,
-    numbers,
-    read_table,
-)
+from pps_vision.recordings import BATCH, KEY_FRAMES, REPORT, SUMMARY, tables
 from pps_vision.recordings.yarp_text import STAMP_LIMIT_S
 from pps_vision.types import Array, Mask, Status
 
@@ -79,7 +70,7 @@ def report_folder(folder: Path) -> str:
     if not (folder / BATCH).is_file():
         write_report(folder)
         return _measured(read_track_summary(folder))
-    rows = [row for _, row in read_table(folder / BATCH, ["name", "status"], exact=True)]
+    rows = [row for _, row in tables.read_table(folder / BATCH, ["name", "status"], exact=True)]
     tracked = [name for name, status in rows if status == "done"]
     for name in tracked:
         write_report(folder / name)
@@ -90,10 +81,10 @@ def report_folder(folder: Path) -> str:
 def _read_tracked(folder: Path, source: Path) -> Tracked:
     """Read what `track` has written, and the truth from the recording's folder `source`."""
     file = folder / "trajectory.csv"
-    with_map = ["reach_degree"] if "reach_degree" in column_names(file) else []
-    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map, "track_id"]
-    all_rows = read_table(file, [*columns, "status"])
-    rows = attended_rows(all_rows)
+    with_map = ["reach_degree"] if "reach_degree" in tables.column_names(file) else []
+    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *tables.COVARIANCE, *with_map, "track_id"]
+    all_rows = tables.read_table(file, [*columns, "status"])
+    rows = tables.attended_rows(all_rows)
     if not rows:
         raise InputError(file, "has no rows; expected one for each pair of images")
     all_values = _numbers(file, all_rows, len(columns))
@@ -104,9 +95,9 @@ def _read_tracked(folder: Path, source: Path) -> Tracked:
     ids = np.nan_to_num(all_values[:, -1]).astype(int)
     values = all_values[is_first]
     activation: dict[str, Array] = {}
-    if (skin := folder / ACTIVATION).is_file():
-        taxels = column_names(skin)[1:]
-        activations = _numbers(skin, read_table(skin, taxels), len(taxels))
+    if (skin := folder / tables.ACTIVATION).is_file():
+        taxels = tables.column_names(skin)[1:]
+        activations = _numbers(skin, tables.read_table(skin, taxels), len(taxels))
         if len(activations) != len(rows):
             raise InputError(skin, f"{len(activations)} rows; expected the {len(rows)} of trajectory.csv")
         activation = dict(zip(taxels, activations.T, strict=True))
@@ -114,12 +105,12 @@ def _read_tracked(folder: Path, source: Path) -> Tracked:
     return Tracked(
         stamps_s=values[:, 0],
         position=values[:, 1:4],
-        cov=covariances(values[:, 7:13]),
+        cov=tables.covariances(values[:, 7:13]),
         status=np.array([row[-1] for _, row in rows]),
         paths=_paths(all_values[:, :7], ids, is_first),
         reach=values[:, 13] if with_map else None,
         activation=activation,
-        truth=_numbers(true, read_table(true, ["stamp_s", "x_m", "y_m", "z_m"]) if true.is_file() else [], 4),
+        truth=_numbers(true, tables.read_table(true, ["stamp_s", "x_m", "y_m", "z_m"]) if true.is_file() else [], 4),
     )
 
 
@@ -133,20 +124,17 @@ def _paths(values: Array, ids: NDArray[np.int_], is_first: Mask) -> dict[int, Tr
     paths = {}
     for rows in np.split(order, np.flatnonzero(np.diff(ids[order])) + 1):
         if len(rows):
-            begin = pair[rows[0]]
-            at = pair[rows] - begin
-            path = TrackPath(
-                stamps_s[begin:][: at[-1] + 1], np.full((at[-1] + 1, 6), np.nan), np.zeros(at[-1] + 1, bool)
-            )
-            path.state[at] = values[rows, 1:]
-            path.is_attended[at] = is_first[rows]
+            begin, n = pair[rows[0]], np.ptp(pair[rows]) + 1
+            path = TrackPath(stamps_s[begin : begin + n], np.full((n, 6), np.nan), np.zeros(n, bool))
+            path.state[pair[rows] - begin] = values[rows, 1:]
+            path.is_attended[pair[rows] - begin] = is_first[rows]
             paths[int(ids[rows[0]])] = path
     return paths
 
 
 def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array:
     """(rows, n) the first n numbers of each row, NaN for an empty field."""
-    return np.reshape([numbers(file, line, row[:n]) for line, row in rows], (len(rows), n))
+    return np.reshape([tables.numbers(file, line, row[:n]) for line, row in rows], (len(rows), n))
 
 
 def _warnings_of(summary: TrackSummary) -> list[str]:
@@ -167,10 +155,6 @@ def _warnings_of(summary: TrackSummary) -> list[str]:
     return warnings
 
 
-def _opening(warnings: Sequence[str]) -> Markup:
-    return page.fragment(_WARNINGS, warnings=warnings)
-
-
 def write_report(folder: Path) -> None:
     """Write report.html into the folder of a tracked recording; InputError if it is none."""
     summary = read_track_summary(folder)
@@ -187,15 +171,15 @@ def write_report(folder: Path) -> None:
             thin.append((track_hex(track_id), position))
     known = tracked.position[is_finite], tracked.cov[is_finite]
     path = path3d([*thick, *thin, *truth] or [("#777", tracked.position)], *known, len(thick))
-    over_the_body = (
-        "Activation over the body",
-        "For every taxel the probability that what approaches will touch it; above 0.4 the arm moves away.",
-        page.image(_over_the_body(tracked)) if tracked.activation else "",
-    )
+    header = ["stage", "median", "lower quartile", "upper quartile", "runs"]
+    times = [
+        [stage, *map(_text, (ms["median_ms"], ms["q25_ms"], ms["q75_ms"], ms["runs"]))]
+        for stage, ms in summary["ms_per_pair"].items()
+    ]
     shown = ("mode", "seed", "device", "smoothed", "map", "memory")
     settings = {key: value for key, value in summary.items() if key in shown}
     sections = [
-        *(("Images", "", images) for images in [_images(folder)] if images),
+        ("Images", "", _images(folder)),
         (
             "Tracks in the images",
             "Centres of the detections, each track in its colour.",
@@ -215,9 +199,13 @@ def write_report(folder: Path) -> None:
             "reachability of the attended object (reachable from 0.5 on).",
             page.image(_over_time(tracked)),
         ),
-        *([over_the_body] if tracked.activation else []),
+        (
+            "Activation over the body",
+            "For every taxel the probability that what approaches will touch it; above 0.4 the arm moves away.",
+            page.image(_over_the_body(tracked)) if tracked.activation else "",
+        ),
         ("Numbers", "", _numbers_table(summary)),
-        ("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
+        ("Time for each stage of a pair", "Milliseconds on this machine.", page.table(header, times)),
         ("To repeat it", "", _repeat(summary.get("command", ""), settings | summary.get("versions", {}))),
     ]
     warnings = _warnings_of(summary)
@@ -225,9 +213,11 @@ def write_report(folder: Path) -> None:
         _ANSWERS,
         worked=_worked(summary),
         exact=_exact(summary, tracked.cov[is_finite]),
-        warnings=_opening(warnings) if warnings else _UNNOTICED,
+        warnings=page.fragment(_WARNINGS, warnings=warnings) if warnings else _UNNOTICED,
     )
-    page.write_page(folder, summary["source"], "", answers, sections, PATH_SCRIPT)
+    page.write_page(
+        folder, summary["source"], "", answers, [section for section in sections if section[2]], PATH_SCRIPT
+    )
 
 
 def _worked(summary: TrackSummary) -> str:
@@ -272,7 +262,7 @@ def _images(folder: Path) -> Markup:
 
 def _image_tracks(folder: Path, tracked: Tracked) -> Markup:
     file = folder / "detections.csv"
-    rows = read_table(file, ["u_px", "v_px", "track_id", "camera"])
+    rows = tables.read_table(file, ["u_px", "v_px", "track_id", "camera"])
     if not rows:
         return Markup("<p>Nothing was detected.</p>")
     values = _numbers(file, rows, 3)
@@ -356,7 +346,9 @@ def _numbers_table(summary: TrackSummary) -> Markup:
     rows = [["pairs " + key, _text(value)] for key, value in summary["status"].items()]
     rows += [[key, _text(value)] for key, value in summary.get("errors", {}).items()]
     if len(tracks := summary.get("tracks", [])) > 1:
-        rows += [[f"track {item['track_id']}: pairs, attended", _pairs(item)] for item in tracks]
+        for item in tracks:
+            pairs = item["tracking"] + item["coasting"]
+            rows.append([f"track {item['track_id']}: pairs, attended", f"{pairs}, {item['attended']}"])
     for item in tracks:
         for side, check in item.get("reprojection", {}).items():
             name = f"{item.get('name')}: {side} image, beside the prediction"
@@ -371,18 +363,6 @@ def _numbers_table(summary: TrackSummary) -> Markup:
     return page.table(["", "value"], rows)
 
 
-def _pairs(item: TrackNumbers) -> str:
-    return f"{item['tracking'] + item['coasting']}, {item['attended']}"
-
-
-def _times(summary: TrackSummary) -> Markup:
-    rows = [
-        [stage, *(_text(value) for value in (times["median_ms"], times["q25_ms"], times["q75_ms"], times["runs"]))]
-        for stage, times in summary["ms_per_pair"].items()
-    ]
-    return page.table(["stage", "median", "lower quartile", "upper quartile", "runs"], rows)
-
-
 def _repeat(command: str, settings: Mapping[str, object]) -> Markup:
     rows = [[key, _text(value)] for key, value in settings.items()]
     return page.fragment("<pre>{{ text }}</pre>", text=command) + page.table(["setting or package", "value"], rows)
@@ -394,9 +374,10 @@ def write_batch_report(folder: Path) -> None:
     file = folder / BATCH
     columns = tuple(TRACK_TABLE)
     rows = []
-    for line, fields in read_table(file, columns, exact=True):
-        rows.append(dict(zip(columns, fields, strict=True)))
-        numbers(file, line, [rows[-1][column] for column in columns if TRACK_TABLE[column] is not str])  # or InputError
+    for line, fields in tables.read_table(file, columns, exact=True):
+        row = dict(zip(columns, fields, strict=True))
+        tables.numbers(file, line, [row[column] for column in columns if TRACK_TABLE[column] is not str])
+        rows.append(row)
     failed = [row for row in rows if row["status"] == "failed"]
     warned = [f"{row['name']} failed: {row['reason']}" for row in failed]
     for row in rows:
@@ -407,18 +388,13 @@ def write_batch_report(folder: Path) -> None:
         ("Recordings", "", _batch_table(folder, rows, columns)),
         ("Tracked share and time", text, page.image(_batch_figure(rows))),
     ]
-    if (folder / SUMMARY).is_file():
-        sections.append(("To repeat it", "", _repeat_batch(folder / SUMMARY)))
+    if (file := folder / SUMMARY).is_file():
+        batch = read_result(file, BatchSummary, "the summary of a batch")
+        settings = {key: value for key, value in batch["settings"].items() if value not in (None, [])}
+        settings |= {"started": batch["started"], "seconds": batch["seconds"], **batch["versions"]}
+        sections.append(("To repeat it", "", _repeat(batch["command"], settings)))
     lead = f"{len(rows) - len(failed)} of {len(rows)} tracked"
-    page.write_page(folder, f"Batch {folder.name}", lead, _opening(warned), sections)
-
-
-def _repeat_batch(file: Path) -> Markup:
-    """Command, settings, time and versions of the last run of a batch."""
-    summary = read_result(file, BatchSummary, "the summary of a batch")
-    settings = {key: value for key, value in summary["settings"].items() if value not in (None, [])}
-    settings |= {"started": summary["started"], "seconds": summary["seconds"]}
-    return _repeat(summary["command"], settings | summary["versions"])
+    page.write_page(folder, f"Batch {folder.name}", lead, page.fragment(_WARNINGS, warnings=warned), sections)
 
 
 def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:

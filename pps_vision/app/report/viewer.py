@@ -11,6 +11,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from scipy.spatial.transform import Rotation
@@ -26,7 +27,7 @@ _JPEG_QUALITY = 75  # OpenCV's is 95, at three times the size
 _GREY = (119, 119, 119)
 
 
-class ViewFile:
+class ViewFile(AbstractContextManager["ViewFile"]):
     """An .rrd file, written as frames come.  Nothing is sent anywhere, and no viewer is started."""
 
     def __init__(self, path: Path) -> None:
@@ -39,9 +40,6 @@ class ViewFile:
         self._recording.save(path)
         self._paths: defaultdict[int, list[list[Array]]] = defaultdict(list)  # parts of each track's path
         self._known: set[int] = set()  # tracks known in the last pair
-
-    def __enter__(self) -> "ViewFile":
-        return self
 
     def add(self, frame: StereoFrame, step: TrackerStep) -> None:
         """Append a stereo pair and its tracking result."""
