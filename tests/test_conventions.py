@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
-MUTABLE = {"controllers.py": {"HomeReturn"}, "renderer.py": {"Node"}}
+MUTABLE = {"registry.py": {"HomeReturn"}, "renderer.py": {"Node"}}
 """Dataclasses that a reader, a renderer or an encounter works on, and hands to nobody."""
 
 

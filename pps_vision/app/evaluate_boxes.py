@@ -24,10 +24,8 @@ from pps_vision.types import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OVERLAPS = np.linspace(0, 1, 21)
-"""Thresholds of the success curve."""
-DISTANCES_PX = np.arange(51)
-"""Thresholds of the precision curve."""
+OVERLAPS = np.linspace(0, 1, 21)  # thresholds of the success curve
+DISTANCES_PX = np.arange(51)  # thresholds of the precision curve
 _MATCHED = 0.5  # least overlap of a match in MOTChallenge
 _EXPECTED = "frame,x,y,w,h,score; MOTChallenge's rows; or a row of 4 (x, y, w, h) or 8 (polygon) numbers; frames from 1"
 
@@ -60,11 +58,8 @@ def read_boxes(file: Path, first_px: int | None = None) -> Boxes:
     """Read boxes.csv, MOTChallenge's rows, or a true box a row as OTB and VOT write them; frames count from 1.
 
     A row of NaN or of a box without area is a frame without a box.  InputError for a row that cannot be read.
-
-    Args:
-        file: The file.
-        first_px: Coordinate of the first pixel's corner in rows without a header; by default 1 for MOTChallenge and
-            rows of four numbers (OTB and LaSOT were annotated in Matlab), 0 for polygons (VOT's TraX protocol).
+    `first_px`: coordinate of the first pixel's corner in rows without a header; by default 1 for MOTChallenge and rows
+    of four numbers (OTB and LaSOT were annotated in Matlab), 0 for polygons (VOT's TraX protocol).
     """
     frames: dict[int, dict[int, Array]] = defaultdict(dict)
     if column_names(file) == list(BOXES):

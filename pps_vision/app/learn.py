@@ -1,5 +1,5 @@
 """Learn from recordings in which the skin is touched: PPS maps (`pps_vision.learn`), encoders, places of taxels and of
-a tool in the hand."""
+a tool in the hand; and from motor babbling, in which the eyes see the hand."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -11,19 +11,25 @@ from learning.pps.body import LearnedBody, learned_body
 from learning.pps.joint_offsets import TouchTrial
 from learning.pps.memory import PPSMemory
 from learning.pps.tool import with_tool
+from learning.reach.babbling import SeenHand
+from learning.reach.forward_model import N_JOINTS
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.progress import progress
-from pps_vision.app.track import tracker_for, tracker_params
+from pps_vision.app.track import TrackedRecording, tracker_for, tracker_params
 from pps_vision.errors import InputError, expect_kinds
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording, Touch
+from pps_vision.robot.gaze import GazeModel
 from pps_vision.robot.icub import icub_setup
+from pps_vision.robot.model import Robot
 from pps_vision.robot.robot_setup import RobotSetup
 from pps_vision.robot.skin import Skin
-from pps_vision.types import Mask
+from pps_vision.types import Array, Mask, Observation3D
 from tracking import Mode
 
 _MAX_TOUCH_AGE_S = 0.06  # the skin reports every 0.02 to 0.05 s
+_FEWEST = 200  # postures, for the 81 coefficients of a coordinate
+_REST_RAD = np.deg2rad(1.0)  # largest motion of a joint at rest
 
 
 @dataclass(frozen=True)
@@ -134,3 +140,31 @@ def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin) -> Mask:
     if latest < 0 or stamp_s - stamps[latest] > _MAX_TOUCH_AGE_S:
         return np.zeros(len(skin.taxel_ids), dtype=bool)
     return np.isin(skin.taxel_ids, touches[latest].taxel_ids)
+
+
+def seen_hand(recordings: Iterable[Recording], robot: Robot, side: str, mode: Mode, seed: int = 0) -> SeenHand:
+    """Return the postures of an arm with the positions at which both eyes saw its hand: the moving object, or marker.
+
+    By the model of the `robot` the images become positions, here as where the map is used.  InputError if a recording
+    is not of a robot, joints of the arm beyond the fourth move, or the hand is seen in fewer than 200 frames.
+    """
+    seen: list[tuple[Array, Observation3D]] = []
+    n = 0
+    for recording in recordings:
+        n += len(recording)
+        for _, frame, step in TrackedRecording(recording, tracker_params(mode, objects=1), seed).numbered():
+            if frame.joints_left_rad is None or frame.joints_right_rad is None:
+                raise InputError(recording.name, "has no joints; expected the recording of a robot")
+            if step.observation is not None:
+                seen.append((0.5 * (frame.joints_left_rad + frame.joints_right_rad), step.observation))
+    if len(seen) < _FEWEST:
+        raise InputError("reach train", f"the hand is seen in {len(seen)} of {n} frames; expected {_FEWEST} or more")
+    q = np.array([joints for joints, _ in seen])
+    names = robot.names.arm(side)
+    others = [name for name in names[N_JOINTS:] if np.ptp(q[:, robot.indices((name,))]) > _REST_RAD]
+    if len(names) < N_JOINTS or others:
+        problem = f"the {side} arm moves {', '.join(names[:N_JOINTS] + tuple(others))}"
+        raise InputError("reach train", f"{problem}; expected {N_JOINTS} joints, those beyond at rest")
+    positions, covs = (np.array([getattr(o, name) for _, o in seen]) for name in ("p_root", "cov_root"))
+    upright = GazeModel(robot).to_upright(q, positions)
+    return SeenHand(q[:, robot.indices(names[:N_JOINTS])], upright, covs)

@@ -370,9 +370,8 @@ class Pipeline:
             return None, still
         arm = self._hands[inputs.hand]
         if leaning is None:
-            if inputs.is_reachable or not (
-                inputs.is_felt or self._state.attempt.missed
-            ):  # without a track nothing is felt
+            is_wanted = inputs.is_felt or self._state.attempt.missed  # without a track nothing is felt
+            if inputs.is_reachable or not is_wanted:
                 return None, still
             leaning = _Leaning(inputs.posture.q_rad[torso])
         elif not track.is_known or inputs.touched[arm.on_arm].any():
@@ -509,14 +508,8 @@ class TrackActivation:
 
 
 def attend(tracking: TrackerStep, highest: Mapping[int, float], last_id: int, margin: float) -> TrackerStep:
-    """The step of the most activated object, with the others; as the tracker says if none is activated.
-
-    Args:
-        tracking: The tracker's step.
-        highest: Highest activation of any taxel, by track.
-        last_id: The track attended in the last frame.
-        margin: `PipelineParams.attention_margin`.
-    """
+    """The step of the object with the `highest` activation of any taxel, with the others; as the tracker says if none
+    is activated.  `last_id`: the track attended in the last frame; `margin`: `PipelineParams.attention_margin`."""
     steps = tracking, *tracking.others
     present = {step.track.track_id: highest.get(step.track.track_id, 0.0) for step in steps if step.track.is_known}
     chosen_id = most_activated(present, last_id, margin)

@@ -191,17 +191,10 @@ def triangulate_points(params: PointParams, view: StereoView, points: Pairs, noi
 def follow_points(
     params: PointParams, centers: Array, stamps_s: Array, points: Positions, correlated_share: float
 ) -> list[FilterStep | None]:
-    """Run the filter over the positions of one point.
+    """Run the filter over the positions of one point at rising stamps (n,), seen from the cameras' centres (2, 3) m.
 
     Returns a step for each stamp, None where the point is unknown.  A position that is no outlier is that of a step
-    whose belief was updated at its stamp.
-
-    Args:
-        params: Parameters.
-        centers: (2, 3) m of the cameras.
-        stamps_s: (n,) rising stamps.
-        points: Positions at the stamps.
-        correlated_share: Share of the covariances that is correlated from image to image.
+    whose belief was updated at its stamp.  `correlated_share`: of the covariances, from image to image.
     """
     known = np.flatnonzero(np.isfinite(points.position[:, 0])).tolist()
     if not known:

@@ -2,25 +2,13 @@
 
 import sys
 from collections.abc import Iterable
+from types import SimpleNamespace
 from typing import Any
 
 from tqdm import tqdm
 
 _EVERY_S = 10.0  # between two lines of a log
 _LINE = "{desc}: {n_fmt} of {total_fmt} after {elapsed}"
-
-
-class _Log:
-    """Standard error as tqdm's file: every update becomes a new line."""
-
-    def write(self, text: str) -> None:
-        """Write the text as a line, unless it only erases one."""
-        if line := text.strip():
-            print(line, file=sys.stderr)
-
-    def flush(self) -> None:
-        """Flush standard error."""
-        sys.stderr.flush()
 
 
 def progress(
@@ -37,5 +25,12 @@ def progress(
     """
     if sys.stderr.isatty():
         return tqdm(items, desc, total, unit=unit)
-    as_lines: dict[str, Any] = {"file": _Log(), "bar_format": _LINE, "leave": False}
-    return tqdm(items, desc, total, mininterval=_EVERY_S, miniters=1, delay=after_s, **as_lines)
+    lines = SimpleNamespace(write=_write_line, flush=lambda: sys.stderr.flush())
+    log: dict[str, Any] = {"file": lines, "bar_format": _LINE, "leave": False}
+    return tqdm(items, desc, total, mininterval=_EVERY_S, miniters=1, delay=after_s, **log)
+
+
+def _write_line(text: str) -> None:
+    """Write a text of tqdm's as a new line, unless it only erases one."""
+    if line := text.strip():
+        print(line, file=sys.stderr)

@@ -34,7 +34,6 @@ from rendering.stimulus_file import load_stimulus
 
 _SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own motion
 _SWAY_HZ = np.array([0.31, 0.23])
-
 _LARGEST_M = 0.3  # radius of an object that fits into the view
 
 
@@ -68,14 +67,8 @@ def write_recording(
 ) -> int:
     """Render the states at their stamps into a recording; return the number of pairs with a touch.
 
-    Args:
-        out: Folder to write; InputError unless it is new or empty.
-        setup: The robot.
-        eyes: Its renderer.
-        states: Stamp and state of each pair.
-        rng: Source of the sensor's noise.
-        skin: What feels the object; None: nothing does.
-        options: How it was made, for summary.json.
+    `rng`: of the sensor's noise; `skin`: what feels the object, if anything; `options`: how it was made, for
+    summary.json.  InputError unless `out` is new or empty.
     """
     touches = 0
     with YarpWriter(out, setup) as writer:

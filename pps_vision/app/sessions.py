@@ -36,9 +36,7 @@ from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus
 
 AIMED: dict[SessionName, tuple[str, tuple[int, ...]]] = {
-    "motor": ("left_forearm", INNER_FOREARM),
-    "visual": ("left_forearm", INNER_FOREARM),
-    "inner": ("left_forearm", INNER_FOREARM),
+    **dict.fromkeys(("motor", "visual", "inner"), ("left_forearm", INNER_FOREARM)),
     "outer": ("left_forearm", OUTER_FOREARM),
     "palm": ("right_palm", (101, 103, 118, 137)),
 }
@@ -104,9 +102,8 @@ def _approach(session: SessionName, k: int, seed: int) -> Movement:
             rotation = Rotation.random(random_state=rng).as_matrix()
             joints = np.tile(gaze_at(robot, q, path[0]), (len(stamps), 1))
             return Movement(stimulus, rotation, _true_trial(stamps, joints, path, velocities, touched, radius))
-    raise ValueError(
-        f"no approach to {skin.taxel_ids[aimed]} stays in view of both eyes; expected a taxel that its posture shows"
-    )
+    problem = f"no approach to {skin.taxel_ids[aimed]} stays in view of both eyes"
+    raise ValueError(f"{problem}; expected a taxel that its posture shows")
 
 
 def _double_touches(session: SessionName, seed: int) -> Iterator[Movement]:

@@ -38,14 +38,12 @@ from tracking.tracker import Tracker, TrackerParams
 
 Kind = Literal["approach", "recede", "static", "own_arm", "near_miss"]
 Side = Literal["left", "right"]
-OwnMotion = Literal["", "arm", "head"]
-"""Body part that moves independently of the commands."""
+OwnMotion = Literal["", "arm", "head"]  # body part that moves independently of the commands
 Policy = Callable[[StereoFrame, Mask], PipelineStep]
 """Turns a frame and the touched taxels (n,) into a command; `Pipeline.step` is one."""
 
 PERIOD_S = 0.05
-SPEED_M_S = (0.05, 0.15)
-"""Range of the speeds of training approaches."""
+SPEED_M_S = (0.05, 0.15)  # range of the speeds of training approaches
 _TRAINED_WITH: tuple[StimulusName, ...] = ("ball", "cube")
 REACH_M = {"approach": TOUCH_RADIUS_M - 0.003, "recede": TOUCH_RADIUS_M + 0.010}
 """Smallest distance from the object's surface to the nearest taxel's centre: an approach touches, a receding object

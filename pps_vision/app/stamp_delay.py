@@ -40,24 +40,15 @@ _INTERPOLATION = 0.0005  # error of interpolation, frames (simulated, seeds 100 
 class ClockParams:
     """Search range and tests of observability."""
 
-    range_s: float = 1.0
-    """Largest delay, either way."""
-    gate_sigma: float = 3.5
-    """Residuals further out are outliers."""
-    gap_frames: float = 1.6
-    """Longest interval between samples, in median intervals, across which is interpolated."""
-    fewest: int = 30
-    """Pairs that are needed."""
-    signal: float = 4.0
-    """Least ratio of the variance of the rate across the epipolar lines and that of its noise."""
-    ambiguity: float = 1.5
-    """Least ratio of the residuals at the next best delay and at the best."""
-    most_std_frames: float = 0.1
-    """Largest standard error of a delay, in frames."""
-    drift_std: float = 1e-3
-    """Prior standard deviation of the drift."""
-    calibration_px: float = 1.0
-    """Prior standard deviation of the change of the calibration's error over the points' standard deviation."""
+    range_s: float = 1.0  # largest delay, either way
+    gate_sigma: float = 3.5  # residuals further out are outliers
+    gap_frames: float = 1.6  # longest interval between samples, in median intervals, across which is interpolated
+    fewest: int = 30  # pairs that are needed
+    signal: float = 4.0  # least ratio of the variance of the rate across the epipolar lines and that of its noise
+    ambiguity: float = 1.5  # least ratio of the residuals at the next best delay and at the best
+    most_std_frames: float = 0.1  # largest standard error of a delay, in frames
+    drift_std: float = 1e-3  # prior standard deviation of the drift
+    calibration_px: float = 1.0  # prior σ of the change of the calibration's error over the points' σ
 
     def __post_init__(self) -> None:
         expect_positive("clock", self)
@@ -115,14 +106,10 @@ class Delay(NamedTuple):
 
 
 def estimate_delay(params: ClockParams, view: StereoView, points: Sequence[tuple[PointPath, PointPath]]) -> Delay:
-    """Return the delay of the right camera's stamps behind the left one's, of fixed cameras.
+    """Return the delay of the right camera's stamps behind the left one's, of fixed cameras, by the left and the right
+    path of each point.
 
     Where the delays of successive parts differ by half a frame or more, it is not one delay: images are missing.
-
-    Args:
-        params: Parameters.
-        view: The cameras.
-        points: The left and the right path of each point.
     """
     whole = _camera_delay(params, view, points)
     stamps = np.sort(np.concatenate([left.stamps_s for left, _ in points])) if points else np.zeros(0)

@@ -27,8 +27,7 @@ from tracking.tracker import Tracker, TrackerParams, TrackerStep
 if TYPE_CHECKING:
     import torch
 
-OBJECTS = range(1, 5)
-"""Numbers of objects that can be followed at a time."""
+OBJECTS = range(1, 5)  # numbers of objects that can be followed at a time
 _BATCH_PAIRS = 16  # processed together on a device
 T = TypeVar("T")
 

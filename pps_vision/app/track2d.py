@@ -1,5 +1,6 @@
 """Track an object in the images of one camera."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,14 +14,13 @@ from pps_vision.types import Image
 from tracking.particle_filter import ParticleFilterParams
 from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, ScoredTracker, csrt_tracker, nano_tracker
 
-Start = Callable[[Image, Box], BoxTracker]
-"""Starts a tracker of the object in a box of the first image."""
+Start = Callable[[Image, Box], BoxTracker]  # starts a tracker of the object in a box of the first image
 
 
-def start_of(name: str, nano_weights: Path | None, seed: int, report: Callable[[str], None]) -> Start:
+def start_of(name: str, nano_weights: Path | None, seed: int) -> Start:
     """Return the start of a tracker: `colour`, `csrt`, or NanoTrack with weights.
 
-    `report` is called with a warning if the object's colours do not separate it from its surroundings.
+    A warning is printed if the object's colours do not separate it from its surroundings.
     """
     if nano_weights is not None:
         weights = nano_weights
@@ -31,10 +31,9 @@ def start_of(name: str, nano_weights: Path | None, seed: int, report: Callable[[
     def by_color(image: Image, box: Box) -> BoxTracker:
         tracker = ColorTracker(image, box, ParticleFilterParams(), np.random.default_rng(seed))
         if tracker.similarity > MAX_SIMILARITY:
-            report(
-                f"warning: the object's colours and those of its surroundings are alike (similarity "
-                f"{tracker.similarity:.2f} > {MAX_SIMILARITY:g}), so it may be lost; try --tracker csrt"
-            )
+            similarity = f"similarity {tracker.similarity:.2f} > {MAX_SIMILARITY:g}"
+            alike = f"the object's colours and those of its surroundings are alike ({similarity})"
+            print(f"warning: {alike}, so it may be lost; try --tracker csrt", file=sys.stderr)
         return tracker
 
     return by_color

@@ -113,8 +113,8 @@ class TrainMap(RobotOptions):
     def _seen(self, setup: "RobotSetup", side: str) -> "HandModel":
         """The hand as the eyes saw it."""
         from learning.reach.labels import HandModel
+        from pps_vision.app.learn import seen_hand
         from pps_vision.app.progress import progress
-        from pps_vision.app.seen_hand import seen_hand
         from pps_vision.recordings.open import open_recording
 
         recordings = [open_recording(path, robot=setup) for path in self.from_]

@@ -1,6 +1,5 @@
 """`pps-vision track2d`: track an object in the images of one camera."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -42,7 +41,7 @@ class Track2d:
 
         with whole_file(self.out, [self.frames_dir]) as partial:
             sequence = open_frames(self.frames_dir)
-            start = start_of(self.tracker, self.nano_weights, self.seed, lambda line: print(line, file=sys.stderr))
+            start = start_of(self.tracker, self.nano_weights, self.seed)
             rows = track_boxes(sequence, self.init, start)
             boxes = [SeenBox(frame, 1, box, score) for frame, box, score in rows]
             if self.form == "csv":

@@ -19,8 +19,7 @@ from pps_vision.app.intervals import percent_of
 from pps_vision.app.report import page
 from pps_vision.recordings.atomic_write import whole_folder, write_json
 
-SHIPPED = (OURS, ONE, ONE_GATED, GEOMETRY, "R eq. 6", "taxel constraints")
-"""Controllers that the command compares."""
+SHIPPED = (OURS, ONE, ONE_GATED, GEOMETRY, "R eq. 6", "taxel constraints")  # controllers that the command compares
 _SHARES: dict[Condition, float] = {
     **dict.fromkeys(HARMLESS, 0.05),
     **dict.fromkeys(HAZARDS, 0.1),
@@ -63,13 +62,7 @@ def benchmark(
     """Run n encounters, at least one of each kind, with each controller and perception; write encounters.json, a row of
     each, and report.html.
 
-    Args:
-        out: Folder to write.
-        n: Number of encounters.
-        seed: Seed of the encounters and of the skin's training.
-        controllers: Names in the registry, or "MODULE:FUNCTION".
-        workers: Parallel processes.
-        share: Share of R's numbers of training approaches.
+    `controllers`: names in the registry, or "MODULE:FUNCTION"; `share`: of R's numbers of training approaches.
     """
     counts = {condition: max(round(part * n), 1) for condition, part in _SHARES.items()}
     entries = {name: controller(name) for name in controllers}

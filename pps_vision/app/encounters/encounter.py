@@ -29,8 +29,7 @@ from rendering.motions import START_M, Approach, Motion, Recede, in_cap, make_ap
 from rendering.names import StimulusName
 from rendering.stimuli import make_stimulus
 
-Part = str
-"""The iCub's "inner forearm", "outer forearm" or "palm", or a part of another robot's skin."""
+Part = str  # the iCub's "inner forearm", "outer forearm" or "palm", or a part of another robot's skin
 Condition = Literal[
     "stop",
     "press",
@@ -50,16 +49,11 @@ HARMLESS: tuple[Condition, ...] = tuple(c for c in get_args(Condition) if c.star
 OBJECTS: tuple[StimulusName, ...] = ("ball", "cube", "octopus", "marker")
 """The memory is learned from the first two; the others are unseen."""
 SPEED_M_S = (0.05, 0.30)
-PRESS_M = 0.03
-"""How far an object of `press` goes on beyond the would-be contact."""
-BEYOND_M = 0.15
-"""How far an object of `through` goes on."""
-PASS_M = (0.10, 0.20)
-"""Smallest distance from a passing object's surface to a taxel's centre."""
-NEAR_M = (0.05, 0.10)
-"""The same of `harmless_near`."""
-GRAZE_M = (0.005, 0.015)
-"""The same of `graze`: the path is a passing one, the distance one of touch."""
+PRESS_M = 0.03  # how far an object of `press` goes on beyond the would-be contact
+BEYOND_M = 0.15  # how far an object of `through` goes on
+PASS_M = (0.10, 0.20)  # smallest distance from a passing object's surface to a taxel's centre
+NEAR_M = (0.05, 0.10)  # the same of `harmless_near`
+GRAZE_M = (0.005, 0.015)  # the same of `graze`: the path is a passing one, the distance one of touch
 
 SessionName = Literal["motor", "visual", "inner", "outer", "palm"]
 """motor, visual: double touches of the inner left forearm with the right index finger, felt or seen (its marker).
@@ -236,8 +230,7 @@ class Aim(NamedTuple):
     rng: np.random.Generator
 
 
-Path = tuple[Motion, float, float]
-"""A motion, the length of the encounter and the time of the would-be contact."""
+Path = tuple[Motion, float, float]  # a motion, the length of the encounter and the time of the would-be contact
 DrawPath = Callable[[Aim], Path]
 
 

@@ -11,8 +11,8 @@ from learning.pps import learner
 from learning.pps.learner import LearnerState, SkinFrame
 from learning.pps.memory import PPSMemory
 from learning.pps.receptive_field import NEAR, ReceptiveField
-from pps_vision.app.encounters.controllers import ArmScene, Controller
 from pps_vision.app.encounters.encounter import HARMLESS, Encounter, EncounterScene, felt
+from pps_vision.app.encounters.registry import ArmScene, Controller
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.robot.skin import TOUCH_RADIUS_M, touched_taxels
 from pps_vision.types import Array, JointVelocity, Track3D

@@ -18,8 +18,7 @@ from tracking.tracker import TrackerParams
 
 Perception = Literal["truth", "track", "noisy track"]
 """What a controller is given of the object: its exact motion, the tracker's errors, or more."""
-NOISE = 3.0
-"""Factor of the errors of a noisy track."""
+NOISE = 3.0  # factor of the errors of a noisy track
 
 
 class TrackError(NamedTuple):

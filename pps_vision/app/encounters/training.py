@@ -30,8 +30,7 @@ from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
 from pps_vision.robot.skin import touched_taxels
 from pps_vision.types import Array, TaxelEvents, Track3D
 
-BY_DISTANCE = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
-"""A memory that knows D only: that of R's S2 Fig."""
+BY_DISTANCE = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))  # a memory that knows D only: that of R's S2 Fig
 _LEARNED_OBJECTS = 2  # of `OBJECTS`
 _CONTACT_S = 0.7  # after the contact, the object withdraws later
 _TOUCH = approach(REACH_M["approach"])  # until the surface is at a taxel's centre, as in the closed loop's training
@@ -139,13 +138,8 @@ def events_of(
     """Yield what the skin at rest perceives during a trial, until 0.7 s after the touch: as `learner.step`, for all
     frames at once.
 
-    Args:
-        scene: The true one.
-        trial: By eyes without error.
-        robot: A robot that errs, or None.
-        reading: Errors (n_joints,) of its encoders.
-        field: The taxels' receptive field.
-        believed: The scene as a robot without other error takes it to be, and the memory whose skin perceives.
+    `robot`, `reading`: a robot that errs, and the errors (n_joints,) of its encoders; `believed`: the scene as a robot
+    without other error takes it to be, and the memory whose skin perceives.
     """
     encounter, tracks = trial
     tracks = [track for track in tracks if track.stamp_s <= encounter.contact_s + _CONTACT_S]

@@ -52,8 +52,7 @@ _TABLE = """
 {% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table></div>"""
 _TEMPLATES = Environment(autoescape=True, undefined=StrictUndefined)
 
-Section = tuple[str, str, str]
-"""A heading, a text, and an HTML fragment (`Markup`) below it."""
+Section = tuple[str, str, str]  # a heading, a text, and an HTML fragment (`Markup`) below it
 
 
 def fragment(template: str, **values: object) -> Markup:

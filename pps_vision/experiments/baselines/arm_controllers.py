@@ -3,7 +3,7 @@ repulsion."""
 
 import numpy as np
 
-from pps_vision.app.encounters.controllers import (
+from pps_vision.app.encounters.registry import (
     SPEED_M_S,
     ArmScene,
     Controller,

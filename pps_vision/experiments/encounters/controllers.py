@@ -14,7 +14,6 @@ from tqdm import tqdm
 
 from pps_vision.app.encounters import registry
 from pps_vision.app.encounters.benchmark import Rates
-from pps_vision.app.encounters.controllers import Controller, ControllerParams, geometry_only, ours, paper
 from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import (
@@ -25,8 +24,10 @@ from pps_vision.app.encounters.registry import (
     ONE_GATED,
     OURS,
     TRUE,
+    Controller,
+    ControllerParams,
     Entry,
-    taxel_constraints,
+    ours,
 )
 from pps_vision.app.encounters.suite import Rows, tasks_of, track_rng, train
 from pps_vision.app.encounters.tracks import track_of
@@ -58,8 +59,8 @@ Tunable = tuple[Callable[..., Controller], MemoryName, Ranges]
 """A controller (scene, numbers), the memory whose activations it is given, and ranges of its parameters: uniform, the
 logarithm of `gain`."""
 BASELINES: dict[str, Tunable] = {
-    "R eq. 6": (paper, "of_both", _OF_ACTIVATION),
-    "distance only": (paper, "of_distance", _OF_ACTIVATION),
+    "R eq. 6": (registry.paper, "of_both", _OF_ACTIVATION),
+    "distance only": (registry.paper, "of_distance", _OF_ACTIVATION),
     "potential field": (
         potential_field,
         "probability",
@@ -67,7 +68,7 @@ BASELINES: dict[str, Tunable] = {
     ),
     "depth space": (depth_space, "probability", {"range_m": (0.05, 0.3), "aside": (0.0, 1.0)}),
     "taxel constraints": (
-        taxel_constraints,
+        registry.taxel_constraints,
         "of_both",
         {"threshold": (0.2, 0.7), "gain": (0.5, 20.0), "home_per_s": _HOME_PER_S},
     ),
@@ -80,7 +81,7 @@ _OURS_RANGES = {
 }
 _TUNABLE: dict[str, Tunable] = {
     **BASELINES,
-    GEOMETRY: (geometry_only, CONTROLLERS[GEOMETRY].memory, {"margin_m": (0.0, 0.1)}),
+    GEOMETRY: (registry.geometry_only, CONTROLLERS[GEOMETRY].memory, {"margin_m": (0.0, 0.1)}),
     OURS: (ours, CONTROLLERS[OURS].memory, _OURS_RANGES),
 }
 """Controllers of the random search; ours is measured with its defaults."""

@@ -19,10 +19,9 @@ from learning.reach.labels import Labels, ReachOracle, hand_and_params
 from learning.reach.map import ReachableMap, TrackReachability
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import learned_from
-from pps_vision.app.encounters.controllers import RADIUS_M, ArmScene, Controller
 from pps_vision.app.encounters.encounter import Encounter, EncounterScene, Part, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
-from pps_vision.app.encounters.registry import NONE, OURS, TRUE
+from pps_vision.app.encounters.registry import NONE, OURS, RADIUS_M, TRUE, ArmScene, Controller
 from pps_vision.app.encounters.suite import Rows, Task, memories, rows_of_task, scene, track_rng
 from pps_vision.app.encounters.tracks import track_of, true_track_of
 from pps_vision.app.simulation import Side

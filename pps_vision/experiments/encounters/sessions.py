@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from control.arm import ArmParams
 from control.limits import MAX_HOLD_S
-from pps_vision.app.encounters.controllers import RADIUS_M, ours
 from pps_vision.app.encounters.encounter import (
     Aim,
     Condition,
@@ -22,7 +21,7 @@ from pps_vision.app.encounters.encounter import (
     start_posture,
 )
 from pps_vision.app.encounters.kinematic import EncounterResult, FrameLog, simulate_encounter
-from pps_vision.app.encounters.registry import Entry
+from pps_vision.app.encounters.registry import RADIUS_M, Entry, ours
 from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.intervals import percent_of

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.app.encounters.controllers import ArmScene, gated
 from pps_vision.app.encounters.encounter import EncounterScene
+from pps_vision.app.encounters.registry import ArmScene, gated
 from pps_vision.robot.icub import home
 
 BALL_M = 0.035
