@@ -242,7 +242,10 @@ class Pipeline:
         field = params.receptive_field if state.learning.memory.params.knows_path else CONE
         learned, felt = learner.step(field, state.learning, skin)
         hand, reachability, is_reachable = self._choose_hand(posture.q_rad, track)
-        at_effect = self._posture_at_effect(posture, stamp_s)
+        at_effect = posture  # of this frame's command
+        if latency_s := params.latency_s:
+            q_rad = posture_after(posture.q_rad, state.commands, stamp_s, stamp_s + latency_s, latency_s)
+            at_effect = self.robot.at(q_rad)
         is_felt = any(np.any(felt.activation.probability[arm.on_arm] > arm.params.threshold) for arm in self._hands)
         inputs = _ControlInput(at_effect, track, felt, touched, is_reachable, hand, is_felt)
         leaning, torso_command = self._lean(state.leaning, inputs)
@@ -296,13 +299,6 @@ class Pipeline:
     @property
     def _last_command(self) -> JointVelocity | None:
         return self._state.commands[-1] if self._state.commands else None
-
-    def _posture_at_effect(self, posture: Posture, stamp_s: float) -> Posture:
-        """The robot when this frame's command takes effect."""
-        if (latency_s := self.params.latency_s) == 0:
-            return posture
-        commands = self._state.commands
-        return self.robot.at(posture_after(posture.q_rad, commands, stamp_s, stamp_s + latency_s, latency_s))
 
     def _arm(self, params: AvoidanceParams | ReachingParams) -> _Arm:
         n = len(self.robot.names.arm(params.side))
@@ -450,8 +446,10 @@ class Pipeline:
         if not self.robot.names.gaze_joints:
             return None, self._still(stamp_s)
         if track.is_known:
-            p, v = kalman.extrapolate(KalmanParams(), track, params.latency_s, self._since_last(stamp_s))
-            v = v - self._carried(inputs.posture, p, stamp_s)
+            elapsed_s = self._since_last(stamp_s)
+            p, v = kalman.extrapolate(KalmanParams(), track, params.latency_s, elapsed_s)
+            if elapsed_s and state.last_q_rad is not None:  # a point that moves with the trunk stays in the gaze
+                v = v - carried_velocity(inputs.posture, p, (inputs.posture.q_rad - state.last_q_rad) / elapsed_s)
             target = inputs.posture, p, v, params.hold_s, stamp_s
             if isinstance(params.fixation, NeckAndEyesParams):
                 return None, neck_and_eyes.step(params.fixation, *target, self._last_command)
@@ -463,14 +461,6 @@ class Pipeline:
 
     def _still(self, stamp_s: float) -> JointVelocity:
         return JointVelocity(stamp_s, np.zeros(self.robot.n_joints), self.params.hold_s)
-
-    def _carried(self, posture: Posture, p_root: Array, stamp_s: float) -> Array:
-        """(3,) m/s velocity of a point that moves with the trunk, as the trunk has turned since the last frame."""
-        elapsed_s = self._since_last(stamp_s)
-        q = self._state.last_q_rad
-        if q is None or elapsed_s == 0:
-            return np.zeros(3)
-        return carried_velocity(posture, p_root, (posture.q_rad - q) / elapsed_s)
 
     def _since_last(self, stamp_s: float) -> float:
         """Time since the last frame; 0 where there is none, or too long ago."""

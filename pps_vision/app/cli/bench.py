@@ -43,7 +43,6 @@ class Bench:
     """Measure nothing; draw charts and fill tables from the results that are there."""
 
     def run(self) -> None:
-        """Run the studies, or list them."""
         from pps_vision.experiments.bench import bench, listing
 
         if not self.names:

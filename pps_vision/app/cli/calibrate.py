@@ -35,7 +35,6 @@ class Calibrate:
     """Frames of two videos further apart in time are no pair."""
 
     def run(self) -> None:
-        """Find the board, calibrate, write the results, and print the residuals."""
         from pps_vision.app.calibrate import WARNED_RMS_PX, Board, board_pairs, calibrate, find_views
         from pps_vision.app.versions import versions
         from pps_vision.recordings.atomic_write import whole_folder, write_json

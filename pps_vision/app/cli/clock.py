@@ -17,7 +17,6 @@ class Clock(RecordingSource):
     """Print JSON instead."""
 
     def run(self) -> None:
-        """Read the images and print the delays."""
         from pps_vision.app.clock import clocks
         from pps_vision.app.versions import versions
         from pps_vision.recordings.atomic_write import json_text

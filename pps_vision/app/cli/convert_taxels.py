@@ -29,7 +29,6 @@ class ConvertTaxels:
     are missing in the file stay empty."""
 
     def run(self) -> None:
-        """Convert and print the number of taxels."""
         way = (self.input.suffix.lower(), self.out.suffix.lower())
         if way == (".npz", ".ini"):
             self._to_robot()

@@ -27,7 +27,6 @@ class Demo:
     """Run this number of encounters instead, without and with avoidance."""
 
     def run(self) -> None:
-        """Train, run the episodes, and write the report."""
         from pps_vision.app.demo import demo, demo_encounters
 
         if self.encounters is not None:

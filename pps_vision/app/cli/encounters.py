@@ -26,7 +26,6 @@ class Encounters:
     """Parallel processes."""
 
     def run(self) -> None:
-        """Run the encounters and print the scores."""
         from pps_vision.app.encounters.benchmark import SHIPPED, benchmark
         from pps_vision.errors import InputError
         from pps_vision.recordings import REPORT

@@ -45,7 +45,6 @@ class Evaluate:
     """Also draw the errors of all, or for boxes the success and precision curves, into this file (.png, .pdf, .svg)."""
 
     def run(self) -> None:
-        """Read, score, print."""
         from pps_vision import __version__
         from pps_vision.recordings.atomic_write import json_text, whole_file
 

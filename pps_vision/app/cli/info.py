@@ -16,7 +16,6 @@ class Info(RecordingSource):
     """Print JSON instead."""
 
     def run(self) -> None:
-        """Read the stamps and a few images, and print the findings."""
         from pps_vision.app.info import info
         from pps_vision.app.versions import versions
         from pps_vision.recordings.atomic_write import json_text

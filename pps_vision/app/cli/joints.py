@@ -13,7 +13,6 @@ class Joints(RecordingOptions):
     """
 
     def run(self) -> None:
-        """Learn from the touches of all recordings."""
         import numpy as np
 
         from learning.pps.joint_offsets import TouchTrial, joint_offsets

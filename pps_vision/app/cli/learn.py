@@ -31,7 +31,6 @@ class Learn(RobotOptions, RecordingOptions):
     """Take encoders and taxels as they are, and no tool."""
 
     def run(self) -> None:
-        """Learn from one recording after another."""
         from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
         from pps_vision.app.learn import learn_again, learn_from
         from pps_vision.app.pipeline import check_memory

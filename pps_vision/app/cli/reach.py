@@ -56,7 +56,6 @@ class TrainMap(RobotOptions):
     """Seed of the sampled postures."""
 
     def run(self) -> None:
-        """Learn, and print the number of problems and the upper bound of the error."""
         from learning.reach.map import ReachableMap, both
         from learning.reach.params import MapParams
         from pps_vision.app.progress import progress
@@ -160,7 +159,6 @@ class QueryMap:
     """Compute with torch on this device (cpu, cuda, cuda:1), for very many postures; default: without torch."""
 
     def run(self) -> None:
-        """Write the verdict of every row."""
         import numpy as np
 
         from learning.reach.map import ReachableMap
@@ -190,7 +188,6 @@ class ShowMap(RobotOptions):
     """The figure to write (.png, .svg or .pdf)."""
 
     def run(self) -> None:
-        """Draw the map."""
         from learning.reach.map import ReachableMap
         from pps_vision.app.report import figures
         from pps_vision.app.report.page import save
@@ -213,5 +210,4 @@ class Reach:
     )
 
     def run(self) -> None:
-        """Run the subcommand."""
         self.subcommand.run()

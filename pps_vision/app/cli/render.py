@@ -10,7 +10,6 @@ class Render(RenderParams):
     """Write a recording in yarpdatadumper layout, with calibration, touches, truth.csv and settings (summary.json)."""
 
     def run(self) -> None:
-        """Render, and print the number of pairs and touches."""
         from pps_vision.app.render import record
 
         pairs, touches = record(self)

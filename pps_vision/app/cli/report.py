@@ -17,7 +17,6 @@ class Report:
     """Folder that `track` or `batch` has written."""
 
     def run(self) -> None:
-        """Read the results and write the page."""
         from pps_vision.app.report.tracking import report_folder
         from pps_vision.recordings import REPORT
 

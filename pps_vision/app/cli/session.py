@@ -36,7 +36,6 @@ class Session:
     """Seed of the movements and the noise."""
 
     def run(self) -> None:
-        """Render the recordings."""
         from pps_vision.app import sessions
         from pps_vision.app.encounters.encounter import TRIALS
 

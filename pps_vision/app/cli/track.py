@@ -29,7 +29,6 @@ class Track(TrackOptions, RecordingSource):
     """Folder for detections.csv, trajectory.csv, summary.json, and optional files."""
 
     def run(self) -> None:
-        """Track the recording, write all files at once, and print the main results and skipped items."""
         from math import degrees
 
         from tqdm import tqdm

@@ -54,7 +54,6 @@ class Triangulate(CalibrationOptions):
     """Also write report.html."""
 
     def run(self) -> None:
-        """Read, triangulate, filter, write all files at once, and print the main results."""
         from pps_vision.app.report.tracking import write_report
         from pps_vision.app.triangulate import triangulate
         from pps_vision.app.versions import versions

@@ -31,7 +31,6 @@ class Truth(RecordingSource):
     """Dictionary of the tag, as OpenCV calls it without DICT_."""
 
     def run(self) -> None:
-        """Find the tag in every pair, and write."""
         import numpy as np
 
         from pps_vision.app.tag_truth import tag_path

@@ -12,8 +12,8 @@ import PIL.Image
 from numpy.typing import ArrayLike
 
 from pps_vision.app.report.colors import track_rgb
-from pps_vision.geometry.camera import StereoView, View
-from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
+from pps_vision.geometry.camera import StereoView
+from pps_vision.types import Array, Image, Status, StereoFrame
 from tracking.tracker import TrackerStep
 
 _STATUS_RGB = {
@@ -91,7 +91,11 @@ def draw_pair(
                     if 0 < radius < 2**20:
                         ring = _at(detection.center_px, scale), radius, color, 2 if item is step else 1
                         cv2.circle(canvas, *ring, cv2.LINE_AA, _SHIFT)
-            _draw_cross(canvas, eye, item.track, scale)
+            if item.track.is_known and np.all(np.abs(pixel := eye.project(item.track.position)) < 2**20):
+                u, v = _at(pixel, scale)
+                arm = round(3.5 * scale * 2**_SHIFT)
+                for du, dv in ((arm, 0), (0, arm)):  # a cross
+                    cv2.line(canvas, (u - du, v - dv), (u + du, v + dv), color, 1, cv2.LINE_AA, _SHIFT)
         sides.append(canvas)
     height = max(len(side) for side in sides)
     pair = np.concatenate([np.pad(side, ((0, height - len(side)), (0, 0), (0, 0))) for side in sides], axis=1)
@@ -100,16 +104,6 @@ def draw_pair(
     for line, caption in enumerate(captions, start=1):
         _write(pair, caption, (8, 20 + 18 * line), (255, 255, 255))
     return pair
-
-
-def _draw_cross(canvas: Image, eye: View, track: Track3D, scale: int) -> None:
-    """Draw a cross at the position of a known track."""
-    if track.is_known and np.all(np.abs(pixel := eye.project(track.position)) < 2**20):
-        u, v = _at(pixel, scale)
-        arm = round(3.5 * scale * 2**_SHIFT)
-        for du, dv in ((arm, 0), (0, arm)):
-            color = track_rgb(track.track_id)
-            cv2.line(canvas, (u - du, v - dv), (u + du, v + dv), color, 1, cv2.LINE_AA, _SHIFT)
 
 
 def _at(pixel: ArrayLike, scale: int) -> tuple[int, int]:
