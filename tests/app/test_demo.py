@@ -44,10 +44,11 @@ def test_the_demo_writes_its_report(tmp_path, monkeypatch, capsys):
     def naive(scene: SimulationScene, seed: int) -> dict[str, object]:
         return {title: new_pipeline(scene, PPSMemory.empty(scene.skin)).step for title in module._ERRING}
 
-    whole = module.simulate
-    replacements = {"train": trained, "train_reachable_map": mapped, "simulate": short, "erring_robots": naive}
-    for name, replaced in replacements.items():
-        monkeypatch.setattr(module, name, replaced)
+    whole = module.simulation.simulate
+    monkeypatch.setattr(module.simulation, "train", trained)
+    monkeypatch.setattr(module.simulation, "simulate", short)
+    monkeypatch.setattr(module, "train_reachable_map", mapped)
+    monkeypatch.setattr(module, "erring_robots", naive)
     demo(tmp_path / "out", trials=7, noise=2.0, seed=3)
     assert seeds[0] == (seeds[1][0], False)  # the same path with avoidance and without
     assert [avoid for _, avoid in seeds] == [False, *5 * [True]]
