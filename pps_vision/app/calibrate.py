@@ -278,12 +278,13 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
         singles = [
             cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in (left_px, right_px)
         ]
-        turn_deg = min(_largest_turn_deg(np.array(single[3], dtype=float).reshape(-1, 3)) for single in singles)
+        turns = [[_rotation(vector) for vector in single[3]] for single in singles]  # of the boards, by each camera
+        turn_deg = min(map(_largest_turn_deg, turns))
         if turn_deg < _LEAST_TURN_DEG:
             problem = f"the board has nearly the same direction in all {len(views)} views (within {turn_deg:.1f}°)"
             raise InputError("calibrate", f"{problem}; expected some tilted by 20° or more to different sides")
         (_, K1, D1, *_), (_, K2, D2, *_) = singles
-        is_reversed = _reversed_views([[_rotation(r) for r in single[3]] for single in singles])
+        is_reversed = _reversed_views(turns)
         right_px = [px[::-1].copy() if turned else px for px, turned in zip(right_px, is_reversed, strict=True)]
         views = [replace(view, right_px=px) for view, px in zip(views, right_px, strict=True)]
         flags = cv2.CALIB_USE_INTRINSIC_GUESS
@@ -329,9 +330,9 @@ def _rotation(vector: Any) -> Array:
     return np.array(cv2.Rodrigues(vector)[0], dtype=float)
 
 
-def _largest_turn_deg(rotations: Array) -> float:
-    """Largest angle between the normals of two boards with rotation vectors (n, 3)."""
-    normals = np.array([_rotation(vector)[:, 2] for vector in rotations])
+def _largest_turn_deg(turns: Sequence[Array]) -> float:
+    """Largest angle between the normals of two boards with these rotations (3, 3)."""
+    normals = np.array([turn[:, 2] for turn in turns])
     return float(np.rad2deg(np.arccos(np.clip(np.min(normals @ normals.T), -1, 1))))
 
 

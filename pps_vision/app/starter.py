@@ -12,7 +12,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, suppress
 from importlib import import_module
-from types import TracebackType
 from typing import IO
 
 from pps_vision.parent import FOLLOWS_PARENT
@@ -29,7 +28,7 @@ class Starter(AbstractContextManager["Starter"]):
         self._control, self._theirs = socket.socketpair()
         self._replies = self._control.makefile("rb")
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(self, *error: object) -> None:
         self._replies.close()
         self._control.close()
         self._theirs.close()

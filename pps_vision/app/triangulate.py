@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 
 from pps_vision.app.clock import numbers
 from pps_vision.app.diagnosis import fault_of_unit
-from pps_vision.app.points import (
-    Pairs,
-    PointParams,
-    estimate_noise,
-    follow_points,
-    reprojection,
-    triangulate_points,
-)
+from pps_vision.app.points import Pairs, PointParams, estimate_noise, follow_points, reprojection, triangulate_points
 from pps_vision.app.results import TrackNumbers, TrackSummary
 from pps_vision.app.stamp_delay import ClockParams, Interpolator, PointPath, estimate_delay
 from pps_vision.app.stopwatch import Stopwatch

@@ -15,7 +15,7 @@ from learning.pps.memory import load_memory, save_memory
 from pps_vision.app.encounters.encounter import Condition, EncounterScene, draw
 from pps_vision.app.encounters.kinematic import simulate_encounter
 from pps_vision.app.encounters.registry import TRUE, Entry
-from pps_vision.app.encounters.tracks import Perception, perceived_track
+from pps_vision.app.encounters.tracks import NOISE, Perception, track_of, true_track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
 from pps_vision.worker_pool import worker_pool
@@ -76,7 +76,11 @@ def rows_of_task(task: Task, folder: Path) -> Rows:
         encounter = draw(scene(), task.condition, number, task.seed)
         learned = memories(folder)[encounter.side]
         seeds = task.seed, task.condition, number
-        tracks = {p: perceived_track(scene(), encounter, p, track_rng(*seeds)) for p in ("truth", *task.perceptions)}
+        noises = {"track": 1.0, "noisy track": NOISE}
+        tracks = {
+            p: track_of(scene(), encounter, track_rng(*seeds), noises[p]) for p in task.perceptions if p in noises
+        }
+        tracks["truth"] = true_track_of(encounter)
         for perception, (name, entry) in product(task.perceptions, task.controllers.items()):
             seen = tracks["truth" if name == TRUE else perception]
             arguments = entry.memory_of(learned), encounter, name, entry.new, seen

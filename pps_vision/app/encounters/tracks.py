@@ -40,15 +40,6 @@ in all for a rendered ball at 0.4 m (`bench stages`, part `stereo`), here 0.33 m
 _RADIUS_STD = 0.05  # relative standard deviation of the tracked radius
 
 
-def perceived_track(
-    scene: EncounterScene, encounter: Encounter, perception: Perception, rng: np.random.Generator
-) -> Sequence[Track3D]:
-    """Return the track of every frame: exact, with the tracker's errors, or with `NOISE` times these."""
-    if perception == "truth":
-        return true_track_of(encounter)
-    return track_of(scene, encounter, rng, NOISE if perception == "noisy track" else 1.0)
-
-
 def track_of(
     scene: EncounterScene, encounter: Encounter, rng: np.random.Generator, noise: float = 1.0
 ) -> Sequence[Track3D]:
