@@ -118,8 +118,6 @@ class EncounterScene:
         self.robot: Robot = self.setup.robot
         self.rig: StereoRig = self.setup.rig
         self.self_collision = SelfCollision(self.robot)
-        # radius of each body's enclosing sphere
-        self._sizes_m = np.array([np.linalg.norm(body.size_m) for body in self.robot.bodies])
         skin = self.setup.skin
         self.is_icub = set(icub_skin().taxel_ids) <= set(skin.taxel_ids)
         self.skins: dict[Side, Skin] = {side: skin.on_arm(self.robot, side) for side in get_args(Side)}
@@ -169,27 +167,20 @@ class EncounterScene:
     def hidden_share(self, posture: Posture, eye: Array, center: Array, radius_m: float) -> float:
         """Return the share of a ball about `center` (3,) that the robot's bodies hide from an eye at `eye` (3,).
 
-        Of its middle and of points about it: whether a body meets the straight line to the eye, by coal. Bodies whose
-        enclosing spheres do not meet the cylinder about all lines are left out.
+        Of its middle and of points about it: whether a body meets the straight line to the eye, by coal.
         """
         turn = rotation_to(center - eye)
         angles = np.arange(_RIM) * 2 * np.pi / _RIM
         rim = 0.8 * radius_m * (np.cos(angles)[:, None] * turn[:, 0] + np.sin(angles)[:, None] * turn[:, 1])
-        poses = np.array([posture.T_root(body.frame) @ body.T_frame_body for body in self.robot.bodies])
-        d = poses[:, :3, 3] - eye
-        far_m = float(np.linalg.norm(center - eye))
-        ahead = d @ turn[:, 2]
-        reach = self._sizes_m + radius_m
-        aside = np.linalg.norm(d - ahead[:, None] * turn[:, 2], axis=1)
-        near = np.flatnonzero((aside < reach) & (ahead > -reach) & (ahead < far_m + reach)).tolist()
-        bodies = [(self.robot.geometry.geometryObjects[k].geometry, _pose(poses[k])) for k in near]
+        poses = [_pose(posture.T_root(body.frame) @ body.T_frame_body) for body in self.robot.bodies]
+        shapes = [shape.geometry for shape in self.robot.geometry.geometryObjects]
         hidden = 0
         for point in (center, *(center + rim)):
-            length = float(np.linalg.norm(point - eye))
-            line = coal.Capsule(1e-4, length)
+            line = coal.Capsule(1e-4, float(np.linalg.norm(point - eye)))
             at = _pose(transform(rotation_to(point - eye), (eye + point) / 2))
             hidden += any(
-                coal.collide(s, T, line, at, coal.CollisionRequest(), coal.CollisionResult()) for s, T in bodies
+                coal.collide(shape, T, line, at, coal.CollisionRequest(), coal.CollisionResult())
+                for shape, T in zip(shapes, poses, strict=True)
             )
         return hidden / (1 + _RIM)
 
