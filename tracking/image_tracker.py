@@ -270,6 +270,9 @@ class ImageTracker:
         may_be_smaller = is_free if target.silhouette else outline.is_disc and (is_free or not target.is_size_known)
         if ratio < target.ratio - _ERRORS * target.ratio_std and not may_be_smaller:
             return None
+        largest = target.ratio + max(_ERRORS * target.ratio_std, 2 * SIZE_ERROR)
+        if target.is_size_known and ratio > largest:  # background of the object's colour beside it
+            return None
         if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size:
             return None
         colors = histogram(examined.bins, mask)

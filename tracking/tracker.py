@@ -575,9 +575,9 @@ class Tracker:
                 observation, p_root=located.measured, cov_root=observation.cov_root + located.measured_cov
             )
         hidden = any(e.is_partial and not (e.is_edge or e.is_cut) for e in (left.outline, right.outline))
-        may_be_parts = hidden and not state.association.is_whole_seen and state.hits >= self.params.confirm_frames
-        if may_be_parts and math.sqrt(float(np.trace(observation.cov_root))) > observation.radius_m:
-            return state, None  # the eyes may follow different parts of what was never seen whole
+        is_vague = math.sqrt(float(np.trace(observation.cov_root))) > observation.radius_m
+        if hidden and is_vague and state.hits >= self.params.confirm_frames:
+            return state, None  # the eyes may follow different parts
         stamp_error_s = scene.poses.stamp_error_s
         if stamp_error_s > 0 and scene.last_view is not None:
             observation = with_pose_error(
