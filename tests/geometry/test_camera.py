@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pps_vision.geometry.camera import Camera, StereoRig, View, reduced_image, solid_angles
+from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
@@ -33,25 +33,6 @@ def test_project_is_opencvs(camera, rng):
     points = points_in_view(camera, rng)
     theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))
     np.testing.assert_allclose(camera.project(points), theirs[:, 0], atol=1e-9)
-
-
-@CAMERAS
-def test_bearings_undo_the_projection(camera, rng):
-    pixels = rng.uniform([0, 0], [camera.width - 1, camera.height - 1], (300, 2))
-    rays = camera.bearings(pixels)
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-12)
-    np.testing.assert_allclose(camera.project(rays * 0.7), pixels, atol=1e-6)
-
-
-@CAMERAS
-def test_pixel_and_slope_at_once_are_those_of_either(camera, rng):
-    for point in points_in_view(camera, rng, 20):
-        *pixel, of_u, of_v = camera.project_linearised(*point.tolist())
-        theirs, jacobian = cv2.projectPoints(point, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))
-        np.testing.assert_allclose(pixel, theirs[0, 0], atol=1e-9)
-        np.testing.assert_allclose((of_u, of_v), jacobian[:, 3:6], atol=1e-6)  # by the translation
-    for unseen in ([0.1, 0.1, -0.5], [0.1, 0.1, 0.0]):
-        assert all(np.isnan(value).all() for value in camera.project_linearised(*unseen))
 
 
 def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng):
@@ -95,23 +76,6 @@ def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(k1, k2,
     assert np.all(np.diff(u[is_visible]) > 0)
 
 
-def test_solid_angles_add_up_to_the_pyramid_the_image_spans():
-    """A pinhole's image covers 4·asin(sin α·sin β) sr, the half angles to its edges."""
-    camera = Camera(301, 201, 220.0, 220.0, 150.0, 100.0)
-    half_width = np.arctan(150.5 / 220)
-    half_height = np.arctan(100.5 / 220)
-    pyramid = 4 * np.arcsin(np.sin(half_width) * np.sin(half_height))
-    assert solid_angles(camera.bearing_map()).sum() == pytest.approx(pyramid, rel=2e-3)
-    assert camera.focal_px == pytest.approx(220.0)
-
-
-def test_the_mean_of_a_block_of_pixels_is_where_the_reduced_camera_has_its_pixel(rng):
-    small = WITH_K3.reduced(4)
-    assert (small.width, small.height) == (160, 120)
-    points = points_in_view(WITH_K3, rng)
-    np.testing.assert_allclose(4 * small.project(points) + 1.5, WITH_K3.project(points), atol=1e-9)  # 0, 1, 2, 3: 1.5
-
-
 def test_contains_counts_pixel_areas_and_refuses_nan():
     assert PINHOLE.contains((-0.5, -0.5))
     assert PINHOLE.contains((319.5, 239.5))
@@ -126,13 +90,6 @@ def test_a_camera_without_extent_or_focal_length_is_refused(change):
     arguments = {"width": 320, "height": 240, "fx": 220.0, "fy": 220.0, "cx": 160.0, "cy": 120.0} | change
     with pytest.raises(ValueError, match="expected positive numbers"):
         Camera(**arguments)
-
-
-def test_a_reduced_image_is_the_mean_of_whole_blocks():
-    image = np.arange(7 * 11 * 3, dtype=np.uint8).reshape(7, 11, 3)
-    assert reduced_image(image, 1) is image
-    expected = image[:6, :10].astype(float).reshape(3, 2, 5, 2, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(reduced_image(image, 2), expected, atol=0.5)  # rounded to whole values
 
 
 def test_a_view_sees_to_the_edge_of_the_image_or_to_a_margin():

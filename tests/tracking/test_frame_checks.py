@@ -5,11 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pps_vision.errors import InputError
-from pps_vision.geometry.camera import Camera, StereoRig
-from pps_vision.geometry.se3 import transform
 from pps_vision.types import Image, StereoFrame
-from tracking.frame_checks import check, fingerprints, is_blind
+from tracking.frame_checks import fingerprints, is_blind
 
 
 def picture(rng: np.random.Generator, contrast: float = 40.0) -> Image:
@@ -77,25 +74,3 @@ def test_a_covered_sensor_with_hot_pixels_is_blind(rng, n):
 def test_black_has_less_than_sixteen_levels_in_each_channel(rgb, is_dark, rng):
     dim = np.clip(np.rint(rgb + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
     assert blind((picture(rng), dim)) == is_dark
-
-
-CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
-RIG = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.06, 0.0, 0.0)))
-
-
-def test_a_frame_comes_after_the_last_one_in_both_eyes(rng):
-    images = picture(rng), picture(rng)
-    check(StereoFrame(*images, 0.2, 0.3), RIG, (0.1, 0.2))
-    check(StereoFrame(*images, -5.0, -5.0), RIG, (-np.inf, -np.inf))
-    for left_s, right_s, name in ((0.1, 0.3, "left"), (0.2, 0.2, "right"), (0.2, 0.1, "right"), (np.inf, 0.3, "left")):
-        with pytest.raises(InputError, match=f"{name} stamp .* expected rising stamps"):
-            check(StereoFrame(*images, left_s, right_s), RIG, (0.1, 0.2))
-
-
-@pytest.mark.parametrize("invalid", [np.zeros(shape, np.uint8) for shape in ((48, 64, 4), (64, 48, 3), (48, 64))])
-def test_a_frame_has_the_images_of_its_cameras(invalid, rng):
-    for images, name in (((invalid, picture(rng)), "left"), ((picture(rng), invalid), "right")):
-        with pytest.raises(InputError, match=rf"{name} image .*expected \(48, 64, 3\) uint8"):
-            check(StereoFrame(*images, 0.0, 0.0), RIG, (-np.inf, -np.inf))
-    with pytest.raises(InputError, match=r"right image .* int16"):
-        check(StereoFrame(picture(rng), picture(rng).astype(np.int16), 0.0, 0.0), RIG, (-np.inf, -np.inf))

@@ -40,21 +40,6 @@ def disc(x: float, y: float, radius: float) -> Mask:
     return np.asarray(np.hypot(u - x, v - y) < radius)
 
 
-@pytest.mark.parametrize(("radius", "color", "rms_px"), [(0.035, RED, 0.03), (0.010, GREEN, 0.03)])
-def test_center_and_size_are_sub_pixel_and_covered(optics, rng, radius, color, rms_px):
-    errors = []
-    sizes = []
-    for center in rng.uniform([-0.12, -0.05, 0.28], [0.1, 0.09, 0.6], (8, 3)):
-        sphere = Sphere(center, radius, color)
-        shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere), FULL), optics)
-        errors.append(shape.center_px - LEFT_EYE.project(center))
-        sizes.append(shape.angular_radius_rad / np.arcsin(radius / np.linalg.norm(center)))
-        assert np.all(np.abs(errors[-1]) < 6 * np.sqrt(np.diag(shape.cov_px)) + 0.05)
-        assert np.linalg.eigvalsh(shape.cov_px).min() > 0
-    assert np.sqrt(np.mean(np.square(errors))) < rms_px
-    assert np.mean(sizes) == pytest.approx(1, abs=0.01)
-
-
 def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng):
     """Balls of 5–30 px lit from above: mean squared normalised errors of centre and radius.
 

@@ -266,8 +266,11 @@ def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world, tracke
     good = world.frame(1, rng)
     for changes, says in (
         ({"right": good.right[::2, ::2]}, r"right image \(120, 160, 3\) uint8; expected \(240, 320, 3\) uint8"),
+        ({"left": good.left.astype(np.int16)}, r"left image \(240, 320, 3\) int16; expected \(240, 320, 3\) uint8"),
+        ({"left": good.left[..., 0]}, r"left image \(240, 320\) uint8"),
         ({"stamp_left_s": -0.1}, r"left stamp -0\.100000 s after 0\.000000 s"),
         ({"stamp_right_s": np.nan}, "right stamp nan s"),
+        ({"stamp_right_s": 0.0}, r"right stamp 0\.000000 s after 0\.000000 s"),
         ({"joints_right_rad": np.zeros(3)}, "3"),
         ({"joints_left_rad": None}, "joints"),
     ):

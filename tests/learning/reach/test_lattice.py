@@ -11,7 +11,6 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import GazeSpline, Lattice, isotropic
 from learning.reach.map import ReachableMap, TrackReachability, both
 from pps_vision.errors import InputError
-from pps_vision.experiments.babbling import crossing
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.types import ReachStatus, Status, Track3D
@@ -30,13 +29,6 @@ def reachable_map(signed, shape=(9, 10, 60), limits=LIMITS, **changes):
     good = np.full(shape, 0.6)
     off = np.full(shape, 0.05)
     return replace(ReachableMap("left", limits, values, good, off, 0.1, 0.02, 0.01, NO_LABELS, 0), **changes)
-
-
-def test_a_step_in_vergence_is_a_share_of_the_viewing_distance():
-    gaze = random_gaze(50)
-    coordinates = isotropic(gaze)
-    np.testing.assert_array_equal(coordinates[:, :2], gaze[:, :2])
-    np.testing.assert_allclose(coordinates[:, 2], -np.log(2 * np.linalg.norm(crossing(gaze), axis=1)), atol=1e-12)
 
 
 @pytest.mark.parametrize("spacing", [0.04, 0.1, 0.37])
