@@ -9,7 +9,9 @@ def test_error_stays_below_2_mm():
 from collections.abc import Sequence
 from pathlib import Path
 
-from pps_vision.app.evaluate import Score, evaluate, path_of_tracks, path_of_truth, read_path
+import numpy as np
+
+from pps_vision.app.evaluate import Path3D, Score, evaluate, read_path
 from pps_vision.app.track import track
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -45,11 +47,18 @@ def check_error(
     scores = []
     for k, source in enumerate(recordings):
         recording = source if isinstance(source, Recording) else open_recording(source)
-        true = read_path(Path(truth[k])) if truth else path_of_truth(recording.name, recording.truth)
+        name, own_rows = recording.name, recording.truth
+        unstated = np.full((len(own_rows), 3, 3), np.nan)
+        position = np.reshape([row.position for row in own_rows], (-1, 3))
+        own = Path3D(name, np.array([row.stamp_s for row in own_rows]), position, unstated)
+        true = read_path(Path(truth[k])) if truth else own
         if not len(true.stamps_s):
             raise InputError(recording.name, "holds no truth.csv; expected one there or by truth")
-        run = track(recording, mode, objects=1)
-        scores.append(evaluate(path_of_tracks(recording.name, [step.track for step in run]), true, lag, align))
+        path = track(recording, mode, objects=1).arrays()
+        known = np.isfinite(path.position).all(axis=1)
+        covs = path.cov[known][:, :3, :3]
+        tracked = Path3D(name, path.stamps_s[known], path.position[known], covs, int(np.sum(~known)))
+        scores.append(evaluate(tracked, true, lag, align))
     failed = [score for score in scores if not (score.rmse_mm <= rmse_mm and score.lost_share <= lost_share)]
     if failed:
         rows = [

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 from pps_vision.errors import InputError
 from pps_vision.recordings.tables import COVARIANCE, attended_rows, column_names, covariances, numbers, read_table
 from pps_vision.recordings.text import read_lines
-from pps_vision.types import Array, Mask, Status, Track3D, Truth
+from pps_vision.types import Array, Mask, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,20 +110,6 @@ def _rows_of_track(file: Path, rows: list[tuple[int, list[str]]], track_id: int)
         known = ", ".join(sorted(set(ids.values()), key=lambda field: (len(field), field)))
         raise InputError(file, f"no row of track {track_id}; expected one of {known}")
     return chosen
-
-
-def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
-    """The known positions of tracks."""
-    usable = [track for track in tracks if track.is_known]
-    position = np.reshape([track.position for track in usable], (-1, 3))
-    cov = np.reshape([track.cov[:3, :3] for track in usable], (-1, 3, 3))
-    return Path3D(name, np.array([track.stamp_s for track in usable]), position, cov, len(tracks) - len(usable))
-
-
-def path_of_truth(name: str, truth: Sequence[Truth]) -> Path3D:
-    """The truth of a recording."""
-    position = np.reshape([row.position for row in truth], (-1, 3))
-    return Path3D(name, np.array([row.stamp_s for row in truth]), position, np.full((len(truth), 3, 3), np.nan))
 
 
 def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = False) -> Score:
