@@ -91,7 +91,7 @@ def corrected(recording: Recording, late: Clocks) -> Recording:
     if not any(delay is not None and delay.is_late for delay in late):
         return recording
     left, right = ([pair[side] for pair in recording.pairs] for side in (0, 1))
-    right_s = np.array([file.stamp_s for file in right])
+    right_s = _stamps(recording, 1)
     shift_s = late.cameras.at(right_s) if late.cameras.is_late else np.zeros(len(right))
     right = [replace(file, stamp_s=stamp_s) for file, stamp_s in zip(right, (right_s - shift_s).tolist(), strict=True)]
     pairs: Sequence[Pair] = pair_by_stamp(left, right, 0.55 / recording.fps, recording.problems)

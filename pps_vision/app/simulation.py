@@ -118,7 +118,9 @@ class SimulationScene:
     @cached_property
     def home(self) -> Array:
         """(n_joints,) arms at home, eyes on the space before the skin."""
-        return watching(self.robot, self.skin, self.setup.home_rad)
+        q = self.setup.home_rad
+        positions, normals = self.skin.at(self.robot.at(q))
+        return gaze_at(self.robot, q, (positions + 0.12 * normals).mean(axis=0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,12 +324,6 @@ def make_episode(
             return Episode(f"{stimulus} {_TITLES[kind]}", stimulus, motion, seconds)
     problem = f"no {kind} about {taxel} stays in view of both eyes"
     raise InputError("episode", f"{problem}; expected a taxel that they see at home")
-
-
-def watching(robot: Robot, skin: Skin, q: Array) -> Array:
-    """The configuration `q` with the eyes on the space in front of the skin."""
-    positions, normals = skin.at(robot.at(q))
-    return gaze_at(robot, q, (positions + 0.12 * normals).mean(axis=0))
 
 
 def facing_taxels(setup: RobotSetup, skin: Skin, q_rad: Array) -> Mask:
