@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pps_vision.app.scene_points import faults_by_points, faults_of_joints, length, match
+from pps_vision.app.scene_points import Matched, faults_by_points, faults_of_joints, length, match
 from pps_vision.geometry.camera import StereoView
 from pps_vision.recordings.image_file import Half
 from pps_vision.recordings.recording import Pair, Recording
-from pps_vision.types import Array, Image, StereoFrame
+from pps_vision.types import Image, StereoFrame
 from tracking import Mode
 
 _ENOUGH_TRACKED = 0.1  # share of pairs
@@ -67,7 +67,7 @@ class FrameSample:
         self._wanted = {*self._spread, *(stamp_s for pair in self._successive for stamp_s in pair)}
         self._frames: dict[float, StereoFrame] = {}  # by stamp
         self._thread = ThreadPoolExecutor(1)
-        self._matches: dict[float, Future[tuple[Array, Array]]] = {}
+        self._matches: dict[float, Future[Matched]] = {}
         self._changes: list[Future[tuple[float, float]]] = []
 
     @classmethod
@@ -90,7 +90,7 @@ class FrameSample:
             if stamp_s == second_s and first_s in self._frames:
                 self._changes.append(self._thread.submit(_change_between, self._frames[first_s].left, frame.left))
 
-    def match(self, frame: StereoFrame) -> tuple[Array, Array]:
+    def match(self, frame: StereoFrame) -> Matched:
         """Return `scene_points.match` of a frame of the sample."""
         matches = self._matches.get(frame.stamp_s)
         return matches.result() if matches else match(frame.left, frame.right)

@@ -37,16 +37,27 @@ _STEPS = 30  # steps of the fit of a turn
 _STEP_RAD = 1e-6  # of its derivatives, and by which the last step is smaller
 _ALIKE = np.pi / 4  # angle between the optical axes up to which images show the same: SIFT matches up to about 40°
 _LEFT = "to the LEFT of"
-Matcher = Callable[[StereoFrame], tuple[Array, Array]]
+_SHARP_PX = (
+    8.0  # diameter of a feature up to which it is located as well as can be; the error of larger ones grows with it
+)
+Matched = tuple[Array, Array, Array]
+"""Pixels (n, 2) of the same points in two images, and the features' diameters (n,), px."""
+Matcher = Callable[[StereoFrame], Matched]
 
 
 @dataclass(frozen=True)
 class Matches:
-    """Pixels (n, 2) of the same points in the left and the right image of a frame."""
+    """Pixels (n, 2) of the same points in the left and the right image of a frame, and the features' diameters (n,)."""
 
     view: StereoView
     left_px: Array
     right_px: Array
+    sizes_px: Array
+
+    @property
+    def error(self) -> Array:
+        """(n,) error of the pixels, relative to that of small features."""
+        return np.maximum(self.sizes_px / _SHARP_PX, 1.0)
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,7 @@ class Fit:
     """How matches fit the cameras."""
 
     n: int
-    misfit_px: float  # median distance from the epipolar line
+    misfit_px: float  # median distance from the epipolar line, of small features
     behind: float  # share of the points behind the cameras
 
     @property
@@ -134,39 +145,39 @@ def matches(frames: Sequence[StereoFrame], rig: StereoRig, matcher: Matcher | No
     of_frame = matcher or (lambda frame: match(frame.left, frame.right))
     found = [Matches(rig.view_of(frame), *of_frame(frame)) for frame in frames]
     if frames[0].joints_left_rad is None:
-        left_px, right_px = (np.concatenate([getattr(m, f"{side}_px") for m in found]) for side in ("left", "right"))
-        found = [Matches(found[0].view, left_px, right_px)]
+        parts = (np.concatenate([getattr(m, f"{name}_px") for m in found]) for name in ("left", "right", "sizes"))
+        found = [Matches(found[0].view, *parts)]
     kept = []
     for m in found:
         if len(m.left_px) < _FEWEST:
             continue
         same = _of_one_scene(_plane(m.view.left, m.left_px), _plane(m.view.right, m.right_px))
         if same.sum() >= _FEWEST:
-            kept.append(Matches(m.view, m.left_px[same], m.right_px[same]))
+            kept.append(Matches(m.view, m.left_px[same], m.right_px[same], m.sizes_px[same]))
     return kept
 
 
-def match(left: Image, right: Image) -> tuple[Array, Array]:
-    """Pixels (n, 2) of SIFT features in two images that are each other's best match."""
+def match(left: Image, right: Image) -> Matched:
+    """SIFT features in two images that are each other's best match."""
     # else features lie a quarter of a pixel to the lower right, and twice that off between images rolled by 180°
     sift = cv2.SIFT.create(nfeatures=_FEATURES, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     points, features = zip(
         *(sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in (left, right)), strict=True
     )
     if min(0 if found is None else len(found) for found in features) < 2:
-        return np.empty((0, 2)), np.empty((0, 2))
+        return np.empty((0, 2)), np.empty((0, 2)), np.empty(0)
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     back = {(m.trainIdx, m.queryIdx) for m in matcher.match(features[1], features[0])}
     forth = matcher.knnMatch(features[0], features[1], k=2)
     pairs = [(a.queryIdx, a.trainIdx) for a, b in forth if a.distance < _DISTINCT * b.distance]
     mutual = [pair for pair in pairs if pair in back]
     left_px, right_px = (np.reshape([points[side][pair[side]].pt for pair in mutual], (-1, 2)) for side in (0, 1))
-    return left_px, right_px
+    return left_px, right_px, np.array([points[0][i].size for i, _ in mutual])
 
 
 def fit(found: Sequence[Matches]) -> Fit:
     """How matches fit the cameras."""
-    aside, parallax = np.hstack([_epipolar(m.view.left, m.view.right, m.left_px, m.right_px) for m in found])
+    aside, parallax = np.hstack([_epipolar(m.view.left, m.view.right, m.left_px, m.right_px) / m.error for m in found])
     return Fit(len(aside), float(np.median(np.abs(aside))), float(np.mean(parallax < _BEHIND_PX)))
 
 
@@ -214,7 +225,7 @@ class _Turn:
         if as_is.misfit_px > _DOUBTFUL_PX * finer and self.misfit_px < _CLEARLY * as_is.misfit_px:
             return True
         is_better = as_is.misfit_px > _SOUND_PX * finer and self.misfit_px < _BETTER * as_is.misfit_px
-        return is_better and abs(self.stretch - 1) > _STRETCH
+        return is_better and as_is.n > 3 * _FEWEST and abs(self.stretch - 1) > _STRETCH
 
 
 def _best_turn(kept: Sequence[Matches]) -> _Turn:
@@ -222,7 +233,7 @@ def _best_turn(kept: Sequence[Matches]) -> _Turn:
 
     def turned(rotation: Array) -> Array:
         T_root_left = m.view.left.T_root_camera @ transform(np.asarray(cv2.Rodrigues(rotation)[0]))
-        return _epipolar(View(m.view.left.camera, T_root_left), m.view.right, m.left_px, m.right_px)
+        return _epipolar(View(m.view.left.camera, T_root_left), m.view.right, m.left_px, m.right_px) / m.error
 
     rotation = np.zeros(3)
     for _ in range(_STEPS):  # least squares with the weights of the loss soft_l1 (2 (√(1 + e²) − 1))
@@ -331,7 +342,7 @@ def faults_of_joints(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[
 
 def _turn_by_images(view: View, first: Image, second: Image) -> Array | None:
     """R (3, 3) that turns the rays of one image into the rays of a later one (Kabsch 1976), None where few match."""
-    before_px, after_px = match(first, second)
+    before_px, after_px, _ = match(first, second)
     if len(before_px) < _FEWEST:
         return None
     _, mask = cv2.findHomography(before_px, after_px, cv2.USAC_MAGSAC, _SAME_SCENE_PX)

@@ -66,6 +66,18 @@ def test_sound_cameras_are_not_warned_of(filmed, tmp_path, capsys):
     assert "warning" not in out
 
 
+def test_sound_cameras_before_a_soft_scene_are_not_warned_of(filmed, tmp_path, capsys):
+    """Its few features are large, and located a pixel off."""
+    shown, folder = filmed
+    for path in folder.glob("*.png"):
+        soft = cv2.GaussianBlur(cv2.imread(str(path)), (0, 0), 14.0).astype(float)
+        noise = np.random.default_rng(len(path.name) + int(path.stem[1:])).normal(0, 1.5, soft.shape)
+        cv2.imwrite(str(tmp_path / path.name), np.clip(soft + noise, 0, 255).astype(np.uint8))
+    capsys.readouterr()
+    main(["info", *words(tmp_path, calibration(tmp_path / "c.yml", shown)), "--json"])
+    assert not any("calibration" in warning for warning in json.loads(capsys.readouterr().out)["warnings"])
+
+
 Change = Callable[[Array, Array], tuple[Array, Array]]
 GL = np.diag([1.0, -1, -1])
 
