@@ -140,6 +140,18 @@ def test_midpoint_halves_the_gap_of_skew_rays():
     assert midpoint(-x, x, y - x, almost / np.linalg.norm(almost)) is None
 
 
+def test_midpoint_of_oblique_rays_is_the_middle_of_the_closest_points(rng):
+    """Least squares over both lengths, for rays at any angle that pass each other before both centres."""
+    for _ in range(20):
+        meeting = rng.normal(size=3)
+        centers = rng.normal(size=(2, 3))
+        rays = meeting + 0.01 * rng.normal(size=(2, 3)) - centers
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        lengths = np.linalg.lstsq(np.column_stack([rays[0], -rays[1]]), centers[1] - centers[0])[0]
+        expected = (centers + lengths[:, None] * rays).mean(axis=0)
+        np.testing.assert_allclose(midpoint(centers[0], rays[0], centers[1], rays[1]), expected, atol=1e-9)
+
+
 @pytest.mark.parametrize("eye", [0, 1])
 @pytest.mark.parametrize(
     "cov",

@@ -103,6 +103,17 @@ long: [1e-05,
 """
 
 
+def test_yaml_scalars_stay_as_they_are_written():
+    assert parse_yaml(Path("f"), YAML) == {
+        "a": {"rows": "3", "data": ["1", "2e-3", ["x y", "p, q"]]},
+        "list": [["-1", "1:30"], {"b": "c # d: e", "f": ""}],
+        "url": "http://x/y:1",
+        "long": ["1e-05", "no"],
+    }
+    assert parse_yaml(Path("f"), "# only a note\n\n") is None
+    assert parse_yaml(Path("f"), "- " * 16 + "1") is not None
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [

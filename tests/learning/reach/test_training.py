@@ -136,6 +136,22 @@ def oracle_of(place, tried=None):
     return ReachOracle(load_icub(), "right", replace(PARAMS, n_babble=500), np.random.default_rng(SEED), hand)
 
 
+def test_labels_of_a_hand_in_a_box_by_hand():
+    """Joints are places: beyond the box the nearest point is its side, edge or corner."""
+    low = np.array(ArmLimits().lower_rad)[:3]
+    high = np.array(ArmLimits().upper_rad)[:3]
+    gaze = np.random.default_rng(SEED).uniform(low - 0.5, high + 0.5, (200, 3))
+    labels = oracle_of(lambda a, b: ((a, b), (1 + 0 * a, 1 + 0 * b))).label(gaze)
+    nearest = gaze.clip(low, high)
+    inside = (gaze == nearest).all(axis=1)
+    assert 0.1 < inside.mean() < 0.9
+    np.testing.assert_array_equal(labels.reachable, inside)
+    np.testing.assert_allclose(labels.error_m[~inside], np.linalg.norm(gaze - nearest, axis=1)[~inside], atol=1e-6)
+    np.testing.assert_allclose(labels.border_rad[~inside], nearest[~inside], atol=1e-3)
+    assert np.isnan(labels.border_rad[inside]).all()
+    assert np.isnan(labels.optimality[~inside]).all()
+
+
 def test_what_one_of_sixteen_near_postures_reaches_is_reachable():
     """Joint 2 lifts the hand to 0.3 m at 0.5 rad, lowers it until 1 rad, then lifts it higher; fifteen are caught."""
 
