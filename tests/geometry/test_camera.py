@@ -76,6 +76,13 @@ def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(k1, k2,
     assert np.all(np.diff(u[is_visible]) > 0)
 
 
+def test_the_mean_of_a_block_of_pixels_is_where_the_reduced_camera_has_its_pixel(rng):
+    small = WITH_K3.reduced(4)
+    assert (small.width, small.height) == (160, 120)
+    points = points_in_view(WITH_K3, rng)
+    np.testing.assert_allclose(4 * small.project(points) + 1.5, WITH_K3.project(points), atol=1e-9)  # 0, 1, 2, 3: 1.5
+
+
 def test_contains_counts_pixel_areas_and_refuses_nan():
     assert PINHOLE.contains((-0.5, -0.5))
     assert PINHOLE.contains((319.5, 239.5))
