@@ -37,9 +37,7 @@ _STEPS = 30  # steps of the fit of a turn
 _STEP_RAD = 1e-6  # of its derivatives, and by which the last step is smaller
 _ALIKE = np.pi / 4  # angle between the optical axes up to which images show the same: SIFT matches up to about 40°
 _LEFT = "to the LEFT of"
-_SHARP_PX = (
-    8.0  # diameter of a feature up to which it is located as well as can be; the error of larger ones grows with it
-)
+_SHARP_PX = 8.0  # largest diameter of a feature whose error does not grow with it
 Matched = tuple[Array, Array, Array]
 """Pixels (n, 2) of the same points in two images, and the features' diameters (n,), px."""
 Matcher = Callable[[StereoFrame], Matched]
