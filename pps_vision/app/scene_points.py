@@ -63,7 +63,8 @@ class Fit:
     """How matches fit the cameras."""
 
     n: int
-    misfit_px: float  # median distance from the epipolar line, of small features
+    median_px: float  # median distance from the epipolar line
+    misfit_px: float  # the same relative to the features' errors
     behind: float  # share of the points behind the cameras
 
     @property
@@ -72,7 +73,7 @@ class Fit:
         return np.inf if self.behind > _HALF else self.misfit_px
 
     def __str__(self) -> str:
-        return "most matches lie behind the cameras" if self.behind > _HALF else f"within {self.misfit_px:.2g} px"
+        return "most matches lie behind the cameras" if self.behind > _HALF else f"within {self.median_px:.2g} px"
 
 
 def faults_by_points(
@@ -109,14 +110,14 @@ def faults_by_points(
             yield f"--left and --right exchanged, or another calibration: by it {lies}"
         return
     possible = _OF_IMAGES if by_joints else _OF_IMAGES | _OF_POSE
-    remedies = {name: fit([remedy(m) for m in kept]).cost_px for name, remedy in possible.items()}
-    best_px = min(remedies.values())
+    remedies = {name: fit([remedy(m) for m in kept]) for name, remedy in possible.items()}
+    best = min(remedies.values(), key=lambda remedied: remedied.cost_px)
     shown = f"{as_is.n} points that both images show"
     turned = str(turn) if turn.misfit_px <= fits_px else ""
-    if best_px <= min(fits_px, _CLEARLY * as_is.cost_px):
-        as_good = [name for name, cost_px in remedies.items() if cost_px <= _AS_GOOD * best_px + 0.1]
+    if best.cost_px <= min(fits_px, _CLEARLY * as_is.cost_px):
+        as_good = [name for name, remedied in remedies.items() if remedied.cost_px <= _AS_GOOD * best.cost_px + 0.1]
         names = ", or ".join(as_good[:3])
-        message = f"{names}: {shown} then fit the cameras within {best_px:.1f} px (median), as they are {as_is}"
+        message = f"{names}: {shown} then fit the cameras within {best.median_px:.1f} px (median), as they are {as_is}"
     elif as_is.cost_px == np.inf:
         message = f"another calibration, or --left and --right exchanged: of {shown} {as_is}{turned}"
     else:
@@ -175,8 +176,14 @@ def match(left: Image, right: Image) -> Matched:
 
 def fit(found: Sequence[Matches]) -> Fit:
     """How matches fit the cameras."""
-    aside, parallax = np.hstack([_epipolar(m.view.left, m.view.right, m.left_px, m.right_px) / m.error for m in found])
-    return Fit(len(aside), float(np.median(np.abs(aside))), float(np.mean(parallax < _BEHIND_PX)))
+    aside, parallax = np.hstack([_epipolar(m.view.left, m.view.right, m.left_px, m.right_px) for m in found])
+    error = np.concatenate([m.error for m in found])
+    return Fit(len(aside), *_medians_px(aside, error), float(np.mean(parallax / error < _BEHIND_PX)))
+
+
+def _medians_px(aside: Array, error: Array) -> tuple[float, float]:
+    """Median size of epipolar distances (n,), and of these relative to the features' errors (n,)."""
+    return float(np.median(np.abs(aside))), float(np.median(np.abs(aside / error)))
 
 
 def _epipolar(left: View, right: View, left_px: Array, right_px: Array) -> Array:
@@ -212,11 +219,12 @@ class _Turn:
     """The rotation to be added between the cameras for matches to fit best."""
 
     degrees: float
-    misfit_px: float
+    median_px: float
+    misfit_px: float  # relative to the features' errors, as in `Fit`
     stretch: float  # median distance of the points after it relative to before
 
     def __str__(self) -> str:
-        return f"; with the cameras turned by another {self.degrees:.1f}° to each other, within {self.misfit_px:.2g} px"
+        return f"; with the cameras turned by another {self.degrees:.1f}° to each other, within {self.median_px:.2g} px"
 
     def matters(self, as_is: Fit, finer: float) -> bool:
         """Whether the matches fit clearly better with it; a little better where distances are then others."""
@@ -244,7 +252,7 @@ def _best_turn(kept: Sequence[Matches]) -> _Turn:
             break
     aside, parallax = turned(rotation)
     stretch = float(np.median(turned(np.zeros(3))[1]) / (np.median(parallax) or np.inf))
-    return _Turn(float(np.rad2deg(np.linalg.norm(rotation))), float(np.median(np.abs(aside))), stretch)
+    return _Turn(float(np.rad2deg(np.linalg.norm(rotation))), *_medians_px(m.error * aside, m.error), stretch)
 
 
 def _angle_deg(R: Array) -> float:
