@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View, reduced_image
-from pps_vision.geometry.compiled import Lens, projected
 from pps_vision.geometry.masks import Box
 from pps_vision.geometry.se3 import transform
 from pps_vision.jit import njit
@@ -272,9 +271,8 @@ class EgoMotion:
         """Pixels (…, 2) in the earlier view of directions (…, 3) of the current one; NaN where it does not
         contain them."""
         T_earlier_current = earlier.T_camera_root @ current.T_root_camera
-        flat = np.ascontiguousarray(directions.reshape(-1, 3))
-        pixels = _projected(self.camera.numbers, T_earlier_current, flat, inverse_distance)
-        return pixels.reshape(*directions.shape[:-1], 2)
+        points = directions @ T_earlier_current[:3, :3].T + inverse_distance * T_earlier_current[:3, 3]
+        return self.camera.project(points)
 
     def maps(
         self, earlier: View, current: View, inverse_distance: float, box: Box | None = None
@@ -299,20 +297,6 @@ class EgoMotion:
         """The earlier image (H, W) or (H, W, 3) warped to the current view, or its `box`; 0 where unknown."""
         maps = self.maps(earlier, current, inverse_distance, box)
         return np.asarray(cv2.remap(image, maps, np.empty(0), cv2.INTER_LINEAR), np.uint8)
-
-
-@njit(cache=True, error_model="numpy")
-def _projected(lens: Lens, T: Array, directions: Array, inverse_distance: float) -> Array:
-    """`EgoMotion.project` of directions (n, 3) by a pose (4, 4)."""
-    pixels = np.empty((len(directions), 2))
-    for k in range(len(directions)):
-        x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
-        X = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + inverse_distance * T[0, 3]
-        Y = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + inverse_distance * T[1, 3]
-        Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + inverse_distance * T[2, 3]
-        u, v, _, _ = projected(lens, X, Y, Z)
-        pixels[k, 0], pixels[k, 1] = u, v
-    return pixels
 
 
 def channel_maximum(levels: NDArray[Any]) -> NDArray[np.uint8]:

@@ -140,14 +140,14 @@ class Examined:
     def likelihoods(self) -> Iterator[tuple[Map, Mask | None]]:
         """Likelihoods (h, w) that segment the object, the most accurate first, each with a mask of likely background
         (None: unknown)."""
+        if self.segmented_by == "foreground":
+            if self.difference is not None:
+                yield self.difference, None
+            return
         backdrop = self.target.model.backdrop()[self.bins]
         if self.segmented_by == "colour":
             yield self.colors, backdrop
-        if self.difference is None or self.changed is None:
-            return
-        if self.segmented_by == "foreground":
-            yield self.difference, None
-        else:
+        if self.changed is not None:
             yield self.colors * self.changed, ~self.changed & backdrop
 
     @cached_property

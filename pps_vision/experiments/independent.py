@@ -12,7 +12,6 @@ the whole object.
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -29,7 +28,7 @@ from pps_vision.experiments.films.scenes import Film
 from pps_vision.experiments.films.score import OURS, Scores, measure_film, summary
 from pps_vision.experiments.study import DATA, SampledStudy, median
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.worker_pool import worker_pool
+from pps_vision.worker_pool import mapped
 
 CaseScores = Mapping[str, Mapping[str, Sequence[Scores]]]  # scores of each film by case and tracker
 COLUMNS = {
@@ -67,9 +66,8 @@ class Independent(SampledStudy):
     def run(self) -> dict[str, Any]:
         """Return by case and tracker the scores of each film."""
         chosen = [name for name in _CASES if self.only in name]
-        with worker_pool(self.workers) if self.workers > 1 else nullcontext() as pool:
-            cases = (pool.map if pool else map)(self._case, chosen)
-            by_case = dict(zip(chosen, tqdm(cases, total=len(chosen), unit="case", disable=None), strict=True))
+        cases = mapped(self._case, self.workers, chosen)
+        by_case = dict(zip(chosen, tqdm(cases, total=len(chosen), unit="case", disable=None), strict=True))
         absent = [name for name in PHOTOS if not (self.data / name).exists()]
         return {"independent": by_case, "procedural_instead_of": absent}
 

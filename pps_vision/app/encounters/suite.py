@@ -1,7 +1,6 @@
 """Run encounters with several controllers in parallel processes."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict
 from functools import cache
 from itertools import product
@@ -18,7 +17,7 @@ from pps_vision.app.encounters.registry import TRUE, Entry
 from pps_vision.app.encounters.tracks import NOISE, Perception, track_of, true_track_of
 from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
-from pps_vision.worker_pool import worker_pool
+from pps_vision.worker_pool import mapped
 
 Rows = list[dict[str, Any]]
 PART = 6  # encounters per task
@@ -38,10 +37,9 @@ class Task(NamedTuple):
 def map_tasks(rows_of: Callable[..., Rows], workers: int, *arguments: Sequence[Any]) -> Rows:
     """Return the rows of all tasks, by `rows_of` of one of each of the `arguments`, in `workers` processes; with 1 all
     run in this one."""
-    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
-        rows_of_tasks = (pool.map if pool else map)(rows_of, *arguments)
-        parts = tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(arguments[0]), disable=None)
-        return [row for rows in parts for row in rows]
+    rows_of_tasks = mapped(rows_of, workers, *arguments)
+    parts = tqdm(rows_of_tasks, desc="encounters", unit="part", total=len(arguments[0]), disable=None)
+    return [row for rows in parts for row in rows]
 
 
 def tasks_of(
