@@ -34,6 +34,11 @@ _EDGE = 0
 _INNER = 1
 _OUTER = 2
 
+SHARP_PX = 0.68  # most blur of an edge by a sharp lens and the sensor
+_RADIUS_BAND = 0.5  # widest band at a blurred edge, as a share of the object's radius
+_TO_BLUR = math.sqrt(math.pi)  # standard deviation of a blurred edge's share a over ∫a (1 − a)
+_LUMA = (0.3, 0.6, 0.1)  # red, green and blue in an image's brightness
+
 Map = NDArray[np.float32]
 Color = tuple[float, float, float]
 EDGE_ERROR_PX = 0.065
@@ -69,11 +74,12 @@ _HIDDEN_AT_BORDER = 0.3  # assumed hidden share of an object at the image's bord
 @dataclass(frozen=True)
 class Coverage:
     """Share `alpha` (h, w) of each pixel in `box` of the image that the object covers, and its `variance` (h, w), 0
-    where the share is certain."""
+    where the share is certain; standard deviation of the edge's blur, px."""
 
     alpha: NDArray[np.float32]
     variance: NDArray[np.float32]
     box: Box
+    blur_px: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,7 @@ class Outline:
         is_cut: The image's border cuts it off.
         is_edge: It is partial, and its visible edge was fitted.
         hidden_px: Standard deviation of the centre's coordinates by what of the object may be hidden beyond it.
+        blur_px: Standard deviation of its edge's blur.
     """
 
     center_px: Array
@@ -107,6 +114,7 @@ class Outline:
     is_cut: bool = False
     is_edge: bool = False
     hidden_px: float = 0.0
+    blur_px: float = 0.0
 
     @property
     def is_disc(self) -> bool:
@@ -437,24 +445,47 @@ def _robust_shift(offsets: Array, outward: Array, farther_std_px: float, prior: 
     return solution, _CORRELATION * variance * np.linalg.inv(A)
 
 
+_LEVELS = np.arange(256, dtype=np.float32)
+_LIGHT = np.where(_LEVELS < 10.3, _LEVELS / 12.92, 255 * ((_LEVELS / 255 + 0.055) / 1.055) ** 2.4).astype(np.float32)
+"""Light of each grey level by the tone curve of sRGB (IEC 61966-2-1)."""
+
+
 def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     """Return the soft coverage of a hard mask (h, w) of the region `box` of an RGB image.
 
     In a band around the mask's edge a pixel mixes the colours F just inside and B just outside, I = a·F + b·B.  a + b
     is near 1 but not bound to it, since the shading of a round object falls off towards its rim.  The misfit gives the
     variance.
+
+    A blurred edge's band is as wide as its blur, and lies around the pixels that are covered by half.  There light is
+    mixed, not grey levels: lens and motion blur the light, before the camera's tone curve.
     """
     band = _BAND_PX if np.count_nonzero(mask) > _SMALL_PX else 1
+    coverage = _mixed(image, mask, box, band, _LEVELS)
+    if coverage.blur_px < SHARP_PX:
+        return coverage
+    widest = int(_RADIUS_BAND * math.sqrt(np.count_nonzero(mask) / math.pi))
+    for _ in range(2):
+        blur_px = coverage.blur_px
+        coverage = _mixed(image, mask, box, max(min(math.ceil(2 * blur_px), widest), band), _LIGHT)
+        mask, box = coverage.alpha > 0.5, coverage.box
+    return replace(coverage, blur_px=max(blur_px, coverage.blur_px))
+
+
+def _mixed(image: Image, mask: Mask, box: Box, band: int, tones: Map) -> Coverage:
+    """The soft coverage by the `tones` (256,) of the levels, which are mixed up to `band` px from the mask's edge."""
     x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
     margin = 3 * band + 3  # in which the colours beside an edge are sampled
     left = max(x - margin, 0)
     top = max(y - margin, 0)
     part = np.s_[top : y + h + margin, left : x + w + margin]
-    patch = image[box[1] : box[3], box[0] : box[2]][part].copy()
+    patch = tones[image[box[1] : box[3], box[0] : box[2]][part]]
     x0 = box[0] + left
     y0 = box[1] + top
-    alpha, variance = covered(patch, mask[part].copy(), band)
-    return Coverage(alpha, variance, (x0, y0, x0 + patch.shape[1], y0 + patch.shape[0]))
+    alpha, variance, luma_blur_px = covered(patch, mask[part].copy(), band)
+    color_blur_px = _TO_BLUR * float(np.sum(alpha * (1 - alpha))) / math.sqrt(4 * math.pi * np.count_nonzero(mask))
+    box = x0, y0, x0 + patch.shape[1], y0 + patch.shape[0]
+    return Coverage(alpha, variance, box, min(luma_blur_px, color_blur_px))
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
@@ -486,6 +517,7 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
         harmonics=edge_harmonics,
         non_circularity=excess,
         is_cut=is_cut,
+        blur_px=coverage.blur_px,
     )
 
 
@@ -507,14 +539,16 @@ def _covariance(
 
 
 @njit(cache=True, error_model="numpy")
-def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
-    """Share of each pixel (h, w) that the object covers, and its variance (h, w), 0 where the share is certain.
+def covered(patch: Map, mask: Mask, band: int) -> tuple[Map, Map, float]:
+    """Share of each pixel (h, w) that the object covers, its variance (h, w), 0 where the share is certain, and the
+    blur of the brightness across the edge, px.
 
     At an edge it is the mean of two estimates, weighted by their inverse variances: the mixture of the colours inside
-    and outside, and the hard mask, which decides where the pixel's colour is no such mixture.
+    and outside, and the hard mask, which decides where the pixel's colour is no such mixture.  The brightness tells the
+    blur, since mosaic and compression blur the hue of sharp edges.
 
     Args:
-        patch: (h, w, 3) RGB.
+        patch: (h, w, 3) red, green and blue, 0–255.
         mask: (h, w) hard mask of the object.
         band: Distance from the mask's edge, px, up to which a pixel may be partly covered.
     """
@@ -523,13 +557,15 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
     alpha = np.zeros((height, width), np.float32)
     variance = np.zeros((height, width), np.float32)
     reach = 2 * band + 2
-    all_columns = np.zeros((width, 8), np.int32)
+    all_columns = np.zeros((width, 8), np.float32)
     for y in range(height):
         _add_colors(all_columns, patch[y], kind[y], 1)
-    whole = all_columns.sum(axis=0).astype(np.int32)
-    columns = np.zeros((width, 8), np.int32)  # sums of the rows within reach
-    sums = np.zeros((width + 1, 8), np.int32)  # cumulated over the columns
-    window = np.empty(8, np.int32)
+    whole = all_columns.sum(axis=0).astype(np.float32)
+    columns = np.zeros((width, 8), np.float32)  # sums of the rows within reach
+    sums = np.zeros((width + 1, 8), np.float32)  # cumulated over the columns
+    mixture = 0.0  # of the brightness: ∫a (1 − a), and the edge's length, both times its contrast²
+    length = 0.0
+    window = np.empty(8, np.float32)
     for y in range(-reach, height):
         if y + reach < height:
             _add_colors(columns, patch[y + reach], kind[y + reach], 1)
@@ -557,7 +593,11 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
                 weight = signal / (noise + signal)
                 alpha[y, x] = weight * a / max(a + b, 1e-6) + (1 - weight) * mask[y, x]
                 variance[y, x] = noise * _MASK_VAR / (noise + signal)
-    return alpha, variance
+                above = _luma(color) - _luma(outer)
+                below = _luma(inner) - _luma(color)
+                mixture += max(above * below, 0.0)
+                length += (above + below) ** 2 / (2 * band)
+    return alpha, variance, _TO_BLUR * mixture / length if length > 0 else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -603,7 +643,7 @@ def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
 
 
 @njit(cache=True, error_model="numpy")
-def _add_colors(columns: NDArray[np.int32], row: Image, kind: NDArray[np.uint8], times: int) -> None:
+def _add_colors(columns: Map, row: Map, kind: NDArray[np.uint8], times: int) -> None:
     """Add a row (w, 3) of pixels to the sums of the `columns` (w, 8) in place: red, green, blue and number of the inner
     pixels, then of the outer pixels."""
     for x in range(len(row)):
@@ -616,7 +656,12 @@ def _add_colors(columns: NDArray[np.int32], row: Image, kind: NDArray[np.uint8],
 
 
 @njit(cache=True, error_model="numpy")
-def _mean(sums: NDArray[np.int32], first: int) -> Color:
+def _luma(color: Color) -> float:
+    return _LUMA[0] * color[0] + _LUMA[1] * color[1] + _LUMA[2] * color[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _mean(sums: Map, first: int) -> Color:
     share = 1 / max(sums[first + 3], 1)
     return sums[first] * share, sums[first + 1] * share, sums[first + 2] * share
 

@@ -11,7 +11,7 @@ from pps_vision.geometry.camera import StereoView, View, sight
 from pps_vision.geometry.triangulation import Triangulation, triangulate
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Observation3D, StereoFrame
-from tracking.outline import VISIBLE_EDGE_PX, Outline
+from tracking.outline import SHARP_PX, VISIBLE_EDGE_PX, Outline
 
 Outlines = list[Outline] | None
 """Outlines of the object in an image (`batch`); None if the image has not been searched."""
@@ -25,7 +25,8 @@ _OUTLINE_RATE = 0.2  # at which the outlines' variance follows a pair; 0.1 and 0
 # see the same edge.  Chosen on independent films (seeds 7000, 7001) and rendered recordings (300), judged on others
 # (7002, 7003, 301).
 _TO_FIRST = 2.5
-# Error of the centre by the object's shading, which both eyes share.  Chosen on independent films (seeds 8202, 8203).
+# Error of the centre by the object's shading, which both eyes share, at a sharp edge; it grows with the cube of blur.
+# Chosen on independent films (seeds 8202, 8203, 33100).
 _SHADED_PX = 0.02
 # Non-circularity times squared radius (px²) of a ball whose edge errs, as before a background of its colour.
 _ROUGH = 4.0
@@ -181,7 +182,8 @@ class Association:
         rough = _ROUGH / (left.angular_radius_rad * right.angular_radius_rad * focal2)
         flatness = (0.5 * (left.non_circularity + right.non_circularity) - rough) / _SQUARE
         flat_var = min(max(flatness, 0.0), 1.0) * (_CONTOUR * radius_m) ** 2
-        shared_px2 = _SHADED_PX**2 + max(self.shared_var_px2, 0.0)
+        blur = max(left.blur_px, right.blur_px, SHARP_PX) / SHARP_PX
+        shared_px2 = (_SHADED_PX * blur**3) ** 2 + max(self.shared_var_px2, 0.0)
         angle_var = shared_px2 / focal2 + _OBLIQUE**2 * flat_var / distance2
         cov: Array = angle_var * distance2 * np.eye(3) + (flat_var / distance2 - angle_var) * np.outer(line, line)
         return cov
