@@ -91,6 +91,26 @@ def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng)
     assert abs(sampled[0, 1]) > 2 * bound[0, 1]  # or the test could not tell
 
 
+@pytest.mark.parametrize("radius", [10, 25])
+@pytest.mark.parametrize("blur_px", [0.3, 1, 2, 3])
+def test_a_defocused_disc_stays_where_it_is_beside_dark_and_bright_background(radius, blur_px, optics, rng):
+    """The lens blurs light; the camera's tone curve, that of sRGB, makes levels of it: in these the disc's half before
+    the dark background grows, and the hue ends before the bright one.  Mixing levels leaves it 1.4 to 2.4 px off."""
+    center = 150.3, 120.6
+    v, u = (np.mgrid[:960, :1280] - 1.5) / 4
+    before = np.where(u < center[0], 20.0, 200.0)[..., None]
+    light = np.where(np.hypot(u - center[0], v - center[1])[..., None] < radius, (200.0, 30.0, 30.0), before)
+    pixels = cv2.resize(light, (320, 240), interpolation=cv2.INTER_AREA)
+    share = cv2.GaussianBlur(pixels, (0, 0), blur_px) / 255
+    levels = 255 * np.where(share < 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
+    image = np.clip(np.rint(levels + rng.normal(0, 1, levels.shape)), 0, 255).astype(np.uint8)
+    shape = fit_outline(image, threshold(MarkerParams(hue_deg=0), image) > 0, FULL, optics)
+    assert shape is not None
+    assert np.linalg.norm(shape.center_px - center) < max(0.2 * blur_px, 0.25)
+    assert abs(np.sqrt(shape.area_px / np.pi) - radius) < 0.15
+    assert 0.55 * blur_px < shape.blur_px < max(blur_px, 0.4)
+
+
 def test_perspective_does_not_pull_the_center(optics):
     """Wide aside and near, the plain centroid of a sphere's image is off by over half a pixel."""
     sphere = Sphere(np.array([-0.12, 0.06, 0.2]), 0.035, RED)
