@@ -54,14 +54,14 @@ _CASES = {case.name: case for case in (*CASES, *NEW_CASES)}
 class Independent(SampledStudy):
     """Every case of `films.cases` by the tracker with its defaults, which gets only the rig."""
 
-    SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale", "workers": 1}
+    SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 
     n: int = 6  # ray-cast films of each case, before different photographs
     n_compared: int = 1  # ray-cast films of each case on which the baselines run too
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
     only: str = ""  # only the cases whose names contain this
-    workers: int = 2  # processes
+    workers: int = 1  # parallel processes
 
     def run(self) -> dict[str, Any]:
         """Return by case and tracker the scores of each film."""

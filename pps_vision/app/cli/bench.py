@@ -32,7 +32,7 @@ class Bench:
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
     workers: int | None = None
-    """Number of studies that run in parallel; of `encounters` alone, number of its encounters."""
+    """Number of studies that run in parallel; of `encounters` or `independent` alone, number of its processes."""
     out: Path = Path("docs")
     """Folder of results and figures; with another than docs, the documents with their tables go there too."""
     short: bool = False

@@ -29,7 +29,7 @@ class Encounters(PartsStudy):
         "tuning": Part(controllers.tune),
     }
 
-    n: int = 1500
+    n: int = 600
     """Encounters of each of press and through; a fifth as many of stop and graze, 6 % of each harmless kind, 10 %
     of `reach`; 3 % as many robots that misjudge by each error, 0.5 % as many with each unknown surface."""
     n_rendered: int = 20
@@ -42,7 +42,7 @@ class Encounters(PartsStudy):
     avoidance_min: float = 20.0  # length of the sessions of avoidance
     reaching_min: float = 10.0  # length of the session of reaching
     share: float = 1.0  # share of R's numbers of training approaches (Table 5), and of the sessions' lengths
-    workers: int = 2  # parallel processes
+    workers: int = 1  # parallel processes
 
     @property
     def n_robots(self) -> int:
