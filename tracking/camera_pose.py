@@ -329,12 +329,15 @@ class CameraPoses(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class CameraMotion:
     """Estimated error of the nominal poses: rotation (3,) since the first frame of a rig that is declared fixed (rad,
-    root frame) and its rate (rad/s, mean of the last second); lag of the joints and its standard deviation (s)."""
+    root frame) and its rate (rad/s, mean of the last second); lag of the joints and its standard deviation (s).
+
+    `is_seen` is False where the cameras are declared fixed and the images show nothing that could tell it."""
 
     rotation_rad: Array
     rate_rad_s: float
     delay_s: float
     delay_std_s: float
+    is_seen: bool = True
 
 
 class PoseEstimator:
@@ -367,7 +370,7 @@ class PoseEstimator:
     def motion(self) -> CameraMotion:
         """Error of the nominal poses at the last frame."""
         delay = (self._late.delay_s, self._late.std_s) if self._late else (0.0, math.nan)
-        return CameraMotion(self._fixed.rotation.copy(), self._fixed.rate_rad_s, *delay)
+        return CameraMotion(self._fixed.rotation.copy(), self._fixed.rate_rad_s, *delay, self._fixed.is_seen)
 
 
 class _FixedRig:
@@ -385,11 +388,19 @@ class _FixedRig:
         self._changes_rad2 = 0.0  # sum of the squared changes of the rotation
         self._error_rad2 = 0.0
         self._known_s = -math.inf
+        self._renewed_s = -math.inf
         self._references: list[tuple[Reference, Reference]] = []
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether an image has shown corners by which a rotation is measured; True before the first."""
+        return not self._references or any(eye.has_corners for pair in self._references for eye in pair)
 
     def step(self, frame: StereoFrame, nominal: StereoView) -> CameraPoses:
         images = (frame.left, frame.right)
         stamp_s = frame.stamp_s
+        if not self.is_seen and stamp_s - self._renewed_s > _RENEWED_S:
+            self._references.clear()
         if not self._references:
             self._renew(images, nominal, stamp_s)
         rotation = self._measured(images, nominal)
@@ -417,7 +428,7 @@ class _FixedRig:
             for eye, image in zip((view.left, view.right), images, strict=True)
         )
         self._references[1:] = [(left, right)]
-        self._known_s = stamp_s
+        self._known_s = self._renewed_s = stamp_s
 
     def _measured(self, images: tuple[Image, Image], nominal: StereoView) -> Array | None:
         """Rotation (3,) rad, root frame; None if it is unknown."""

@@ -12,7 +12,13 @@ from pps_vision.types import Array, Status, Track3D, Truth
 from tracking.camera_pose import CameraMotion
 
 _WARM_UP = 10  # frames before errors count
+_UNSEEN_S = 1.0  # from the first frame until a scene without fixed points is warned of
 _MAX_TRUTH_AGE_S = 0.02  # between the stamps of a track and of its truth
+
+
+UNSEEN = (
+    "nothing in the images shows whether the cameras rest, as they are declared to; if they turn, positions are wrong"
+)
 
 
 class CameraStatistics:
@@ -23,22 +29,32 @@ class CameraStatistics:
         self.rotation_deg_s = 0.0  # largest rate of this rotation
         self._warn = warn
         self._last: CameraMotion | None = None
+        self._unseen_from_s: float | None = None
 
     def add(self, motion: CameraMotion, stamp_s: float) -> None:
-        """Add a frame; the first rotation of fixed cameras is passed to `warn`."""
+        """Add a frame; the first rotation of fixed cameras is passed to `warn`, or that nothing shows it."""
         if motion.rotation_rad.any() and not self.rotation_deg:
             self._warn(
                 f"the cameras move although declared fixed, at {stamp_s:.2f} s; only their rotation is compensated"
             )
+        if motion.is_seen:
+            self._unseen_from_s = None
+        elif self._unseen_from_s is None:
+            self._unseen_from_s = stamp_s
+        elif stamp_s - self._unseen_from_s > _UNSEEN_S:
+            self._warn(f"{UNSEEN}; expected walls or things with corners in view, or the cameras' joints")
+            self._unseen_from_s = np.inf
         self.rotation_deg = max(self.rotation_deg, float(np.rad2deg(np.linalg.norm(motion.rotation_rad))))
         self.rotation_deg_s = max(self.rotation_deg_s, float(np.rad2deg(motion.rate_rad_s)))
         self._last = motion
 
     def summary(self) -> dict[str, float]:
-        """Return the largest rotation and rate, and the delay of the joints at the end with its standard deviation."""
+        """Return the largest rotation and rate, and the delay of the joints at the end with its standard deviation;
+        NaN: not seen."""
+        is_seen = self._last is None or self._last.is_seen
         return {
-            "rotation_deg": self.rotation_deg,
-            "rotation_deg_s": self.rotation_deg_s,
+            "rotation_deg": self.rotation_deg if is_seen else np.nan,
+            "rotation_deg_s": self.rotation_deg_s if is_seen else np.nan,
             "joint_delay_ms": 1000 * self._last.delay_s if self._last else np.nan,
             "joint_delay_std_ms": 1000 * self._last.delay_std_s if self._last else np.nan,
         }

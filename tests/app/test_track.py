@@ -70,3 +70,13 @@ def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last(
         {"rotation_deg": 2.8648, "rotation_deg_s": 2.2918, "joint_delay_ms": 4.0, "joint_delay_std_ms": 2.0}, rel=1e-4
     )
     assert warned == ["the cameras move although declared fixed, at 0.50 s; only their rotation is compensated"]
+
+
+def test_a_scene_without_fixed_points_is_warned_of_once():
+    warned: list[str] = []
+    cameras = CameraStatistics(warned.append)
+    for k in range(8):
+        cameras.add(CameraMotion(np.zeros(3), 0.0, 0.0, 0.0, is_seen=k == 0), 0.4 * k)
+    assert np.isnan(cameras.summary()["rotation_deg"])
+    (line,) = warned
+    assert line.startswith("nothing in the images shows whether the cameras rest")

@@ -15,6 +15,7 @@ from pps_vision.app.report import page
 from pps_vision.app.report.colors import track_hex
 from pps_vision.app.report.path3d import PATH_SCRIPT, distance_and_ttc_of_origin, path3d
 from pps_vision.app.results import BatchSummary, TrackSummary, read_result, read_track_summary
+from pps_vision.app.track_statistics import UNSEEN
 from pps_vision.errors import InputError
 from pps_vision.recordings import BATCH, KEY_FRAMES, REPORT, SUMMARY, tables
 from pps_vision.recordings.yarp_text import STAMP_LIMIT_S
@@ -149,8 +150,10 @@ def _warnings_of(summary: TrackSummary) -> list[str]:
     if "diagnosis" in summary:
         warnings += [f"try {advice}" for advice in summary["diagnosis"]["advice"]]
     warnings += [f"skipped: {n} {kind}" for kind, n in summary["skipped"].items() if n]
-    turned = summary["cameras"].get("rotation_deg") or 0
-    if turned > 1:
+    turned = summary["cameras"].get("rotation_deg", 0.0)
+    if turned is None:
+        warnings.append(UNSEEN)
+    elif turned > 1:
         warnings.append(f"cameras that are said to be fixed turned by {turned:.1f}°")
     return warnings
 
