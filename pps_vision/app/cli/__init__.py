@@ -42,6 +42,10 @@ def main(args: list[str] | None = None) -> None:
         _refuse_python_control()
         if "" in args:
             raise InputError("command line", "a word is empty, as of a variable that is not set; expected none")
+        for k, word in enumerate(args):
+            if word.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+                option = next((other for other in args[k::-1] if other.startswith("--")), "command line")
+                raise InputError(option, f"{word} is no finite number; expected one (./{word} for a file)")
         command = _parsed(args)
         seed = getattr(getattr(command, "subcommand", command), "seed", None)
         if seed is not None and seed < 0:
