@@ -445,8 +445,8 @@ def _robust_shift(offsets: Array, outward: Array, farther_std_px: float, prior: 
     return solution, _CORRELATION * variance * np.linalg.inv(A)
 
 
-_LEVELS = np.arange(256, dtype=np.float32)
-_LIGHT = np.where(_LEVELS < 10.3, _LEVELS / 12.92, 255 * ((_LEVELS / 255 + 0.055) / 1.055) ** 2.4).astype(np.float32)
+LEVELS = np.arange(256, dtype=np.float32)
+_LIGHT = np.where(LEVELS < 10.3, LEVELS / 12.92, 255 * ((LEVELS / 255 + 0.055) / 1.055) ** 2.4).astype(np.float32)
 """Light of each grey level by the tone curve of sRGB (IEC 61966-2-1)."""
 
 
@@ -461,7 +461,7 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     mixed, not grey levels: lens and motion blur the light, before the camera's tone curve.
     """
     band = _BAND_PX if np.count_nonzero(mask) > _SMALL_PX else 1
-    coverage = _mixed(image, mask, box, band, _LEVELS)
+    coverage = _mixed(image, mask, box, band, LEVELS)
     if coverage.blur_px < SHARP_PX:
         return coverage
     widest = int(_RADIUS_BAND * math.sqrt(np.count_nonzero(mask) / math.pi))
@@ -479,13 +479,11 @@ def _mixed(image: Image, mask: Mask, box: Box, band: int, tones: Map) -> Coverag
     left = max(x - margin, 0)
     top = max(y - margin, 0)
     part = np.s_[top : y + h + margin, left : x + w + margin]
-    patch = tones[image[box[1] : box[3], box[0] : box[2]][part]]
+    patch = image[box[1] : box[3], box[0] : box[2]][part].copy()
     x0 = box[0] + left
     y0 = box[1] + top
-    alpha, variance, luma_blur_px = covered(patch, mask[part].copy(), band)
-    color_blur_px = _TO_BLUR * float(np.sum(alpha * (1 - alpha))) / math.sqrt(4 * math.pi * np.count_nonzero(mask))
-    box = x0, y0, x0 + patch.shape[1], y0 + patch.shape[0]
-    return Coverage(alpha, variance, box, min(luma_blur_px, color_blur_px))
+    alpha, variance, blur_px = covered(patch, mask[part].copy(), band, tones)
+    return Coverage(alpha, variance, (x0, y0, x0 + patch.shape[1], y0 + patch.shape[0]), blur_px)
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
@@ -539,18 +537,19 @@ def _covariance(
 
 
 @njit(cache=True, error_model="numpy")
-def covered(patch: Map, mask: Mask, band: int) -> tuple[Map, Map, float]:
+def covered(patch: Image, mask: Mask, band: int, tones: Map) -> tuple[Map, Map, float]:
     """Share of each pixel (h, w) that the object covers, its variance (h, w), 0 where the share is certain, and the
-    blur of the brightness across the edge, px.
+    blur across the edge, px.
 
     At an edge it is the mean of two estimates, weighted by their inverse variances: the mixture of the colours inside
-    and outside, and the hard mask, which decides where the pixel's colour is no such mixture.  The brightness tells the
-    blur, since mosaic and compression blur the hue of sharp edges.
+    and outside, and the hard mask, which decides where the pixel's colour is no such mixture.  The blur is the smaller
+    of colours and brightness, since mosaic and compression blur the hue of sharp edges.
 
     Args:
-        patch: (h, w, 3) red, green and blue, 0–255.
+        patch: (h, w, 3) RGB.
         mask: (h, w) hard mask of the object.
         band: Distance from the mask's edge, px, up to which a pixel may be partly covered.
+        tones: (256,) what is mixed, by level.
     """
     height, width = mask.shape
     kind = _kinds(mask, band)
@@ -559,18 +558,19 @@ def covered(patch: Map, mask: Mask, band: int) -> tuple[Map, Map, float]:
     reach = 2 * band + 2
     all_columns = np.zeros((width, 8), np.float32)
     for y in range(height):
-        _add_colors(all_columns, patch[y], kind[y], 1)
+        _add_colors(all_columns, patch[y], kind[y], tones, 1)
     whole = all_columns.sum(axis=0).astype(np.float32)
     columns = np.zeros((width, 8), np.float32)  # sums of the rows within reach
     sums = np.zeros((width + 1, 8), np.float32)  # cumulated over the columns
-    mixture = 0.0  # of the brightness: ∫a (1 − a), and the edge's length, both times its contrast²
-    length = 0.0
+    mixed = 0.0  # ∫a (1 − a)
+    luma_mixed = 0.0  # the same of the brightness, and the edge's length, both times its contrast²
+    luma_length = 0.0
     window = np.empty(8, np.float32)
     for y in range(-reach, height):
         if y + reach < height:
-            _add_colors(columns, patch[y + reach], kind[y + reach], 1)
+            _add_colors(columns, patch[y + reach], kind[y + reach], tones, 1)
         if y > reach:
-            _add_colors(columns, patch[y - reach - 1], kind[y - reach - 1], -1)
+            _add_colors(columns, patch[y - reach - 1], kind[y - reach - 1], tones, -1)
         if y < 0:
             continue
         for x in range(width):
@@ -584,7 +584,7 @@ def covered(patch: Map, mask: Mask, band: int) -> tuple[Map, Map, float]:
                 right = min(x + reach + 1, width)
                 for channel in range(8):
                     window[channel] = sums[right, channel] - sums[left, channel]
-                color = (float(patch[y, x, 0]), float(patch[y, x, 1]), float(patch[y, x, 2]))
+                color = (float(tones[patch[y, x, 0]]), float(tones[patch[y, x, 1]]), float(tones[patch[y, x, 2]]))
                 inner = _mean(window if window[3] else whole, 0)
                 outer = _mean(window if window[7] else whole, 4)
                 a, b, residual2, contrast2 = _unmixed(color, inner, outer)
@@ -595,9 +595,11 @@ def covered(patch: Map, mask: Mask, band: int) -> tuple[Map, Map, float]:
                 variance[y, x] = noise * _MASK_VAR / (noise + signal)
                 above = _luma(color) - _luma(outer)
                 below = _luma(inner) - _luma(color)
-                mixture += max(above * below, 0.0)
-                length += (above + below) ** 2 / (2 * band)
-    return alpha, variance, _TO_BLUR * mixture / length if length > 0 else 0.0
+                mixed += alpha[y, x] * (1 - alpha[y, x])
+                luma_mixed += max(above * below, 0.0)
+                luma_length += (above + below) ** 2 / (2 * band)
+    length = math.sqrt(4 * math.pi * mask.sum())  # of a disc
+    return alpha, variance, _TO_BLUR * min(mixed / length, luma_mixed / max(luma_length, 1e-9))
 
 
 @njit(cache=True, error_model="numpy")
@@ -643,15 +645,14 @@ def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
 
 
 @njit(cache=True, error_model="numpy")
-def _add_colors(columns: Map, row: Map, kind: NDArray[np.uint8], times: int) -> None:
+def _add_colors(columns: Map, row: Image, kind: NDArray[np.uint8], tones: Map, times: int) -> None:
     """Add a row (w, 3) of pixels to the sums of the `columns` (w, 8) in place: red, green, blue and number of the inner
     pixels, then of the outer pixels."""
     for x in range(len(row)):
         if kind[x] != _EDGE:
             first = 0 if kind[x] == _INNER else 4
-            columns[x, first] += times * row[x, 0]
-            columns[x, first + 1] += times * row[x, 1]
-            columns[x, first + 2] += times * row[x, 2]
+            for channel in range(3):
+                columns[x, first + channel] += times * tones[row[x, channel]]
             columns[x, first + 3] += times
 
 

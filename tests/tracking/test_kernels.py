@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from pps_vision.types import Array, Image, Mask
-from tracking.outline import UNIT, covered
+from tracking.outline import LEVELS, UNIT, covered
 
 
 def _textbook(image: Image, mask: Mask, band: int) -> tuple[Array, Array]:
@@ -59,7 +59,7 @@ KINDS = ("disc", "at the border", "thin", "two", "far apart", "all but a hole")
 @pytest.mark.parametrize("band", [1, 2])
 def test_coverage_is_the_textbooks(kind, band, rng):
     image, mask = _scene(kind, rng)
-    alpha, variance, _ = covered(image.astype(np.float32), mask, band)
+    alpha, variance, _ = covered(image, mask, band, LEVELS)
     true_alpha, true_variance = _textbook(image, mask, band)
     assert 0 < np.count_nonzero(variance) < mask.size
     np.testing.assert_allclose(alpha, true_alpha, atol=1e-6)
