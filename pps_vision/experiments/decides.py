@@ -183,7 +183,7 @@ class Decides(PartsStudy, SampledStudy):
         "map": Part(partial(_run, _map, 5.0)),
         "fixation": Part(partial(_run, _fixation, 1.0)),
         "objects": Part(partial(_run, _objects, 0.5)),
-        "particles": Part(partial(_run, _particles, 1.0)),
+        "particles": Part(partial(_run, _particles, 0.5)),
         "flow": Part(partial(_run, _flow, 1.0)),
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 600, "share": 0.02}

@@ -29,7 +29,7 @@ class Encounters(PartsStudy):
         "tuning": Part(controllers.tune),
     }
 
-    n: int = 600
+    n: int = 1500
     """Encounters of each of press and through; a fifth as many of stop and graze, 6 % of each harmless kind, 10 %
     of `reach`; 3 % as many robots that misjudge by each error, 0.5 % as many with each unknown surface."""
     n_rendered: int = 20
