@@ -331,7 +331,8 @@ class CameraMotion:
     """Estimated error of the nominal poses: rotation (3,) since the first frame of a rig that is declared fixed (rad,
     root frame) and its rate (rad/s, mean of the last second); lag of the joints and its standard deviation (s).
 
-    `is_seen` is False where the cameras are declared fixed and the images show nothing that could tell it."""
+    `is_seen` is False where the cameras are declared fixed and the images show nothing that could tell it.
+    """
 
     rotation_rad: Array
     rate_rad_s: float

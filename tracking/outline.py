@@ -598,7 +598,7 @@ def covered(patch: Image, mask: Mask, band: int, tones: Map) -> tuple[Map, Map, 
                 mixed += alpha[y, x] * (1 - alpha[y, x])
                 luma_mixed += max(above * below, 0.0)
                 luma_length += (above + below) ** 2 / (2 * band)
-    length = math.sqrt(4 * math.pi * mask.sum())  # of a disc
+    length = math.sqrt(4 * math.pi * max(mask.sum(), 1))  # of a disc
     return alpha, variance, _TO_BLUR * min(mixed / length, luma_mixed / max(luma_length, 1e-9))
 
 

@@ -14,8 +14,6 @@ from tracking.camera_pose import CameraMotion
 _WARM_UP = 10  # frames before errors count
 _UNSEEN_S = 1.0  # from the first frame until a scene without fixed points is warned of
 _MAX_TRUTH_AGE_S = 0.02  # between the stamps of a track and of its truth
-
-
 UNSEEN = (
     "nothing in the images shows whether the cameras rest, as they are declared to; if they turn, positions are wrong"
 )
