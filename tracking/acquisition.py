@@ -384,15 +384,15 @@ def vivid_parts(
         table = np.zeros(256, bool)
         for hue in group:
             table[10 * hue + _VIVID : 10 * hue + 10] = True
-        colored = table[bins] & changed
-        mask = masks.closed_component(colored, colored)
-        if mask is None or np.count_nonzero(mask) > _WHOLE_PART * np.count_nonzero(changed):
-            continue
-        outline = _disc_around(image, mask, changed, box, optics)
-        if outline is not None:
-            model = ColorModel(histogram(bins, mask), histogram(bins, ~masks.dilated(mask, 2)))
-            evidence = region.evidence * (1 - model.similarity(model.background))
-            candidates.append(Candidate(outline, model, evidence, True, mask, box, is_part=True))
+        for colored in (table[bins] & changed, table[bins]):  # it may cover the place where it was a moment before
+            mask = masks.closed_component(colored, colored & changed)
+            if mask is None or np.count_nonzero(mask & changed) > _WHOLE_PART * np.count_nonzero(changed):
+                continue
+            if outline := _disc_around(image, mask, changed, box, optics):
+                model = ColorModel(histogram(bins, mask), histogram(bins, ~masks.dilated(mask, 2)))
+                evidence = region.evidence * (1 - model.similarity(model.background))
+                candidates.append(Candidate(outline, model, evidence, True, mask, box, is_part=True))
+                break
     return candidates
 
 
