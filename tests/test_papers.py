@@ -96,7 +96,6 @@ def of_r() -> Iterator[tuple[str, str]]:
     yield "Fig 5", f"{sessions['visual']['samples_of_shown_taxel']} samples"
     yield "Fig 5", f"width {width['visual']} cm"
     yield "Fig 5", f"({erring[0][0]:.2f} and {erring[1][0]:.2f} cm)"
-    assert erring[0][2] < erring[1][1]  # the felt map is crisper with R's errors
     shown = [sessions[name]["samples_of_shown_taxel"] for name in ("inner", "outer", "palm")]
     yield "Fig 7", "{}, {} and {} samples".format(*shown)
     yield "Fig 7", "width {inner}, {outer} and {palm} cm".format(**width)
