@@ -96,6 +96,7 @@ def of_r() -> Iterator[tuple[str, str]]:
     yield "Fig 5", f"{sessions['visual']['samples_of_shown_taxel']} samples"
     yield "Fig 5", f"width {width['visual']} cm"
     yield "Fig 5", f"({erring[0][0]:.2f} and {erring[1][0]:.2f} cm)"
+    assert max(low for _, low, _ in erring) < min(high for _, _, high in erring)  # with R's errors they are as wide
     shown = [sessions[name]["samples_of_shown_taxel"] for name in ("inner", "outer", "palm")]
     yield "Fig 7", "{}, {} and {} samples".format(*shown)
     yield "Fig 7", "width {inner}, {outer} and {palm} cm".format(**width)

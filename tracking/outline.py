@@ -460,11 +460,12 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     A blurred edge's band is as wide as its blur, and lies around the pixels that are covered by half.  There light is
     mixed, not grey levels: lens and motion blur the light, before the camera's tone curve.
     """
-    band = _BAND_PX if np.count_nonzero(mask) > _SMALL_PX else 1
+    area_px = np.count_nonzero(mask)
+    band = _BAND_PX if area_px > _SMALL_PX else 1
     coverage = _mixed(image, mask, box, band, LEVELS)
     if coverage.blur_px < SHARP_PX:
         return coverage
-    widest = int(_RADIUS_BAND * math.sqrt(np.count_nonzero(mask) / math.pi))
+    widest = int(_RADIUS_BAND * math.sqrt(area_px / math.pi))
     for _ in range(2):
         blur_px = coverage.blur_px
         coverage = _mixed(image, mask, box, max(min(math.ceil(2 * blur_px), widest), band), _LIGHT)
@@ -559,7 +560,7 @@ def covered(patch: Image, mask: Mask, band: int, tones: Map) -> tuple[Map, Map, 
     all_columns = np.zeros((width, 8), np.float32)
     for y in range(height):
         _add_colors(all_columns, patch[y], kind[y], tones, 1)
-    whole = all_columns.sum(axis=0).astype(np.float32)
+    whole = all_columns.sum(axis=0)
     columns = np.zeros((width, 8), np.float32)  # sums of the rows within reach
     sums = np.zeros((width + 1, 8), np.float32)  # cumulated over the columns
     mixed = 0.0  # ∫a (1 − a)

@@ -72,8 +72,8 @@ _TURN_RAD = np.deg2rad(10.0)  # range of torso and neck about upright
 _CLEARANCE_M = 0.03  # self-collision distance of a start posture; the controllers keep 25 mm
 _MARGIN_RAD = np.deg2rad(3.0)  # from a start posture's arm joints to their limits
 _DRAWS = 6  # paths tried for a posture
-_POSTURES = 200  # tried for a taxel
-_TAXELS = 5  # tried for an encounter
+_POSTURES = 1000  # tried for an encounter
+_POSTURES_OF_TAXEL = 200  # of them, before another taxel is drawn
 _MIN_CONTACT_S = 0.3  # earliest would-be contact
 _MAX_HIDDEN_SHARE = 0.25  # share of the object that the robot's bodies may hide from an eye
 _INSTANTS = 4  # at which a path is tested
@@ -252,17 +252,17 @@ def draw_one(
     `path`: draws the path in place of the condition's own.
     """
     radius = make_stimulus(stimulus, fineness=0).radius_m
-    for _ in range(_TAXELS):
-        taxel = int(rng.choice(scene.taxels(side, part)))
-        for _ in range(_POSTURES):
-            q = draw_posture(scene, side, part, rng)
-            if condition == "harmless_own_arm" and not scene.may_swing(q, side):
-                continue
-            aim = Aim(scene.skins[side], scene.robot.at(q), taxel, radius, speed_m_s, rng)
-            for _ in range(_DRAWS):
-                if encounter := draw_visible(scene, aim, condition, side, part, stimulus, number, path):
-                    return encounter
-    problem = f"no {condition} in view at {_TAXELS} taxels of {side} {part} in {_POSTURES} postures each"
+    for k in range(_POSTURES):
+        if k % _POSTURES_OF_TAXEL == 0:
+            taxel = int(rng.choice(scene.taxels(side, part)))
+        q = draw_posture(scene, side, part, rng)
+        if condition == "harmless_own_arm" and not scene.may_swing(q, side):
+            continue
+        aim = Aim(scene.skins[side], scene.robot.at(q), taxel, radius, speed_m_s, rng)
+        for _ in range(_DRAWS):
+            if encounter := draw_visible(scene, aim, condition, side, part, stimulus, number, path):
+                return encounter
+    problem = f"no {condition} at {side} {part} in view in {_POSTURES} postures"
     raise InputError(scene.robot.urdf, f"{problem}; expected cameras that see the space before the skin at home")
 
 
