@@ -384,15 +384,12 @@ def vivid_parts(
         table = np.zeros(256, bool)
         for hue in group:
             table[10 * hue + _VIVID : 10 * hue + 10] = True
-        for colored in (table[bins] & changed, table[bins]):  # it may cover the place where it was a moment before
-            mask = masks.closed_component(colored, colored & changed)
-            if mask is None or np.count_nonzero(mask & changed) > _WHOLE_PART * np.count_nonzero(changed):
-                continue
-            if outline := _disc_around(image, mask, changed, box, optics):
-                model = ColorModel(histogram(bins, mask), histogram(bins, ~masks.dilated(mask, 2)))
-                evidence = region.evidence * (1 - model.similarity(model.background))
-                candidates.append(Candidate(outline, model, evidence, True, mask, box, is_part=True))
-                break
+        mask, model = _grow(bins, table[bins] & changed)
+        if mask is None or model is None or np.count_nonzero(mask & changed) > _WHOLE_PART * np.count_nonzero(changed):
+            continue
+        if outline := _disc_around(image, mask, changed, box, optics):
+            evidence = region.evidence * (1 - model.similarity(model.background))
+            candidates.append(Candidate(outline, model, evidence, True, mask, box, is_part=True))
     return candidates
 
 
