@@ -377,6 +377,7 @@ def vivid_parts(
     changed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
     if foreground is not None:
         changed = foreground.differs(box) & masks.dilated(changed, max(w, h) // 4)
+        changed &= ~foreground.background.own_and_ghost(image, foreground.view, changed, box)[1]
     of_bin = np.bincount(bins[changed], minlength=N_BINS)[:100].reshape(10, 10)[:, _VIVID:].sum(axis=1)
     hues = np.flatnonzero(of_bin >= max(_MIN_PART * np.count_nonzero(changed), _MIN_PART_PX))
     candidates = []

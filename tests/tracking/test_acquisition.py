@@ -14,7 +14,7 @@ from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Image, StereoFrame
-from tracking.acquisition import Acquisition, Candidate, SearchCounts, segment
+from tracking.acquisition import Acquisition, Candidate, SearchCounts, segment, vivid_parts
 from tracking.foreground import Background, Foreground, ForegroundParams
 from tracking.marker import MarkerParams, is_nearer_than_surroundings
 from tracking.motion_trigger import Region2D, TriggerParams
@@ -193,6 +193,26 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(rng, rig, vi
     free = segmented(172, 180, 170)  # away from the bar
     assert free.by_color
     assert free.outline.center_px == pytest.approx([180, 120], abs=0.5)
+
+
+@pytest.mark.parametrize("wall", [(90, 90, 90), (250, 150, 80)], ids=["grey", "of its hue"])
+def test_a_ball_in_a_hand_is_a_part_of_what_moves_also_where_it_overlaps_the_place_it_has_left(wall, rng, rig, view):
+    """A red ball above a fist, in view from the start, before a wall."""
+    y, x = np.mgrid[:240, :320]
+
+    def picture(u: int) -> Image:
+        image = np.broadcast_to(np.array(wall), (240, 320, 3)) + rng.normal(0, 2, (240, 320, 3))
+        image[(x - u) ** 2 + (y - 120) ** 2 < 20**2] = (200, 30, 30)
+        image[(abs(x - u) < 16) & (y > 130) & (y < 200)] = (175, 130, 105)
+        return image.clip(0, 255).astype(np.uint8)
+
+    background = learned_from(lambda: picture(100), view.left)
+    current = picture(112)
+    region = Region2D((80, 100, 52, 100), np.ones((100, 52), bool), 1.0)
+    foreground = Foreground(background, current, view.left, (picture(104), view.left))
+    (part,) = vivid_parts(current, region, Optics(rig.left), foreground)
+    assert part.outline.center_px == pytest.approx([112, 120], abs=0.5)
+    assert part.outline.area_px == pytest.approx(np.pi * 20**2, rel=0.05)
 
 
 def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whole(search, view):
