@@ -26,7 +26,7 @@ class FixationParams:
     limits: HeadLimits = field(default_factory=HeadLimits)  # range and speed of the head
 
 
-_WHOLE_STEP = FixationParams(0.8, 0.5, HeadLimits(neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6))  # of `gaze_at`
+_WHOLE_STEP = FixationParams(1.0, 1.0, HeadLimits(neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6))  # of `gaze_at`
 
 
 def step(

@@ -44,8 +44,9 @@ def bench(
 ) -> None:
     """Run the named studies; with `redraw` only draw charts and fill tables from their results.
 
-    A `short` run takes each study's smallest parameters (`Study.SHORT`), unless `overrides` give others. Several
-    studies run in `workers` processes (an override); a study that fails does not stop the others.
+    A `short` run takes each study's smallest parameters (`Study.SHORT`), unless `overrides` give others. Of several
+    studies in `workers` processes (an override), those that share their work among them run one after the other, then
+    the others beside each other; a study that fails does not stop the others.
     """
     catalog = catalogue()
     for word in requested:
@@ -62,7 +63,8 @@ def bench(
         raise InputError("bench", "the code has uncommitted changes; commit them first, or give --out FOLDER")
     if out == _DOCUMENTS and short:
         raise InputError("bench", "a short run measures nothing; give --out FOLDER for its results")
-    studies = {name: _with_parameters(catalog[name], overrides, short) for name in chosen}
+    shared = {"workers": workers} if workers > 1 else {}
+    studies = {name: _with_parameters(catalog[name], overrides | shared, short) for name in chosen}
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
@@ -101,8 +103,11 @@ def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bo
         for name, study in studies.items():
             _measure(name, study, commit, out, again)
         return
-    with worker_pool(workers, max_tasks_per_child=1) as pool:
-        futures = [pool.submit(_measure, name, study, commit, out, again) for name, study in studies.items()]
+    futures = []
+    for shares in (True, False):
+        with worker_pool(1 if shares else workers, max_tasks_per_child=1) as pool:
+            chosen = {name: study for name, study in studies.items() if ("workers" in study.defaults()) == shares}
+            futures += [pool.submit(_measure, name, study, commit, out, again) for name, study in chosen.items()]
     errors = [error for future in futures if (error := future.exception())]
     for error in errors[1:]:
         print(f"! {error}")
