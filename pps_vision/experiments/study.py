@@ -102,7 +102,8 @@ class Study(ABC):
 
 
 class Part(NamedTuple):
-    """One part of a study: functions that measure it (from the study's parameters), draw it and tabulate it.
+    """One part of a study: functions that measure it (from the study's parameters), draw it and tabulate it; whether it
+    runs only on request, by its name.
 
     A chart or table is the part's own, or several by name. `chart` and `table` are given the part's numbers, and are
     not called where the part was skipped: where `run` returned {"skipped": the reason}.
@@ -111,6 +112,7 @@ class Part(NamedTuple):
     run: Callable[[Any], dict[str, Any]]
     chart: "Callable[[dict[str, Any]], Figure | dict[str, Figure]] | None" = None
     table: "Callable[[dict[str, Any]], Table | dict[str, Table]] | None" = None
+    on_request: bool = False
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ class PartsStudy(Study):
 
     PARTS: ClassVar[Mapping[str, Part]] = {}  # the parts by name
 
-    parts: tuple[str, ...] = ()  # parts to run (default: all)
+    parts: tuple[str, ...] = ()  # parts to run (default: all but those on request)
 
     def __post_init__(self) -> None:
         """Check the parameters and the names of parts."""
@@ -137,7 +139,7 @@ class PartsStudy(Study):
 
     def tasks(self) -> dict[str, Callable[[], dict[str, Any]]]:
         """Return what measures each chosen part."""
-        chosen = self.parts or self.PARTS
+        chosen = self.parts or [name for name, part in self.PARTS.items() if not part.on_request]
         return {name: partial(part.run, self) for name, part in self.PARTS.items() if name in chosen}
 
     def run(self) -> dict[str, Any]:

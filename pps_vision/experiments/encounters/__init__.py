@@ -12,8 +12,8 @@ from pps_vision.experiments.study import Part, PartsStudy
 class Encounters(PartsStudy):
     """Parts: all controllers without rendering; ours beside controls that have learned nothing, on robots with R's
     errors; the meaning of an activation; surfaces that geometry does not know; ours and such a control rendered; R's
-    sessions of avoidance and reaching (R Figs 10, 11, S1, S2, Tables 6, 7); the search for the baselines'
-    parameters."""
+    sessions of avoidance and reaching (R Figs 10, 11, S1, S2, Tables 6, 7); on request, the search for the
+    baselines' parameters."""
 
     SHORT: ClassVar[Mapping[str, Any]] = {
         **dict.fromkeys(("n_rendered", "n_tuning", "draws"), 1),
@@ -26,13 +26,13 @@ class Encounters(PartsStudy):
         "unknown": Part(unknown.run, table=unknown.tables),
         "rendered": Part(controllers.run_rendered, table=controllers.rendered_table),
         "sessions": Part(sessions.run, sessions.chart, sessions.table),
-        "tuning": Part(controllers.tune),
+        "tuning": Part(controllers.tune, on_request=True),
     }
 
-    n: int = 1500
+    n: int = 200
     """Encounters of each of press and through; a fifth as many of stop and graze, 6 % of each harmless kind, 10 %
-    of `reach`; 3 % as many robots that misjudge by each error, 0.5 % as many with each unknown surface."""
-    n_rendered: int = 20
+    of `reach`; a tenth as many robots that misjudge by each error, 2 % as many with each unknown surface."""
+    n_rendered: int = 10
     """Rendered encounters of each approaching kind; six tenths as many of each harmless kind."""
     n_tuning: int = 12  # the same of the search for parameters
     draws: int = 30  # parameters tried for each controller
@@ -47,9 +47,9 @@ class Encounters(PartsStudy):
     @property
     def n_robots(self) -> int:
         """Robots that misjudge by each error."""
-        return max(round(0.03 * self.n), 2)
+        return max(round(0.1 * self.n), 2)
 
     @property
     def n_subjects(self) -> int:
         """Robots with each surface that geometry does not know."""
-        return max(round(0.005 * self.n), 2)
+        return max(round(0.02 * self.n), 2)
