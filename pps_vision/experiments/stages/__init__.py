@@ -23,10 +23,7 @@ from pps_vision.experiments.study import DATA, Part, PartsStudy, TrackingStudy
 
 @dataclass(frozen=True)
 class Stages(PartsStudy, TrackingStudy):
-    """One speed–accuracy chart per stage; a panel shows one scenario, the 95 % intervals resample its recordings.
-
-    `n` is the number of recordings of each kind.
-    """
+    """One speed–accuracy chart per stage; a panel shows one scenario, the 95 % intervals resample its recordings."""
 
     PARTS: ClassVar[Mapping[str, Part]] = {
         "trigger": Part(trigger.run, trigger.chart),
@@ -43,6 +40,7 @@ class Stages(PartsStudy, TrackingStudy):
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_calm": 1, "n_movements": 2, "n_problems": 100, "n_ipopt": 10}
 
+    n: int = 3  # recordings of each kind
     seconds: float = 2.5  # length of the recordings of tracked objects, unless the motion determines it
     n_calm: int = 30  # recordings in which nothing moves, for the false alarms of our trigger
     n_movements: int = 100  # movements of the arm

@@ -87,7 +87,7 @@ class Tracking(PartsStudy, TrackingStudy):
     }
     SHORT: ClassVar[Mapping[str, Any]] = {"n_consistency": 1, "n_approaches": 1}
 
-    n: int = 12  # recordings of each object for the accuracy, their motions by turns
+    n: int = 8  # recordings of each object for the accuracy, their motions by turns
     seconds: float = 5.0  # length of the recordings, approaches at a given speed apart
     n_consistency: int = 4  # recordings of each kind for the consistency
     n_approaches: int = 4  # approaches of each object for the pipeline
