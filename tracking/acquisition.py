@@ -40,8 +40,6 @@ SearchCounts = Counter[str]
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
 _VIVID = 6  # tenth of the saturation from which a colour is vivid
 _AROUND_PX = 6  # around a motion region whose vivid parts are sought
-_MIN_PART = 0.02  # share of a motion region
-_MIN_PART_PX = 40
 _WHOLE_PART = 0.8  # share of the moving region from which a part is the whole
 _RIM_PX = 1.0  # distance of a part's edge from the circle around it
 _RIM = 0.04  # the same, relative to the radius
@@ -54,11 +52,8 @@ _MARGIN = 1.0  # around a motion region, relative to its size
 _ROUNDS = 4  # largest number of alternating estimates of colours and mask
 _GROWN_PX = 10_000  # pixels that grow to an object
 _MIN_AREA_PX = 16  # area of an object
-_MIN_FILL = 0.35  # share of its box
-_MAX_SHARE = 0.25  # share of the image
 _MIN_LIKENESS = 0.7  # Bhattacharyya coefficient of an object's colours in both images
 _MAX_RATIO = 1.2  # largest ratio of an object's radii (m) in both images
-_DISTINCT = 0.5  # Bhattacharyya coefficient below which colours suffice without the foreground
 _SAME_SIDE = math.acos(0.7)  # angle between both cameras' axes, beyond which borders cut off different parts
 _ALIGNED_PX = 1.0  # standard deviation of the centre of an aligned silhouette
 _LOW_SATURATION = 0.4  # share of the object's mean squared saturation below which a colour is the surroundings'
@@ -341,20 +336,19 @@ def segment(image: Image, region: Region2D, optics: Optics, foreground: Foregrou
     by_color = model is not None
     is_partly_occluded = False
     if foreground is not None:
-        is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
-        by_color = is_distinct and mask is not None and foreground.confirms(mask, box)
+        by_color = mask is not None and foreground.confirms(mask, box)
         moved, is_partial = foreground.moved_mask(seed, box) or (None, False)
         if is_partial and by_color:
             moved = None
         is_partly_occluded = moved is not None and is_partial
-        if moved is not None and not (is_distinct and mask is not None and foreground.shows_the_object(mask, moved)):
+        if moved is not None and not (mask is not None and foreground.shows_the_object(mask, moved)):
             mask, by_color = moved, False
             model = ColorModel(histogram(bins, moved), histogram(bins, ~masks.dilated(moved, 2)))
         elif not by_color:
             return None
     if mask is None or model is None or np.count_nonzero(mask) < _MIN_AREA_PX:
         return None
-    shape = _object_outline(image, mask, box, optics)
+    shape = fit_outline(image, mask, box, optics)
     if shape is None:
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
@@ -380,7 +374,7 @@ def vivid_parts(
         changed = foreground.differs(box) & masks.dilated(changed, max(w, h) // 4)
         ghost = foreground.background.own_and_ghost(image, foreground.view, changed, box)[1]
     of_bin = np.bincount(bins[changed], minlength=N_BINS)[:100].reshape(10, 10)[:, _VIVID:].sum(axis=1)
-    hues = np.flatnonzero(of_bin >= max(_MIN_PART * np.count_nonzero(changed), _MIN_PART_PX))
+    hues = np.flatnonzero(of_bin >= _MIN_AREA_PX)
     candidates = []
     for group in _adjacent(hues.tolist()):
         table = np.zeros(256, bool)
@@ -482,15 +476,6 @@ def _best_circle(contour: Array, largest: float) -> tuple[float, float, float]:
 def _sine(a: Array, b: Array) -> float:
     """Sine of the angle between two vectors (3,)."""
     return float(np.linalg.norm(np.cross(a, b)) / np.linalg.norm(a) / np.linalg.norm(b))
-
-
-def _object_outline(image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
-    """The mask's outline; None if it is too large or too ragged for an object."""
-    shape = fit_outline(image, mask, box, optics)
-    if shape is None or shape.area_px > _MAX_SHARE * image.shape[0] * image.shape[1]:
-        return None
-    _, sides, _ = cv2.minAreaRect(masks.contour(mask))
-    return shape if shape.area_px >= _MIN_FILL * (sides[0] + 1) * (sides[1] + 1) else None
 
 
 def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
