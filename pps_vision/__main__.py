@@ -28,13 +28,17 @@ def main() -> None:
     follow_parent()
     gc.set_threshold(_COLLECTED)
     sys.setswitchinterval(_SWITCH_S)
-    sys.stdout = _Output.instead_of(sys.stdout)
+    sys.stdout = output = _Output.instead_of(sys.stdout)
     sys.stderr = _Output.instead_of(sys.stderr)
     warnings.formatwarning = _on_one_line
     try:
         from pps_vision.app.cli import main as run  # here, so that a signal or a missing library is caught
 
         run()
+        output.flush()
+        if output.error is not None and not isinstance(output.error, BrokenPipeError):
+            print(f"pps-vision: standard output: {output.error}", file=sys.stderr)
+            sys.exit(2)
     except Exception as error:
         message = _missing_dependency(error)
         if message is None:
@@ -73,7 +77,7 @@ def _end(signum: int, frame: object) -> None:
 class _Output(io.TextIOWrapper):
     """A standard stream that drops its output after an error (closed pipe, full disk) instead of stopping the work."""
 
-    _is_gone = False
+    error: OSError | None = None  # after which output was dropped
 
     @classmethod
     def instead_of(cls, stream: TextIO | None) -> "_Output":
@@ -87,18 +91,18 @@ class _Output(io.TextIOWrapper):
     def write(self, text: str) -> int:
         """Write, or drop what cannot be written."""
         try:
-            return len(text) if self._is_gone else super().write(text)
-        except OSError:
-            self._is_gone = True
+            return super().write(text) if self.error is None else len(text)
+        except OSError as error:
+            self.error = error
             return len(text)
 
     def flush(self) -> None:
         """Flush, or drop what cannot be written."""
         try:
-            if not self._is_gone:
+            if self.error is None:
                 super().flush()
-        except OSError:
-            self._is_gone = True
+        except OSError as error:
+            self.error = error
 
 
 def _on_one_line(

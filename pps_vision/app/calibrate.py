@@ -17,6 +17,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.image_file import decode, used_bits
 from pps_vision.recordings.recording import Pair, pair_by_stamp, usual_size
+from pps_vision.recordings.source import expect_rate
 from pps_vision.recordings.video import is_video, open_video
 from pps_vision.recordings.warnings import Problem
 from pps_vision.types import Array, Image
@@ -191,6 +192,7 @@ def board_pairs(
     """Image pairs of the board: image files by the last number in their names, or a subset of two videos' frames."""
     if not (left and right):
         raise InputError("calibrate", "expected left and right images, or two videos")
+    expect_rate(fps)
     if not any(is_video(Path(name)) for name in (*left, *right)):
         recording = open_stereo_images(left, right, fps or 1.0)
         problems += recording.problems

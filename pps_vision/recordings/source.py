@@ -121,7 +121,14 @@ def make_source(folder: Path | str | None, options: Options) -> Source:
         given[name] = tuple(map(str if name in ("left", "right") else Path, names))
     source = Source(folder=None if folder is None else Path(folder), **given)
     expect_skew(source.max_skew_s)
+    expect_rate(source.fps)
     return source
+
+
+def expect_rate(fps: float | None) -> None:
+    """InputError for what is given and cannot be a number of frames a second."""
+    if fps is not None and not 0 < fps < float("inf"):
+        raise InputError("recording", f"fps {fps}; expected a positive number of frames a second")
 
 
 def expect_skew(max_skew_s: float) -> None:

@@ -133,8 +133,6 @@ def check_options(source: Source) -> None:
         raise InputError("recording", f"--{option} {name} without --{missing}; expected both")
     if source.fps is not None and source.times:
         raise InputError("recording", "fps and times; expected one of them")
-    if source.fps is not None and not 0 < source.fps < float("inf"):
-        raise InputError("recording", f"fps {source.fps}; expected a positive number of frames a second")
 
 
 def times_of_sides(source: Source) -> tuple[Times | None, Times | None]:
@@ -198,8 +196,6 @@ def _by_frame(
 ) -> tuple[tuple[Pair, ...], tuple[str, ...]]:
     """Pairs of one number at a constant rate, and a warning where as many numbers of both sides begin and end equally
     far apart."""
-    if not 0 < fps < float("inf"):
-        raise InputError("recording", f"fps {fps}; expected a positive number of frames a second")
     left, right = (_by_number(images, problems) for images in (left_images, right_images))
     numbers = sorted(left | right)
     apart = {max(right) - max(left), min(right) - min(left)} if left and right else {0}
