@@ -26,13 +26,13 @@ class Bench:
     scenes: Literal["rendered", "independent", "both"] | None = None
     """Scenes of the project's renderer, of the independent ray caster, or both."""
     parts: tuple[str, ...] | None = None
-    """Parts of a study that has several (default: all)."""
+    """Parts of a study that has several (default: all but those on request)."""
     robot: Path | None = None
     """robot.toml of another robot for `loop`; give --out."""
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
     workers: int | None = None
-    """Number of studies that run in parallel; of `encounters` or `independent` alone, number of its processes."""
+    """Processes: `encounters` and `independent` share each its work among them, the other studies run in parallel."""
     out: Path = Path("docs")
     """Folder of results and figures; with another than docs, the documents with their tables go there too."""
     short: bool = False
