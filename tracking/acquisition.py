@@ -369,18 +369,20 @@ def vivid_parts(
     bins = color_bins(image[box[1] : box[3], box[0] : box[2]])
     changed = np.zeros(bins.shape, bool)
     changed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
-    ghost = np.zeros(bins.shape, bool)
     if foreground is not None:
         changed = foreground.differs(box) & masks.dilated(changed, max(w, h) // 4)
-        ghost = foreground.background.own_and_ghost(image, foreground.view, changed, box)[1]
     of_bin = np.bincount(bins[changed], minlength=N_BINS)[:100].reshape(10, 10)[:, _VIVID:].sum(axis=1)
     hues = np.flatnonzero(of_bin >= _MIN_AREA_PX)
+    seed = changed
+    if foreground is not None and len(hues):
+        _, ghost = foreground.background.own_and_ghost(image, foreground.view, changed, box)
+        seed = changed & ~ghost
     candidates = []
     for group in _adjacent(hues.tolist()):
         table = np.zeros(256, bool)
         for hue in group:
             table[10 * hue + _VIVID : 10 * hue + 10] = True
-        mask, model = _grow(bins, table[bins] & changed & ~ghost)
+        mask, model = _grow(bins, table[bins] & seed)
         if mask is None or model is None or np.count_nonzero(mask & changed) > _WHOLE_PART * np.count_nonzero(changed):
             continue
         if outline := _disc_around(image, mask, changed, box, optics):
