@@ -84,12 +84,10 @@ class Ball:
         if distance <= self.radius_m:
             return np.full((1, 3), np.nan)
         sine = self.radius_m / distance
-        first = np.cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
-        first /= np.linalg.norm(first)
-        second = np.cross(sight / distance, first)
-        angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)[:, None]
-        rim_radius = self.radius_m * np.sqrt(1 - sine**2)
-        return self.center - sight * sine**2 + rim_radius * (np.cos(angle) * first + np.sin(angle) * second)
+        across = np.linalg.svd(sight[None])[2][1:]
+        angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+        circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ across
+        return np.asarray(self.center - sight * sine**2 + self.radius_m * np.sqrt(1 - sine**2) * circle)
 
     def sample(self, eye: Array) -> Array:
         """Return points (256, 3) spread evenly over the disc that `eye` sees; none from within."""
@@ -237,47 +235,59 @@ class RayCaster:
             moving: Moving solids at each instant.
             static: Solids that never move.
         """
-        image = self._static(poses, static)
+        static_regions = self._regions(poses, static, static)
+        image = self._static(poses, static, static_regions)
         scenes = [(*solids, *static) for solids in moving]
         instants = _INSTANT_OF_SAMPLE if len(poses) > 1 else np.zeros_like(_INSTANT_OF_SAMPLE)
+        regions = self._regions(poses, moving[0], moving[-1])
         mask = np.zeros(image.shape[:2], bool)
-        for first, last in zip(moving[0], moving[-1], strict=True):
-            x0, y0, x1, y1 = self._region(((poses[0], first), (poses[-1], last)))
+        for x0, y0, x1, y1 in regions:
             mask[y0:y1, x0:x1] = True
         if mask.any():  # the first cast determines the size of a texture
-            self._cast(poses, scenes, instants, mask, image)
+            self._cast(poses, scenes, np.concatenate([regions, static_regions]), instants, mask, image)
         return image
 
-    def _static(self, poses: list[Array], static: Solids) -> NDArray[np.float32]:
+    def _static(self, poses: list[Array], static: Solids, regions: NDArray[np.int64]) -> NDArray[np.float32]:
         image = np.empty((self.lens.height, self.lens.width, 3), np.float32)
         whole = np.ones(image.shape[:2], bool)
         if any(not np.array_equal(pose, poses[0]) for pose in poses):
             coarse = [poses[k] for k in _COARSE_INSTANTS]
-            self._cast(coarse, [static] * len(coarse), _COARSE_INSTANT_OF_SAMPLE, whole, image)
+            self._cast(coarse, [static] * len(coarse), regions, _COARSE_INSTANT_OF_SAMPLE, whole, image)
             return image
         samples = 3
         if self._background is not None and self._background[1] is static:
             if np.array_equal(self._background[0], poses[0]):
                 return self._background[2].copy()
             samples = 1  # the eye moves from frame to frame
-        self._cast(poses[:1], [static], np.zeros((samples, samples), np.int64), whole, image)
+        self._cast(poses[:1], [static], regions, np.zeros((samples, samples), np.int64), whole, image)
         self._background = (poses[0], static, image.copy())
         return image
 
-    def _region(self, ends: Sequence[tuple[Array, Solid]]) -> tuple[int, int, int, int]:
-        """x0, y0, x1, y1 of the pixels that a solid may cover between two poses and places."""
+    def _regions(self, poses: list[Array], first: Solids, last: Solids) -> NDArray[np.int64]:
+        """(n, 4) x0, y0, x1, y1 of the pixels that each solid may cover between the first and the last pose and
+        place."""
         size = (self.lens.width, self.lens.height)
-        pixels = np.concatenate([self.lens.project(pose, solid.outline(pose[:3, 3])) for pose, solid in ends])
-        if np.isnan(pixels).any():  # extends beyond the lens's range, wholly or in part
-            return (0, 0, 0, 0) if np.isnan(pixels).all() else (0, 0, *size)
-        x0, y0 = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
-        x1, y1 = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 3, 0, size)
-        return int(x0), int(y0), int(x1), int(y1)
+        regions = np.zeros((len(first), 4), np.int64)
+        for region, *ends in zip(regions, first, last, strict=True):
+            sides = [
+                self.lens.project(pose, solid.outline(pose[:3, 3]))
+                for pose, solid in zip((poses[0], poses[-1]), ends, strict=True)
+            ]
+            pixels = np.concatenate(sides)
+            if np.isnan(pixels).all():
+                continue
+            if np.isnan(pixels).any():  # extends beyond the lens's range
+                region[2:] = size
+                continue
+            region[:2] = np.maximum(np.floor(pixels.min(axis=0)) - 2, 0)
+            region[2:] = np.clip(np.ceil(pixels.max(axis=0)) + 3, 0, size)
+        return regions
 
     def _cast(
         self,
         poses: list[Array],
         scenes: Sequence[Solids],
+        regions: NDArray[np.int64],
         instants: NDArray[np.int64],
         mask: Mask,
         image: NDArray[np.float32],
@@ -288,7 +298,7 @@ class RayCaster:
         sizes = np.array([texture.shape[:2] for texture in textures])
         rows = np.array([np.concatenate([pose[:3, :3].ravel(), pose[:3, 3]]) for pose in poses])
         solids = np.array([_rows(scene) for scene in scenes])
-        _cast(self.lens.rays, rows, solids, self._room, texels, sizes, mask, instants, LIGHT, image)
+        _cast(self.lens.rays, rows, solids, regions, self._room, texels, sizes, mask, instants, LIGHT, image)
 
     def _texture(self, solid: Solid, eye: Array) -> NDArray[np.float32]:
         """As wide as the solid's circumference or width is in the first image."""
@@ -372,14 +382,24 @@ def _texel(texels, start, h, w, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _cast(rays, poses, solids, room, texels, sizes, mask, instants, lamp, image):  # type: ignore[no-untyped-def]
-    """Write the mean colour of the samples of each pixel of a mask into the image."""
+def _cast(rays, poses, solids, regions, room, texels, sizes, mask, instants, lamp, image):  # type: ignore[no-untyped-def]
+    """Write the mean colour of the samples of each pixel of a mask into the image.
+
+    `regions` (n, 4) are the x0, y0, x1, y1 of the pixels that each solid may cover.
+    """
+    indices = np.empty(len(regions), np.int64)
     side = instants.shape[0]
     weight = 1 / (side * side)
     for y in range(mask.shape[0]):
         for x in range(mask.shape[1]):
             if not mask[y, x]:
                 continue
+            n = 0
+            for m in range(len(regions)):
+                if regions[m, 0] <= x < regions[m, 2] and regions[m, 1] <= y < regions[m, 3]:
+                    indices[n] = m
+                    n += 1
+            near = indices[:n]
             red = 0.0
             green = 0.0
             blue = 0.0
@@ -398,14 +418,14 @@ def _cast(rays, poses, solids, room, texels, sizes, mask, instants, lamp, image)
                     dx = R[0] * a + R[1] * b + R[2]
                     dy = R[3] * a + R[4] * b + R[5]
                     dz = R[6] * a + R[7] * b + R[8]
-                    t, n = first_hit(R[9], R[10], R[11], dx, dy, dz, solids[k])
-                    if n < 0:
+                    t, m = first_hit(R[9], R[10], R[11], dx, dy, dz, solids[k], near)
+                    if m < 0:
                         color = _wall(R[9], R[10], R[11], dx, dy, dz, room, texels, sizes[0, 0], sizes[0, 1])
                     else:
-                        px = R[9] + t * dx - solids[k, n, 1]
-                        py = R[10] + t * dy - solids[k, n, 2]
-                        pz = R[11] + t * dz - solids[k, n, 3]
-                        color = _color(solids[k, n], px, py, pz, texels, sizes, lamp)
+                        px = R[9] + t * dx - solids[k, m, 1]
+                        py = R[10] + t * dy - solids[k, m, 2]
+                        pz = R[11] + t * dz - solids[k, m, 3]
+                        color = _color(solids[k, m], px, py, pz, texels, sizes, lamp)
                     red += color[0]
                     green += color[1]
                     blue += color[2]

@@ -44,15 +44,15 @@ def dot(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", inline="always")
-def first_hit(ox, oy, oz, dx, dy, dz, solids):  # type: ignore[no-untyped-def]
+def first_hit(ox, oy, oz, dx, dy, dz, solids, near):  # type: ignore[no-untyped-def]
     """Return the distance (in lengths of the direction) and the index of the first solid on a ray; −1 without one.
 
-    Solids (n, 13 or more columns) may be of any kinds.
+    Solids (n, 13 or more columns) may be of any kinds; only those whose indices are in `near` are looked at.
     """
     nearest = np.inf
     index = -1
     a = dot(dx, dy, dz, dx, dy, dz)
-    for n in range(solids.shape[0]):
+    for n in near:
         x = ox - solids[n, 1]
         y = oy - solids[n, 2]
         z = oz - solids[n, 3]
@@ -132,9 +132,10 @@ def unit_normal(row, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _first_hits(origin, rays, solids, distance, index, normals):  # type: ignore[no-untyped-def]
+    whole = np.arange(len(solids))
     for k in range(len(rays)):
         d = rays[k]
-        t, n = first_hit(origin[0], origin[1], origin[2], d[0], d[1], d[2], solids)
+        t, n = first_hit(origin[0], origin[1], origin[2], d[0], d[1], d[2], solids, whole)
         distance[k] = t
         index[k] = n
         if n >= 0:
