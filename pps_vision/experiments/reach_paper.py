@@ -355,12 +355,12 @@ class ReachPaper(SampledStudy, PartsStudy):
         "requested": (0.05,),
     }
 
-    n: int = 5  # repetitions of training, in the whole paper and for the maps of each arm
+    n: int = 3  # repetitions of training, in the whole paper and for the maps of each arm
     n_tried: int = 20_000  # arm postures babbled
     n_labels: int = 24_000  # inverse-kinematics solutions per map; of maps with a requested error, at most
     n_labels_of_j: int = 52_000  # inverse-kinematics solutions of J's map
     n_test: int = 20_000  # gaze postures at which maps are judged
-    n_bounds: int = 10  # maps of each arm per requested error bound
+    n_bounds: int = 4  # maps of each arm per requested error bound
     requested: tuple[float, ...] = (0.01, 0.003, 0.001)  # requested error bounds
     n_bound_test: int = 100_000  # gaze postures at which a stated bound is judged
     n_rendered: int = 300  # postures rendered and tracked, twice

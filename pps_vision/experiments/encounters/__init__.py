@@ -32,7 +32,7 @@ class Encounters(PartsStudy):
     n: int = 200
     """Encounters of each of press and through; a fifth as many of stop and graze, 6 % of each harmless kind, 10 %
     of `reach`; a tenth as many robots that misjudge by each error, 2 % as many with each unknown surface."""
-    n_rendered: int = 10
+    n_rendered: int = 6
     """Rendered encounters of each approaching kind; six tenths as many of each harmless kind."""
     n_tuning: int = 12  # the same of the search for parameters
     draws: int = 30  # parameters tried for each controller
