@@ -30,7 +30,6 @@ _STRIP = 64  # rows of the background that are updated together
 # 3200 outlines of 27 films (seeds 8202, 2016, 2017) no object has more than 0.23, most ghosts have 0.5 to 0.8.
 _GHOST = 0.3
 _COMMON = 0.3  # share of colours that an object and its ghost have in common, at least
-_MIN_OWN = 1 / 6  # of what moves with an object: a ball in a hand is a fifth, a piece of its ghost a ninth
 _RAGGED = 0.05  # width of parts that colours of the surroundings leave, relative to the root of the area
 _AROUND = 0.35  # width of these surroundings, relative to the root of the ghost's area
 SOLID = 0.9  # solidity below which a moving region may be an object and its holder
@@ -355,8 +354,7 @@ class Foreground:
             return False
         whole = masks.filled(touching | colored)
         own, ghost = self.background.own_and_ghost(self.image, self.view, whole, box)
-        least = max(np.count_nonzero(colored) / 2, _MIN_OWN * np.count_nonzero(own))
-        return bool(not ghost.any() or np.count_nonzero(colored & own) > least)
+        return bool(not ghost.any() or 2 * np.count_nonzero(colored & own) > np.count_nonzero(colored))
 
     def shows_the_object(self, colored: Mask, moved: Mask) -> bool:
         """Whether a colour region (h, w) is the object of the foreground `moved` (h, w): both are nearly equal, or the

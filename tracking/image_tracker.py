@@ -46,9 +46,7 @@ _CORE = 0.75
 _REACH = 1.25  # largest mask, as a multiple of the expected size; what is farther from the centre is another object's
 _TOUCHING = 0.25  # area beyond the reach, relative to the object's, from which another object touches it
 SIZE_FRAMES = 10  # frames in which an object was wholly visible after which its size is known
-_MIN_RATIO_STD = 0.005
 _ERRORS = 3.0  # standard deviations of that ratio below its mean from which part of the object is hidden
-_OFF = 0.35  # distance of the outline's centre from the located object, in object sizes, above which it is another's
 _THIN_PX = 2  # half the width of foreground that hides nothing, such as the rim of a shadow or of what moved
 _FREE = 0.05  # foreground around a whole object, at most
 _RIVAL = -0.3  # evidence of a foreground pixel of another colour: it may be in front of the object
@@ -56,7 +54,6 @@ _OFF_PREDICTION = 0.05  # largest distance of an outline from its prediction, in
 _MIN_INSIDE = 0.1  # least distance of the centre of a partly visible object from the border, in object sizes
 _PARTICLE_PX = 0.3  # systematic error of the particles' centre
 _OTHER_SHAPE = 0.15  # error of the centre of an object that may have turned since its silhouette was seen, in radii
-_MOST_SHIFT = 0.3  # distance of a visible edge from the particles, in radii
 _LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row above which its hue does not separate it
 
 
@@ -273,8 +270,6 @@ class ImageTracker:
         largest = target.ratio + max(_ERRORS * target.ratio_std, 2 * SIZE_ERROR)
         if target.is_size_known and ratio > largest:  # background of the object's colour beside it
             return None
-        if math.dist(outline.center_px.tolist(), center_px.tolist()) > _OFF * target.size:
-            return None
         colors = histogram(examined.bins, mask)
         score = target.model.similarity(colors) if by_color else float(likelihood[mask].mean())
         score *= min(ratio, 1 / ratio) ** 2
@@ -315,7 +310,7 @@ class ImageTracker:
             model=model,
             shape=(width, height),
             ratio=mean,
-            ratio_std=max(math.sqrt(variance), _MIN_RATIO_STD),
+            ratio_std=math.sqrt(variance),
             frames=target.frames + 1,
         )
         w, h = learned.box
@@ -563,7 +558,7 @@ class CameraTracker:
         radius_px = angle * self.optics.camera.focal_px
         region = examined.evidence.pixels, examined.covered, examined.roi
         fit = fit_visible_edge(camera.image, *region, *located.edges[eye], located.radius_std * radius_px)
-        if fit is not None and math.hypot(*fit.shift_px) < _MOST_SHIFT * radius_px:
+        if fit is not None:
             outline = at_visible_edge(outline, fit, radius_px)
         if target.silhouette is not None:
             outline = replace(outline, hidden_px=_OTHER_SHAPE * radius_px)

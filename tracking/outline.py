@@ -35,7 +35,6 @@ _INNER = 1
 _OUTER = 2
 
 SHARP_PX = 0.68  # most blur of an edge by a sharp lens and the sensor
-_RADIUS_BAND = 0.5  # widest band at a blurred edge, as a share of the object's radius
 _TO_BLUR = math.sqrt(math.pi)  # standard deviation of a blurred edge's share a over ∫a (1 − a)
 _LUMA = (0.3, 0.6, 0.1)  # red, green and blue in an image's brightness
 
@@ -465,10 +464,9 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     coverage = _mixed(image, mask, box, band, LEVELS)
     if coverage.blur_px < SHARP_PX:
         return coverage
-    widest = int(_RADIUS_BAND * math.sqrt(area_px / math.pi))
     for _ in range(2):
         blur_px = coverage.blur_px
-        coverage = _mixed(image, mask, box, max(min(math.ceil(2 * blur_px), widest), band), _LIGHT)
+        coverage = _mixed(image, mask, box, max(math.ceil(2 * blur_px), band), _LIGHT)
         mask, box = coverage.alpha > 0.5, coverage.box
     return replace(coverage, blur_px=max(blur_px, coverage.blur_px))
 
