@@ -46,6 +46,7 @@ _CORE = 0.75
 _REACH = 1.25  # largest mask, as a multiple of the expected size; what is farther from the centre is another object's
 _TOUCHING = 0.25  # area beyond the reach, relative to the object's, from which another object touches it
 SIZE_FRAMES = 10  # frames in which an object was wholly visible after which its size is known
+_MIN_RATIO_STD = 0.005
 _ERRORS = 3.0  # standard deviations of that ratio below its mean from which part of the object is hidden
 _THIN_PX = 2  # half the width of foreground that hides nothing, such as the rim of a shadow or of what moved
 _FREE = 0.05  # foreground around a whole object, at most
@@ -310,7 +311,7 @@ class ImageTracker:
             model=model,
             shape=(width, height),
             ratio=mean,
-            ratio_std=math.sqrt(variance),
+            ratio_std=max(math.sqrt(variance), _MIN_RATIO_STD),
             frames=target.frames + 1,
         )
         w, h = learned.box

@@ -36,6 +36,7 @@ _INSIDE = 0.9  # share of a marker's width and height in which its own colours a
 _THIN = 0.4  # radius of the disc that removes them, relative to the root of the expected area (a disc's is 0.56)
 _OUTLIER = 4.0  # standard deviations of a marker's own colours from their median
 _MIN_HUE_DEG = 6.0  # three of OpenCV's steps: least tolerance of the marker's hue
+_MIN_SATURATION = 0.05  # the same of its saturation
 _SATURATIONS = (0.6, 0.7, 0.8, 0.9)  # least saturations that separate a marker from a scene of its hue
 
 
@@ -128,7 +129,7 @@ def colors_of(params: MarkerParams, image: Image, outline: Outline) -> MarkerPar
     off_deg = (2 * hue - params.hue_deg + 180) % 360 - 180
     middle_deg = float(np.median(off_deg))
     tolerance_deg = max(_OUTLIER * _spread(off_deg), _MIN_HUE_DEG)
-    lowest = (float(np.median(saturation)) - _OUTLIER * _spread(saturation)) / 255
+    lowest = float(np.median(saturation)) / 255 - max(_OUTLIER * _spread(saturation) / 255, _MIN_SATURATION)
     return replace(
         params,
         hue_deg=(params.hue_deg + middle_deg) % 360,
