@@ -75,6 +75,16 @@ def test_a_marker_before_something_of_its_hue_is_found_by_a_part_of_the_range(pa
     assert own.hue_tolerance_deg <= 35
 
 
+def test_the_colours_of_a_marker_without_noise_have_a_tolerance():
+    """Its lower half is a little paler in the next image."""
+    image = drawn((60, 60, 12))
+    (marker,) = find_markers(MarkerParams(), image, OPTICS)
+    own = colors_of(MarkerParams(), image, marker)
+    image[60:73, 45:76][image[60:73, 45:76, 1] == GREEN[1]] = (26, 220, 35)
+    (shaded,) = find_markers(own, image, OPTICS)
+    assert shaded.center_px == pytest.approx([60, 60], abs=0.2)
+
+
 def test_what_sticks_out_of_a_marker_of_known_size_is_cut_off():
     image = drawn((60, 60, 12))
     image[57:64, 60:110] = GREEN
