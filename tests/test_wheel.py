@@ -43,7 +43,8 @@ def test_holds_exactly_the_five_packages_with_their_data(wheel):
 def test_installs_and_runs_in_a_clean_environment(wheel, tmp_path):
     venv.create(tmp_path / "env")
     python = tmp_path / "env" / "bin" / "python"
-    run = {"check": True, "capture_output": True, "text": True, "cwd": tmp_path}
+    environment = {**os.environ, "COLUMNS": "120", "PYTHONPATH": ""}
+    run = {"check": True, "capture_output": True, "text": True, "cwd": tmp_path, "env": environment}
     pip = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index"]
     subprocess.run([*pip, wheel], **run)
     site = next((tmp_path / "env").glob("lib/python*/site-packages"))
@@ -52,7 +53,7 @@ def test_installs_and_runs_in_a_clean_environment(wheel, tmp_path):
     where = subprocess.run([python, "-c", "import pps_vision.robot.icub as m; m.load_icub(); print(m.__file__)"], **run)
     assert str(site) in where.stdout
     script = tmp_path / "env" / "bin" / "pps-vision"
-    help_text = subprocess.run([script, "--help"], env={**os.environ, "COLUMNS": "120"}, **run).stdout
+    help_text = subprocess.run([script, "--help"], **run).stdout
     for command in ("render", "track", "track2d", "learn", "show", "demo", "bench"):
         assert command in help_text
 

@@ -25,12 +25,12 @@ Shown = TypeVar("Shown")
 
 
 def listing() -> str:
-    """Return every study's name, summary, parameters and parts."""
+    """Return every study's name, time on one core, summary, parameters and parts."""
     lines = []
     for name, study in catalogue().items():
         parameters = ", ".join(f"{field} = {value!r}" for field, value in study.defaults().items())
         parts = f"; parts: {', '.join(study.PARTS)}" if issubclass(study, PartsStudy) else ""
-        lines.append(f"{name}: {study.summary()}\n    {parameters}{parts}")
+        lines.append(f"{name} ({study.MINUTES} min): {study.summary()}\n    {parameters}{parts}")
     return "\n".join(lines)
 
 
@@ -44,9 +44,8 @@ def bench(
 ) -> None:
     """Run the named studies; with `redraw` only draw charts and fill tables from their results.
 
-    A `short` run takes each study's smallest parameters (`Study.SHORT`), unless `overrides` give others. Of several
-    studies in `workers` processes (an override), those that share their work among them run one after the other, then
-    the others beside each other; a study that fails does not stop the others.
+    A `short` run takes each study's smallest parameters (`Study.SHORT`), unless `overrides` give others. With `workers`
+    among them, several studies run side by side, the longest first; one that fails does not stop the others.
     """
     catalog = catalogue()
     for word in requested:
@@ -63,8 +62,7 @@ def bench(
         raise InputError("bench", "the code has uncommitted changes; commit them first, or give --out FOLDER")
     if out == _DOCUMENTS and short:
         raise InputError("bench", "a short run measures nothing; give --out FOLDER for its results")
-    shared = {"workers": workers} if workers > 1 else {}
-    studies = {name: _with_parameters(catalog[name], overrides | shared, short) for name in chosen}
+    studies = {name: _with_parameters(catalog[name], overrides, short) for name in chosen}
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
@@ -98,16 +96,14 @@ def _shown(file: Path, show: Callable[[dict[str, Any]], Shown]) -> Shown:
 
 
 def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bool, workers: int) -> None:
-    """Measure studies in `workers` processes; a single worker is this process."""
+    """Measure studies in `workers` processes, the longest first; a single worker is this process."""
     if workers == 1:
         for name, study in studies.items():
             _measure(name, study, commit, out, again)
         return
-    futures = []
-    for shares in (True, False):
-        with worker_pool(1 if shares else workers, max_tasks_per_child=1) as pool:
-            chosen = {name: study for name, study in studies.items() if ("workers" in study.defaults()) == shares}
-            futures += [pool.submit(_measure, name, study, commit, out, again) for name, study in chosen.items()]
+    longest_first = sorted(studies.items(), key=lambda item: -item[1].MINUTES)
+    with worker_pool(workers, max_tasks_per_child=1) as pool:
+        futures = [pool.submit(_measure, name, study, commit, out, again) for name, study in longest_first]
     errors = [error for future in futures if (error := future.exception())]
     for error in errors[1:]:
         print(f"! {error}")

@@ -56,6 +56,8 @@ class Study(ABC):
 
     SHORT: ClassVar[Mapping[str, Any]] = {}
     """Parameters of a short run, which shows that the study works but measures nothing."""
+    MINUTES: ClassVar[int] = 0
+    """How long a run takes on one core; of several studies the longest start first."""
 
     seed: int = 0  # seed; recordings, robots and simulations count up from it
 

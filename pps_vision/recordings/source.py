@@ -93,7 +93,7 @@ class Options(CalibrationArguments, total=False):
     stop_s: float | None
     roi: tuple[int, int, int, int] | None
     taxels: Path | str | None
-    robot: "RobotSetup | None"
+    robot: "RobotSetup | Path | str | None"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +106,7 @@ class Source(SourceOptions):
     taxels: Path | None = None
     """The robot's taxels*.ini, for a recording of its skin events."""
     robot: "RobotSetup | None" = None
-    """Whose recording it is; default: an iCub."""
+    """Whose recording it is, also as the name of its robot.toml; default: an iCub."""
 
 
 def make_source(folder: Path | str | None, options: Options) -> Source:
@@ -119,6 +119,10 @@ def make_source(folder: Path | str | None, options: Options) -> Source:
     for name in _SEVERAL & given.keys():
         names = (given[name],) if isinstance(given[name], Path | str) else given[name]
         given[name] = tuple(map(str if name in ("left", "right") else Path, names))
+    if isinstance(robot := given.get("robot"), Path | str):
+        from pps_vision.recordings.robot_file import read_robot
+
+        given["robot"] = read_robot(Path(robot))
     source = Source(folder=None if folder is None else Path(folder), **given)
     expect_skew(source.max_skew_s)
     expect_rate(source.fps)

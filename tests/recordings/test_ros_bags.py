@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bags import BagWriter
 from calibrations import store
+from data import ARM7
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -114,6 +115,12 @@ def test_joints_of_a_robot_are_interpolated(tmp_path):
         for side, q in enumerate((frame.joints_left_rad, frame.joints_right_rad)):
             expected = 0.01 * (stamp(side, k) - START_S) / 0.0125 * np.arange(1, setup.robot.n_joints + 1)
             np.testing.assert_allclose(q, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("robot", "message"), [(ARM7, "expected a1, a2, .*a7"), ("none.toml", "none.toml: cannot be")])
+def test_a_robot_may_be_named_by_its_file(tmp_path, robot, message):
+    with pytest.raises(InputError, match=message):
+        open_recording(write(tmp_path, "ros2_mcap", with_joints=True), robot=robot)
 
 
 def test_encodings(tmp_path):

@@ -32,7 +32,7 @@ class Bench:
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
     workers: int | None = None
-    """Processes: `encounters` and `independent` divide their work among them, other studies run side by side."""
+    """Processes: several studies run side by side; `encounters` or `independent` alone divides its work among them."""
     out: Path = Path("docs")
     """Folder of results and figures; with another than docs, the documents with their tables go there too."""
     short: bool = False
