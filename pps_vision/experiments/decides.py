@@ -177,6 +177,7 @@ _particles = partial(
 class Decides(PartsStudy, SampledStudy):
     """What each part of the design decides; one table of all parts of the study."""
 
+    MINUTES: ClassVar[int] = 12
     PARTS: ClassVar[Mapping[str, Part]] = {
         "tracking": Part(partial(_run, _tracking, 1.0)),
         "touch": Part(partial(_run, _touch, 0.5)),

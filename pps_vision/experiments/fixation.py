@@ -168,6 +168,7 @@ class Head:
 class Fixation(SampledStudy):
     """Settling on a point at rest, error of following by motion, speed, latency and noise, and search."""
 
+    MINUTES: ClassVar[int] = 3
     SHORT: ClassVar[Mapping[str, Any]] = {"axes": ("latency",)}
 
     n: int = 16  # targets of each kind

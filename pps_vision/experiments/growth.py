@@ -50,6 +50,7 @@ class Growth(SampledStudy):
     The exponent is the slope of log time over log size between the two largest sizes.
     """
 
+    MINUTES: ClassVar[int] = 14
     SHORT: ClassVar[Mapping[str, Any]] = {"images": ((320, 240),), "labels": (300, 600)}
 
     n: int = 3  # turns in which everything is timed at each size

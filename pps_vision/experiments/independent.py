@@ -54,6 +54,7 @@ _CASES = {case.name: case for case in (*CASES, *NEW_CASES)}
 class Independent(SampledStudy):
     """Every case of `films.cases` by the tracker with its defaults, which gets only the rig."""
 
+    MINUTES: ClassVar[int] = 52
     SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 
     n: int = 6  # ray-cast films of each case, before different photographs

@@ -61,6 +61,7 @@ class Loop(SampledStudy):
     Cases: approach with avoidance on and off, receding, standing still, own arm moving with nothing near.
     """
 
+    MINUTES: ClassVar[int] = 20
     SHORT: ClassVar[Mapping[str, Any]] = {"training_trials": 2}
 
     n: int = 20  # episodes of every case

@@ -333,6 +333,7 @@ class PpsPrediction(SessionStudy):
     and tested on each.
     """
 
+    MINUTES: ClassVar[int] = 6
     SHORT: ClassVar[Mapping[str, Any]] = {"n_single": 1}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "calibration": Part(calibration, draw_calibration, tabulate_calibration),

@@ -211,6 +211,7 @@ class PpsSessions(SessionStudy):
     first, after double touches.
     """
 
+    MINUTES: ClassVar[int] = 11
     SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.05}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "landscapes": Part(landscapes, draw_landscapes, tabulate_landscapes),

@@ -264,6 +264,7 @@ class PpsTaxel(PartsStudy, SampledStudy):
     Single touch: the activation of a map that has counted one touch by a ball, while the approach is repeated.
     """
 
+    MINUTES: ClassVar[int] = 2
     SHORT: ClassVar[Mapping[str, Any]] = {"approaches": 5}
     PARTS: ClassVar[Mapping[str, Part]] = {
         "monte_carlo": Part(monte_carlo, draw_monte_carlo),

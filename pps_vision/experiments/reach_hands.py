@@ -66,6 +66,7 @@ class _KnownTrack:
 class ReachHands(SampledStudy):
     """Objects that come to the skin of both arms, reached for by both hands or one."""
 
+    MINUTES: ClassVar[int] = 6
     SHORT: ClassVar[Mapping[str, Any]] = {"n": 2, "n_labels": 600}
 
     n: int = 100  # objects that can be fixated and stop within reach of a hand; half as many never within reach

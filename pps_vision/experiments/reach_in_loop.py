@@ -134,6 +134,7 @@ _ROWS = {
 class ReachInLoop(SampledStudy):
     """Objects reached by leaning, by kinematics: joints follow their commands and the object's position is known."""
 
+    MINUTES: ClassVar[int] = 2
     SHORT: ClassVar[Mapping[str, Any]] = {"n": 4}
 
     n: int = 200  # objects out of reach of the upright robot

@@ -263,6 +263,7 @@ def _other_robots_table(numbers: dict[str, Any]) -> Table:
 class ReachKinematics(SampledStudy, PartsStudy):
     """Kinematics behind the reachable-space map."""
 
+    MINUTES: ClassVar[int] = 19
     PARTS: ClassVar[Mapping[str, Part]] = {
         "forward_model": Part(_forward_model, _forward_model_chart),
         "deviations": Part(_deviations, table=_deviations_table),

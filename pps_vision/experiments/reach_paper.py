@@ -340,6 +340,7 @@ def _n_holding(maps: list[dict[str, Any]]) -> int:
 class ReachPaper(SampledStudy, PartsStudy):
     """Reachable-space maps of Jamone et al."""
 
+    MINUTES: ClassVar[int] = 24
     PARTS: ClassVar[Mapping[str, Part]] = {
         "whole_paper": Part(_whole_paper, _whole_paper_chart, _whole_paper_table),
         "repeated_maps": Part(_repeated_maps, table=_repeated_maps_table),

@@ -15,6 +15,7 @@ class Encounters(PartsStudy):
     sessions of avoidance and reaching (R Figs 10, 11, S1, S2, Tables 6, 7); on request, the search for the
     baselines' parameters."""
 
+    MINUTES: ClassVar[int] = 84
     SHORT: ClassVar[Mapping[str, Any]] = {
         **dict.fromkeys(("n_rendered", "n_tuning", "draws"), 1),
         "share": 0.02,

@@ -19,6 +19,7 @@ class Severity(PartsStudy, TrackingStudy):
     inputs: recordings with a plausible fault, and sound ones: which are warned of.
     """
 
+    MINUTES: ClassVar[int] = 35
     PARTS: ClassVar[Mapping[str, Part]] = {
         "tracking": Part(tracking.run, tracking.chart),
         "pps": Part(pps.run, pps.chart),

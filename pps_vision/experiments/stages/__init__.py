@@ -25,6 +25,7 @@ from pps_vision.experiments.study import DATA, Part, PartsStudy, TrackingStudy
 class Stages(PartsStudy, TrackingStudy):
     """One speed–accuracy chart per stage; a panel shows one scenario, the 95 % intervals resample its recordings."""
 
+    MINUTES: ClassVar[int] = 25
     PARTS: ClassVar[Mapping[str, Part]] = {
         "trigger": Part(trigger.run, trigger.chart),
         "image_tracker": Part(image_tracker.run, image_tracker.chart, image_tracker.table),

@@ -80,6 +80,7 @@ def _warm(method: Method, recording: Footage, seed: int) -> Values:
 class Tracking(PartsStudy, TrackingStudy):
     """Accuracy of the tracker, consistency of its covariance, and the whole pipeline beside baselines."""
 
+    MINUTES: ClassVar[int] = 27
     PARTS: ClassVar[Mapping[str, Part]] = {
         "accuracy": Part(_accuracy, table=_accuracy_table),
         "consistency": Part(consistency.run, table=consistency.table),
