@@ -282,7 +282,7 @@ class Acquisition:
 
 def _is_cut_alike(a: Candidate, b: Candidate, on_one_side: bool) -> bool:
     """Whether the border does not cut off both, or cuts off the same part in both images: of cameras that look to one
-    side, what is left has about one size."""
+    side, the rest has about one size."""
     if not (a.is_cut and b.is_cut):
         return True
     ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad

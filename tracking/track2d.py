@@ -190,8 +190,8 @@ class BoxScore:
     """Probability that a box holds the object that it held in the first image, whichever tracker placed it.
 
     Logistic regression on two quantities that are compared within one image, so that they mean the same for any object
-    and scene: how much more alike than those of its surroundings the colours in the box are to the object's, and how
-    much more alike than any other place nearby its texture is.
+    and scene: how much better than its surroundings the box matches the object's colours, and how much better than any
+    other place nearby its texture.
     """
 
     def __init__(self, image: Image, box_px: BoxPx) -> None:

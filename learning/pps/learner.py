@@ -1,4 +1,4 @@
-"""One frame of the skin: what each taxel perceives of every object, what it learns from contacts, and the probability
+"""One frame of the skin: how each taxel perceives every object, what it learns from contacts, and the probability
 of touch."""
 
 from collections.abc import Mapping, Sequence

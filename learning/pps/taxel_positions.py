@@ -33,8 +33,8 @@ class PartTouch:
 
 
 def verified_positions(part: SkinPart, touches: Sequence[PartTouch], stops: bool = True) -> SkinPart:
-    """The part with positions from all touches, where those from every other touch clearly improve what is predicted to
-    be touched by those left out; else as it was.  `stops`: the balls are fingertips that stop at the skin."""
+    """The part with positions from all touches, where positions from every other touch clearly improve the
+    prediction of the others; else unchanged.  `stops`: the balls are fingertips that stop at the skin."""
     if len(touches) < _FEWEST:
         return part
     wrong = [

@@ -157,7 +157,7 @@ class _Arm(NamedTuple):
     params: AvoidanceParams | ReachingParams
     skin: Skin
     on_arm: Mask  # (n,) which of the robot's taxels it carries
-    palm: Mask  # (k,) which of its own taxels are the palm's; all, if the palm has none
+    palm: Mask  # (k,) which of its taxels are the palm's; all, if the palm has none
     bare_links: BareLinks
 
 
@@ -312,8 +312,8 @@ class Pipeline:
         return _Arm(params, skin, on_arm, palm if palm.any() else ~palm, BareLinks(self.robot, skin, params.side))
 
     def _choose_hand(self, q_rad: Array, track: Track3D) -> tuple[int, Reachability | None, bool]:
-        """The number of the map of the hand to reach with, its answer, and whether it may reach: of those that reach
-        the object, and have not missed it, else of all, the one of the highest degree R."""
+        """The number of the map of the hand to reach with, its answer, and whether it may reach. Hands that reach
+        the object and have not missed it come first, then the highest degree R."""
         answers = [reachability(q_rad, track) for reachability in self._reachability]
         if not answers:
             return 0, None, False

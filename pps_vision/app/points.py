@@ -9,7 +9,7 @@ c is the epipolar constraint, ∇c its gradient by a camera's pixel, C the state
 of the residuals that does not change from image to image is a correlated error, as that of a calibration.
 
 The filter is that of the tracker.  All points are known beforehand: whether one outside the gate is an outlier or a
-jump of the motion is judged by those that follow.
+jump of the motion is judged by the next points.
 """
 
 import math

@@ -181,7 +181,7 @@ def track(
     """Track the moving objects of a recording in 3D.
 
     `for step in track(recording)` gives one `TrackerStep` for each stereo pair during tracking: the attended object's,
-    with those of the others; `track(recording).arrays()` gives the whole path of the attended object as arrays,
+    with the others' tracks; `track(recording).arrays()` gives the whole path of the attended object as arrays,
     `arrays_by_track()` every object's.
 
     Args:
@@ -240,8 +240,8 @@ def tracker_params(
 def following(
     params: TrackerParams, hue_deg: float | None, left: BoxPx | None = None, right: BoxPx | None = None
 ) -> TrackerParams:
-    """Return the parameters with the object to follow: a marker of this hue (degrees), or what is in these boxes of the
-    first images.  InputError for one box without the other."""
+    """Return the parameters with the object to follow: a marker of this hue (degrees), or the object in these boxes of
+    the first images.  InputError for one box without the other."""
     if (left is None) != (right is None):
         raise InputError("track", "one of --init-left and --init-right; expected both, or none")
     if hue_deg is not None:

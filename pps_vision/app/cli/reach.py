@@ -24,7 +24,7 @@ _LEAST_BUDGET = 200  # labels: with fewer, the test set is too small to bound th
 @dataclass(frozen=True)
 class TrainMap(RobotOptions):
     """Learn the map of an arm, or of both arms at once, by inverse kinematics with the robot's own model; with --from,
-    with kinematics learned from what the eyes saw of the hand.
+    with kinematics learned from the hand that the eyes saw.
 
     Torso, neck roll, eye tilt, version and wrist at 0; the hand is the origin of the palm's frame; yaw, pitch and
     vergence within ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.; of another robot's arm

@@ -11,7 +11,7 @@ from pps_vision.errors import InputError
 
 @dataclass(frozen=True)
 class Session:
-    """Render what the papers' robots did to learn, as recordings with touches and truth.
+    """Render the sessions in which the papers' robots learned, as recordings with touches and truth.
 
     double-touch (R): the right index finger, with a green marker, touches the left forearm, for `pps-vision learn OUT/*
     --mode marker`. objects (R): a ball and a cube in a hand touch the skin in turn, for `pps-vision learn OUT/*`.

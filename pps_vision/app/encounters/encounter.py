@@ -129,8 +129,8 @@ class EncounterScene:
 
     @cached_property
     def targets(self) -> tuple[tuple[Side, Part], ...]:
-        """Arms and their parts at which objects come: of a robot other than the iCub, those that its cameras see at
-        home; InputError without any."""
+        """Arms and their parts at which objects come; for a robot other than the iCub, the parts that its cameras see
+        at home. InputError without any."""
         if self.is_icub:
             return tuple(product(self.skins, SESSIONS))
         parts = [(side, part.name) for side, skin in self.skins.items() for part in skin.parts]

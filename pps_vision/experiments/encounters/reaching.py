@@ -1,5 +1,5 @@
-"""Encounters with an object to reach for, beside those of the suite: what an arm can reach, by maps of its body parts
-and by a search, and what it touches."""
+"""Encounters with an object to reach for: whether it is within reach, by maps of the arm's body parts and by a search,
+and whether the arm touches it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields

@@ -1,8 +1,8 @@
 """Plausible recordings with one fault each, and sound ones: which are warned of, which give wrong numbers in silence.
 
 Every film shows a ball before a wall, from its own rig: 6 to 100 cm baseline, cameras that converge, are rolled or
-lie above each other, sharp or soft walls, two sizes of images.  A recording is wrong if the median error of what is
-tracked exceeds 5 mm and 1 % of the distance, or the speed is off by a tenth; it is silent if neither `info` nor `track`
+lie above each other, sharp or soft walls, two sizes of images.  A recording is wrong if the median error of the
+track exceeds 5 mm and 1 % of the distance, or the speed is off by a tenth; it is silent if neither `info` nor `track`
 warns.  The fault is visible if the true pixels of points on the wall, or of the ball, do not fit the cameras as given:
 by more than a pixel (median), or most lie behind them; or if the rate is not the video's own.
 
@@ -389,8 +389,8 @@ def _same(camera: Camera) -> Camera:
 
 
 def judge(given: Input, seed: int = 0) -> dict[str, Any]:
-    """Return the warnings, whether the fault is visible, and whether the numbers are wrong: those that nothing warns of
-    before tracking."""
+    """Return the warnings, whether the fault is visible, and whether the numbers are wrong, where nothing warned before
+    tracking."""
     recording = given.recording()
     row: dict[str, Any] = {"visible": given.is_visible, "wrong": False}
     if warnings := info(recording).warnings:
@@ -429,8 +429,8 @@ def run(study: Any) -> dict[str, Any]:
 
 
 def shares(numbers: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    """Return how many of how many faulty recordings are wrong in silence, those of a visible fault, and how many sound
-    ones are warned of."""
+    """Return how many of how many faulty recordings are wrong in silence, how many of these show the fault, and how many
+    sound ones are warned of."""
     films = numbers["films"]
     faulty = [row for name, rows in films.items() if name != "sound" for row in rows]
     silent = [row for row in faulty if row["wrong"] and not row["warnings"]]

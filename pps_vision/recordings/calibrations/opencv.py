@@ -86,7 +86,7 @@ def read(documents: Sequence[Document]) -> list[CalibratedCamera]:
 
 
 def _flat(document: Document) -> Document:
-    """The entries of a document with those of its tables, which are no matrices, behind the tables' names."""
+    """The entries of a document and, behind the tables' names, of its tables that are no matrices."""
     content = dict(document.content)
     for name, table in document.tables().items():
         if "data" not in table:
