@@ -429,8 +429,8 @@ def run(study: Any) -> dict[str, Any]:
 
 
 def shares(numbers: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    """Return how many of how many faulty recordings are wrong in silence, how many of these show the fault, and how many
-    sound ones are warned of."""
+    """Return how many of how many faulty recordings are wrong in silence, how many of these show the fault, and how
+    many sound ones are warned of."""
     films = numbers["films"]
     faulty = [row for name, rows in films.items() if name != "sound" for row in rows]
     silent = [row for row in faulty if row["wrong"] and not row["warnings"]]
