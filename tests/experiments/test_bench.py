@@ -172,6 +172,7 @@ def test_a_study_that_fails_stops_no_other(folder, monkeypatch, capsys):
     monkeypatch.setattr(bench, "catalogue", lambda: studies)
     with pytest.raises(AttributeError, match="nothing"):
         bench.bench(["all"], {"seed": 3, "workers": 2})
+    assert result(folder, "a")["parameters"]["workers"] == 1
     assert sorted(file.name for file in (folder / "docs" / "results").iterdir()) == ["a.json", "b.json"]
     assert result(folder, "b")["third"] == 1.0
     assert re.findall(r"^! .*", capsys.readouterr().out, re.M) == ["! 'Fails' object has no attribute 'nothing'"]
